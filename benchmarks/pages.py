@@ -15,7 +15,7 @@ from benchmarks.results import Result
 from benchmarks.table import as_markdown, conditions
 
 ROOT: Final = Path(__file__).resolve().parent.parent
-PAGES: Final = (ROOT / "docs" / "performance.md", ROOT / "README.md")
+PAGES: Final = (ROOT / "docs" / "performance.md",)
 _PART = re.compile(r"(<!-- begin (benchmarks|goals) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 

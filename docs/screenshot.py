@@ -1,6 +1,6 @@
-"""Takes the picture of the replay page for the README anew. Needs Chromium.
+"""Takes the pictures of the replay page: docs/img/replay.png and the animated docs/img/replay.gif.
 
-python docs/screenshot.py
+python docs/screenshot.py    # needs Chromium
 """
 
 from __future__ import annotations
@@ -21,34 +21,59 @@ from islandgp.viewer.page import page  # noqa: E402
 from islandgp.viewer.recording import record  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402
 
-TREE, WORLD, STAGE, SECOND = "all_rounder", 3, 3, 242.0
+IMAGES = ROOT / "docs" / "img"
+WORLD, STAGE = 3, 3
 WIDTH, HEIGHT, SHARPNESS = 1600, 950, 1.5
+SECOND = 242.0  # of the picture
+FIRST, LAST, STEP = 200, 260, 1.5  # seconds of the animation's frames
+FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 64
+
+
+def replay_of(file: Path, written: Path, title: str) -> None:
+    """Writes the replay page of a tree's episode."""
+    tree, _, setting = tree_in_domain(str(file), Chosen((), None))
+    written.write_text(page(record(tree, setting, seed=WORLD, stage=STAGE), title=title))
+
+
+def frame(browser: Browser, written: Path, second: float) -> Image.Image:
+    """The page at a second of the episode."""
+    browser.open(f"file://{written}#t={second}")
+    taken = browser.call("Page.captureScreenshot", format="png")["data"]
+    return Image.open(BytesIO(base64.b64decode(taken))).convert("RGB")
+
+
+def reduced(picture: Image.Image, colours: int) -> Image.Image:
+    """The picture with a palette."""
+    return picture.quantize(colours, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
 
 
 def main() -> None:
-    """Writes docs/img/replay.png."""
+    """Writes both pictures."""
     program = chromium()
     if program is None:
         raise SystemExit("Expected Chromium, found none; apt-get install chromium.")
-    file = ROOT / "grammar" / "examples" / f"{TREE}.bt"
-    tree, _, setting = tree_in_domain(str(file), Chosen((), None))
     with tempfile.TemporaryDirectory() as folder:
-        written = Path(folder) / "replay.html"
-        episode = record(tree, setting, seed=WORLD, stage=STAGE)
-        written.write_text(page(episode, title="All-rounder"))
+        by_hand, evolved = Path(folder) / "by_hand.html", Path(folder) / "evolved.html"
+        replay_of(ROOT / "grammar" / "examples" / "all_rounder.bt", by_hand, "All-rounder")
+        replay_of(IMAGES / "evolved.bt", evolved, "Evolved from random trees")
         with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
-            browser.call(
-                "Emulation.setDeviceMetricsOverride",
-                width=WIDTH,
-                height=HEIGHT,
-                deviceScaleFactor=SHARPNESS,
-                mobile=False,
-            )
-            browser.open(f"file://{written}#t={SECOND}")
-            taken = browser.call("Page.captureScreenshot", format="png")["data"]
-    picture = Image.open(BytesIO(base64.b64decode(taken))).convert("RGB")
-    small = picture.quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    small.save(ROOT / "docs" / "img" / "replay.png", optimize=True)
+            size = {"width": WIDTH, "height": HEIGHT, "mobile": False}
+            browser.call("Emulation.setDeviceMetricsOverride", deviceScaleFactor=SHARPNESS, **size)
+            reduced(frame(browser, by_hand, SECOND), 256).save(IMAGES / "replay.png", optimize=True)
+            browser.call("Emulation.setDeviceMetricsOverride", deviceScaleFactor=1, **size)
+            seconds = [FIRST + STEP * i for i in range(int((LAST - FIRST) / STEP))]
+            frames = [frame(browser, evolved, second) for second in seconds]
+    small = (FRAME_WIDTH, FRAME_WIDTH * HEIGHT // WIDTH)
+    palette = reduced(frames[0].resize(small), COLOURS)
+    shown = [f.resize(small).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
+    shown[0].save(
+        IMAGES / "replay.gif",
+        save_all=True,
+        append_images=shown[1:],
+        duration=FRAME_MS,
+        loop=0,
+        optimize=True,
+    )
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import reduce
 from operator import add
 from pathlib import Path
@@ -14,7 +14,7 @@ import click
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.adviser import NEAR, Adviser
 from islandgp.supervision.llm.ledger import Bill, most_tokens
 from islandgp.supervision.llm.message import QUOTED, Dialect, Request, Usage
 from islandgp.supervision.llm.settings import LLMSettings
@@ -23,6 +23,7 @@ from islandgp.supervision.llm.transcript import Transcript, find_transcript
 Job = tuple[LLMSettings, RunContext, int]  # the last is the lag, generations
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
+THOUGHTS: Final = 1_500  # tokens of thought before an answer; an assumption
 CANDIDATE: Final = 150  # tokens of each tree more; an assumption
 ADDED: Final = {"rate": 4_300, "tree": 7_200}  # characters more of informed ones, as measured
 ADDED_EDITS: Final = 6_000  # characters of trees and traces in the question for edits, about
@@ -54,9 +55,14 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
     characters = " or ".join(
         sorted({f"{settings.facts.characters:g}" for settings, *_ in jobs}, reverse=True)
     )
+    thoughts = max(_thoughts(settings) for settings, *_ in jobs)
     click.echo(f"Supervision by {models}, {prices}.\n")
     rows: list[tuple[str, Callable[[LLMSettings, RunContext, int], Bill]]] = [
-        (f"expected, {characters} characters a token, {ANSWER} tokens an answer", expected),
+        (
+            f"expected, {characters} characters a token, {ANSWER} tokens an answer"
+            + (f" and {thoughts} of thought before it" if thoughts else ""),
+            expected,
+        ),
         ("at most: failures, repairs and the longest answers", at_most),
     ]
     if record is not None:
@@ -105,17 +111,33 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
 
 
 def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
-    """The bill where every question is answered at once, with ANSWER tokens."""
-    asked = _requests(settings, context)
-    times = _times(context, lag)
-    sizes = [added + sum(map(len, (r.system, *r.turns))) for r, added in asked]
+    """The bill where every question is answered at once, with ANSWER tokens.
+
+    A model that thinks takes THOUGHTS tokens more. With `cache=true` a system prompt that the model
+    keeps is written once and then read.
+    """
+    asked, times = _requests(settings, context), _times(context, lag)
+    least = settings.facts.caches_from if settings.cache else None
+    fresh = written = read = 0.0
+    for request, added in asked:
+        system, *turns = (
+            len(text) / settings.facts.characters for text in (request.system, *request.turns)
+        )
+        fresh += times * (sum(turns) + added / settings.facts.characters)
+        if least is not None and system >= NEAR * least:
+            written += min(1, times) * system
+            read += max(0, times - 1) * system
+        else:
+            fresh += times * system
     more = CANDIDATE * (settings.candidates - 1) if context.inject else 0
-    return _bill(
-        settings,
-        times * len(asked) + 1,  # and the probe
-        times * sum(sizes) / settings.facts.characters,
-        times * (len(asked) * ANSWER + more),
-    )
+    output = times * (len(asked) * (ANSWER + _thoughts(settings)) + more)
+    usage = Usage(round(fresh), output, round(read), round(written))
+    return Bill.of(times * len(asked) + 1, usage, settings.price)  # and the probe
+
+
+def _thoughts(settings: LLMSettings) -> int:
+    """Tokens that the model is expected to think before an answer; 0 if it does not think."""
+    return min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
 
 
 def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
@@ -153,12 +175,8 @@ def as_recorded(
     usages = [a.usage for a in attempts if a.usage is not None]
     requests = len(attempts) * share
     share *= len(attempts) / (len(usages) or 1)  # those without a count took as much
-    return _bill(
-        settings,
-        requests,
-        sum(u.read for u in usages) * share,
-        sum(u.output for u in usages) * share,
-    )
+    sums = {f.name: round(sum(getattr(u, f.name) for u in usages) * share) for f in fields(Usage)}
+    return Bill.of(requests, Usage(**sums), settings.price)
 
 
 def _times(context: RunContext, lag: int) -> int:

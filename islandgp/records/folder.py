@@ -168,6 +168,13 @@ class RunFolder:
                 raise TypeError("there are no keys in it")
             return found
 
+    @property
+    def agent(self) -> str:
+        """What an individual of the run is called in titles; Robot if it cannot be read."""
+        with suppress(RunError, AttributeError):
+            return str(self.configuration().get("classes", {}).get("agent", "Robot"))
+        return "Robot"
+
     def finished(self) -> bool:
         """Whether the run has ended."""
         return (self.path / "summary.json").exists()

@@ -71,12 +71,12 @@ def _plain(validation: Validation) -> dict[str, Any]:
 
 def report(target: RunFolder) -> str:
     """A finished run in a few lines for people."""
-    s = target.summary()
+    s, agent = target.summary(), target.agent
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
     came_from = ", ".join(f"{name} {points:+,.0f}" for name, points in parts if points)
     first = "; ".join(
-        f"first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
+        f"first {title(tier)} {agent}: {'never' if g is None else f'generation {g}'}"
         for tier, g in s["first"].items()
     )
     return "\n".join(

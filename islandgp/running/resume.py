@@ -110,7 +110,7 @@ def about_run(
             **{name: str(value) for name, value in settings.tags.items()},
             "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
-            "arm": settings.supervisor.name,  # in a sweep its arm there, once that is known
+            "arm": settings.supervisor.name,  # outside of sweeps
             "seed": str(settings.seed),
             "sweep": settings.name,
             "code": _code_version(),

@@ -24,6 +24,7 @@ from pydantic import (
 
 from islandgp.domain import Outcome, Schema
 from islandgp.scoring.rewards import unknown
+from islandgp.text import title
 
 CLASS_NAME: Final = r"^[a-z][a-z0-9_]*$"
 
@@ -68,6 +69,8 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     tiers: dict[Name, Tier] = Field(min_length=1)  # best first
     milestones: tuple[Name, ...] = Field(min_length=1)
     """Tiers that runs are judged by, the easiest first: their first robots are told."""
+    agent: str = Field(default="Robot", min_length=1, max_length=40)
+    """What an individual is called in titles, such as Robot or Lander; its plural has an s."""
     hardest: tuple[Name, ...] = ()
     """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
     it. Behaviours that are not named follow, the last one first."""
@@ -142,6 +145,10 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
         """The behaviours of an individual: those whose counter is above 0 in any episode."""
         return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
+
+    def tier_title(self, tier: str) -> str:
+        """What an individual of a tier is called: `full_service` is a Full Service Robot."""
+        return f"{title(tier)} {self.agent}"
 
     @property
     def specialist_names(self) -> tuple[str, ...]:

@@ -199,10 +199,11 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
         if len(kinds) > 1 and key.startswith("supervisor.policy."):
             continue  # each kind of supervisor has settings of its own
         values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
+        if key == "supervisor.name" and values == [arm.name for arm in arms]:
+            continue  # the names of the arms show it
         if len(set(values)) > 1:
-            found.append(
-                (key, ", ".join(f"{a.name} {v}" for a, v in zip(arms, values, strict=True)))
-            )
+            pairs = zip((arm.name for arm in arms), values, strict=True)
+            found.append((key, ", ".join(f"{value} in {name}" for name, value in pairs)))
     return found
 
 

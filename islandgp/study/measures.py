@@ -96,31 +96,32 @@ def _mean(key: str, label: str, unit: str, value: Callable[[GenerationStats], fl
     return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
 
 
+MEAN_MAX: Final = _mean("mean_max", "Mean Max Fitness", "points", best)
 TABLE_9: Final = (
     Measure("max_ever", "Max Fitness Ever", "points", lambda r: max(map(best, r.snapshots))),
     Measure("final_max", "Final Max Fitness", "points", lambda r: r.snapshots[-1].best),
-    _mean("mean_max", "Mean Max Fitness", "points", best),
+    MEAN_MAX,
     Measure("final_mean", "Final Average Fitness", "points", lambda r: r.snapshots[-1].mean),
 )
 TABLE_10: Final = _by_span("stage", "max fitness", "points", best)
 
 
-def emergence(tier: str) -> Measure:
+def emergence(tier: str, agent: str = "Robot") -> Measure:
     """A row of Table 11: the generation of a tier's first robot."""
     return Measure(
         f"first_{tier}",
-        f"First {title(tier)} Robot",
+        f"First {title(tier)} {agent}",
         "generation",
         lambda run: first(run, tier),
         emergence=True,
     )
 
 
-def descendant(tier: str) -> Measure:
+def descendant(tier: str, agent: str = "Robot") -> Measure:
     """The generation of a tier's first robot that is not itself an advised tree."""
     return Measure(
         f"first_{tier}_descendant",
-        f"First {title(tier)} Robot, advised trees not counted",
+        f"First {title(tier)} {agent}, advised trees not counted",
         "generation",
         lambda run: first_descendant(run, tier),
         emergence=True,
@@ -142,14 +143,16 @@ FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
 """What the paper compares without a test: a family of its own here."""
 
 
-def main_family(milestones: Sequence[str]) -> tuple[Measure, ...]:
+def main_family(milestones: Sequence[str], agent: str = "Robot") -> tuple[Measure, ...]:
     """The rows of Tables 9 to 11: one family for Benjamini and Hochberg, in the paper of nine."""
-    return (*TABLE_9, *TABLE_10, *map(emergence, milestones))
+    return (*TABLE_9, *TABLE_10, *(emergence(tier, agent) for tier in milestones))
 
 
 def all_measures(study: Comparison) -> tuple[Measure, ...]:
     """Every measure of a report, in its order."""
-    return (*main_family(study.milestones), *FURTHER, *map(descendant, study.milestones))
+    agent = study.classes.agent
+    descendants = (descendant(tier, agent) for tier in study.milestones)
+    return (*main_family(study.milestones, agent), *FURTHER, *descendants)
 
 
 def examined(study: Comparison, asked: Collection[str]) -> tuple[Measure, ...]:

@@ -19,6 +19,7 @@ from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
 from islandgp.study.profiles import ScoreRow, Scores
+from islandgp.study.result import result
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
 from islandgp.study.tables.archives import archive_table, one_grid
@@ -103,13 +104,14 @@ def build(
     scores = champion_scores(study, unseen)
     rows = champion_rows(study, scores)
     chapters: dict[str, Iterable[Item]] = {
+        "Result": [*result(study, plan, findings), generations.figure_4(study)],
         "Primary endpoint": _primary(study, plan, findings),
         "What was compared": _compared(study),
         "Controls without evolution": [controls_table(study, controls)] if with_library else [],
         "The paper's claims": _claims(study, plan, findings),
         "Further questions": _questions(study, plan, findings),
         "Scores of the best robots": _scores(study, scores, rows),
-        **_paper_s_tables(study, findings, f"{robots} Robots (section 3.4)"),
+        **_paper_s_tables(study, findings, f"{robots} {study.classes.agent}s (section 3.4)"),
         "Cost in episodes": [episodes_table(study), by_episodes(study)],
         "Supervision (sections 3.6 and 3.7)": _supervision(study),
         "Specialists (section 3.8)": [specialists_table(study)],
@@ -141,7 +143,7 @@ def _paper_s_tables(
     return {
         "Fitness (section 3.2)": [
             *by_fitness("table-9", "Table 9. Fitness performance", TABLE_9),
-            generations.figure_4(study),
+            "Figure 4 is at the top, with the result.",
         ],
         "Convergence (section 3.3)": [
             *by_fitness("table-10", "Table 10. Fitness by training stage", TABLE_10),

@@ -128,6 +128,7 @@ class Expert:
 
     name = "expert"
     Settings = ExpertSettings
+    agent = "Robot"  # `classes.agent`
 
     @classmethod
     def make(cls, settings: ExpertSettings, context: RunContext) -> Self:
@@ -135,6 +136,7 @@ class Expert:
         if settings.hardest is None:
             settings = settings.model_copy(update={"hardest": context.classes.hardest})
         expert = cls(settings, context.library())
+        expert.agent = context.classes.agent
         for target in context.classes.behaviours:
             if target in expert.library.targets and not expert.fitting(target, compact=True):
                 raise ConfigError(
@@ -169,7 +171,7 @@ class Expert:
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
         name = self.pick(target, state, rng)
-        goal = title(next(iter(state.reached)))
+        goal = f"{title(next(iter(state.reached)))} {self.agent}s"
         return Guidance(
             mutation_rate=wanted_rate(state, how),
             tree=self.library.trees[name],
@@ -178,8 +180,8 @@ class Expert:
             pattern=pattern,
             target=target,
             intervention=phase in (Phase.CRISIS_INTERVENTION, Phase.AGGRESSIVE_EXPLORATION),
-            risk=f"disruption of {goal} Robots" if state.quality else "premature convergence",
-            reasoning=f"{state.quality} {goal} Robots, {state.stagnant_generations} generations"
+            risk=f"disruption of {goal}" if state.quality else "premature convergence",
+            reasoning=f"{state.quality} {goal}, {state.stagnant_generations} generations"
             f" without a better best, diversity {state.now.diversity:.2f}",
             rationale=f"{target}: tree {name}",
         )

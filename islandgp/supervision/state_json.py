@@ -18,7 +18,7 @@ from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
-from islandgp.text import rounded, title
+from islandgp.text import rounded
 
 SMALL: Final = 1e-6  # points: of a best below it no share is told
 
@@ -42,8 +42,8 @@ def field_meanings(
     s = classes.specialists
     sorts: dict[str, dict[str, str]] = {
         # what a <sort> in the name of a field stands for, and what is <said> of each
-        "milestone": {name: title(name) for name in classes.milestones},
-        "tier": {name: title(name) for name in classes.tiers},
+        "milestone": {name: classes.tier_title(name) for name in classes.milestones},
+        "tier": {name: classes.tier_title(name) for name in classes.tiers},
         "idle": {s.idle: ", ".join(s.of)},
         "specialist": {name: name for name in s.of},
         "mixed": {s.mixed: ""},

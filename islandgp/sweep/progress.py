@@ -106,7 +106,7 @@ def job_line(run: RunFolder) -> str:
         return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
     s = run.summary()
     tier, first = next(iter(s["first"].items()))  # the easiest milestone
-    milestone = f"{title(tier)} Robot"
+    milestone = f"{title(tier)} {run.agent}"
     emerged = f"no {milestone}" if first is None else f"first {milestone} in generation {first}"
     mean = validation_mean(s)
     robot = "not validated" if mean is None else f"validation mean {mean:,.0f}"

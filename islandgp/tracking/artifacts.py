@@ -91,13 +91,13 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     """What MLflow shows as the run's description, in Markdown."""
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
-        s = folder.summary()
+        s, agent = folder.summary(), folder.agent
         best = s["champion"]["record"]
         fallback = fallback_words([s])
         lines += [
             f"- best robot, of generation {s['champion']['generation']}: {_points(s)}",
             *(
-                f"- first {title(tier)} Robot: {'never' if g is None else f'generation {g}'}"
+                f"- first {title(tier)} {agent}: {'never' if g is None else f'generation {g}'}"
                 for tier, g in s["first"].items()
             ),
             f"- mean diversity {s['mean_diversity']:.3f}",

@@ -21,6 +21,7 @@ from filelock import FileLock
 
 from islandgp.atomic_files import remove_leftovers
 from islandgp.errors import TrackingError
+from islandgp.evaluation.base import check_version, must_trust_domain
 from islandgp.records.files import RunMetadata, kept_constraints, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
@@ -29,7 +30,7 @@ from islandgp.sweep.folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.parent import parent_run
-from islandgp.tracking.store import ARM, POINTS, Place, Store, metric
+from islandgp.tracking.store import ARM, POINTS, Store, metric
 from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
@@ -47,7 +48,7 @@ class Mirror:
     def __init__(
         self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
     ) -> None:
-        """`alive` is called whenever some records more have arrived.
+        """`alive` is called when records have arrived.
 
         Raises TrackingError where the folder has not been started.
         """
@@ -55,6 +56,7 @@ class Mirror:
         if about is None:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
         self.folder, self.store, self.about, self._alive = folder, store, about, alive
+        self.has_sent = False  # whether the store lacked anything
         self._lock = FileLock(folder.path / LOCK)
         self._key = key_of(about)
         self._sure = False  # whether tracking.json was compared with the store
@@ -88,6 +90,8 @@ class Mirror:
         if sent is None or not sent.is_in(place, identity):
             sent = nothing
         run = self.store.find(self._key, sent.run)
+        if run is None or not sent.done:
+            self._check()
         if run is None:
             sent = replace(nothing, run=self._create())
         elif run.info.run_id != sent.run:
@@ -100,7 +104,7 @@ class Mirror:
         sent = replace(sent, generations=there)
         if not sent.begun:
             self._begin(sent.run)
-            self._alive()
+            self._progress()
             sent = replace(sent, begun=True)
         arm = arm_of(self.folder.path) or self.about.tags.get("arm", "")
         self.store.client.set_tag(sent.run, ARM, arm)
@@ -113,6 +117,17 @@ class Mirror:
         write_state(self.folder.path, sent)
         self._sure = True
         return sent
+
+    def _check(self) -> None:
+        """Raises an IslandError where the run must not be sent."""
+        config = self.folder.configuration()
+        check_version(config)
+        if self.folder.finished():  # its replay is made of an episode
+            must_trust_domain(config)
+
+    def _progress(self) -> None:
+        self.has_sent = True
+        self._alive()
 
     def _create(self) -> str:
         about = self.about
@@ -131,7 +146,7 @@ class Mirror:
             self.store.client.log_batch(sent.run, metrics=batch)
             sent = replace(sent, generations=upto)
             write_state(self.folder.path, sent)
-            self._alive()
+            self._progress()
         return sent
 
     def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
@@ -161,14 +176,15 @@ class Mirror:
             self._alive()
 
     def _end(self, sent: SyncState, status: Status) -> SyncState:
-        done = end_of(status, sent.generations)
+        done = f"{status} {sent.generations}"
         if sent.done == done:
             return sent
+        self._check()
         client, ended = self.store.client, self._ended()
         # First: whatever fails below, it is not RUNNING.
         client.set_terminated(sent.run, status, ended)
         log_files(self.store, sent.run, artifacts(self.folder))
-        self._alive()
+        self._progress()
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
         self._tag_pruned(sent.run, status)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
@@ -204,30 +220,6 @@ class Mirror:
     def _ended(self) -> int:
         """When the last generation was written down, ms since 1970."""
         return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
-
-
-def up_to_date(folder: RunFolder, place: Place) -> bool:
-    """True if the local sync state is complete. Does not query the store; for idle runs only."""
-    about, sent = folder.about(), read_state(folder.path)
-    if about is None or sent is None or not sent.is_in(place, about.identity):
-        return False
-    return sent.done == end_of(folder.status(), folder.completed_generations())
-
-
-def kept(folder: RunFolder, store: Store) -> bool:
-    """True if the store has what the folder's sync state says; it may have been replaced."""
-    about, sent = folder.about(), read_state(folder.path)
-    if about is None or sent is None:
-        return False
-    run = store.find(key_of(about), sent.run)
-    if run is None or run.info.run_id != sent.run or run.info.status != folder.status():
-        return False
-    return store.last_step(sent.run, MARK) + 1 >= sent.generations
-
-
-def end_of(status: Status, generations: int) -> str:
-    """What `Sent.done` says of a run that was sent at its end."""
-    return f"{status} {generations}"
 
 
 def key_of(about: RunMetadata) -> str:

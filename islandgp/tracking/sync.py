@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.errors import IslandError
-from islandgp.evaluation.base import check_version, must_trust_domain
-from islandgp.records.folder import RunFolder, Status, run_folders
+from islandgp.records.folder import Status, run_folders
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.mirror import Mirror, kept, up_to_date
+from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Preparing, Store
@@ -47,23 +46,15 @@ def sync(
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
         try:
-            if folder.finished():
-                folder.must_be_sound()
             where = place or place_of(folder)
             if where is None:
                 done.untracked.append(folder.path)
                 continue
             where = known.get(where, where)
             sweeps[folder.path.parent] = where
-            if up_to_date(folder, where) and _kept(folder, stores, where, preparing):
-                alive()
-                done.known.append(folder.path)
-                continue
-            check_version(folder.configuration())
-            if folder.finished():  # its replay is made of an episode
-                must_trust_domain(folder.configuration())
-            Mirror(folder, _store(stores, where, preparing), alive).send(folder.status())
-            done.sent.append(folder.path)
+            mirror = Mirror(folder, _store(stores, where, preparing), alive)
+            mirror.send(folder.status())
+            (done.sent if mirror.has_sent else done.known).append(folder.path)
             alive()
         except Exception as error:  # a store may fail in any way, and a folder be damaged
             done.failed[folder.path] = error
@@ -78,14 +69,6 @@ def sync(
         except Exception as error:  # as above
             done.failed[path] = error
     return done
-
-
-def _kept(folder: RunFolder, stores: dict[Place, Any], place: Place, preparing: Preparing) -> bool:
-    """Whether the store still has the run; not so where it is away."""
-    try:
-        return kept(folder, _store(stores, place, preparing))
-    except Exception:  # a store may fail in any way; sending then tells which
-        return False
 
 
 def _store(stores: dict[Place, Any], place: Place, preparing: Preparing) -> Store:

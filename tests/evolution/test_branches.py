@@ -82,6 +82,9 @@ def test_all_are_tried_here() -> None:
     assert own == set(NEW)
 
 
+LISTS = ("selector", "reactive_selector")
+
+
 @pytest.mark.parametrize("operator", NEW)
 @examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
@@ -97,7 +100,7 @@ def test_a_tree_with_declared_words(operator: str, tree: Node, seed: int) -> Non
 def test_guard_adds_one_branch(tree: Node, seed: int) -> None:
     """A selector has one guarded branch more, not as its last one; else a new selector is above."""
     new = changed("guard", tree, seed)
-    if all(node.kind != "selector" for node in walk(tree)):
+    if all(node.kind not in LISTS for node in walk(tree)):
         assert new.kind == "selector"
         assert new.children[1:] == (tree,)
         assert new.children[0].kind == "when"
@@ -105,7 +108,7 @@ def test_guard_adds_one_branch(tree: Node, seed: int) -> None:
     without = {
         replace_at(new, i, node._replace(children=node.children[:at] + node.children[at + 1 :])): b
         for i, node in places(new)
-        if node.kind == "selector" and len(node.children) > 1
+        if node.kind in LISTS and len(node.children) > 1
         for at, b in enumerate(node.children[:-1])
     }
     assert tree in without
@@ -341,7 +344,7 @@ def test_branch_crossover(mother: Node, father: Node, seed: int, spare: tuple[in
         return
     made = {Node("selector", (), (branch, mother)) for branch in branches_of(father)}
     for i, node in places(mother):
-        if node.kind == "selector":
+        if node.kind in LISTS:
             for branch in branches_of(father):
                 for at in range(len(node.children)):
                     head, tail = node.children[:at], node.children[at:]

@@ -13,6 +13,7 @@ from click.testing import CliRunner
 from islandgp.commands.estimate_command import (
     ANSWER,
     CANDIDATE,
+    THOUGHTS,
     as_recorded,
     at_most,
     command,
@@ -160,3 +161,29 @@ def test_candidates_cost_their_tokens() -> None:
     one, three = (expected(settings(f"candidates={n}"), context()) for n in (1, 3))
     assert three.output - one.output == 40 * 2 * CANDIDATE
     assert three.requests == one.requests
+
+
+def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
+    """THOUGHTS tokens before each answer, or as many as there is room for."""
+    plain, thinking = (
+        expected(settings(*words), context())
+        for words in (["thinking_tokens=0"], ["model=current-small"])
+    )
+    assert thinking.output - plain.output == 80 * THOUGHTS
+    assert expected(settings("thinking_tokens=100"), context()).output == 80 * (ANSWER + 100)
+    assert f"{THOUGHTS} of thought" in said(
+        "supervisor=llm", "supervisor.policy.model=current-small"
+    )
+
+
+def test_a_kept_prompt_is_written_once_and_read_then() -> None:
+    """The same tokens at other prices; a prompt that is too short to be kept costs as before."""
+    small, haiku = ["model=current-small"], list[str]()
+    for words, kept in ((small, True), (haiku, False)):
+        with_cache, without = (
+            expected(settings(*words, f"cache={flag}"), context()) for flag in ("true", "false")
+        )
+        assert with_cache.input == pytest.approx(without.input, abs=3)
+        assert with_cache.usd is not None
+        assert without.usd is not None
+        assert (with_cache.usd < 0.9 * without.usd) is kept

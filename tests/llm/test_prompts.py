@@ -219,3 +219,12 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
     mine.unlink()
     with pytest.raises(SupervisionError, match="found none"):
         Adviser(how, context())
+
+
+def test_a_domain_has_its_own_word_for_its_robots() -> None:
+    """`classes.agent` is in every place of the prompts that names a tier."""
+    found = Adviser(settings(), context(None, "+classes.agent=Lander"))
+    texts = [whole(found.request(part, state(complete=1), DIALECT)) for part in ("rate", "tree")]
+    assert "Complete Lander: in one episode" in texts[0]
+    assert "whether any Complete Lander has ever existed" in texts[0]
+    assert not any(re.search(r"\bRobots?\b", text) for text in texts)

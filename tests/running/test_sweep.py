@@ -21,6 +21,7 @@ from islandgp.running.app import main
 from islandgp.sweep.folder import SweepFile, SweepFolder
 from islandgp.sweep.job import Forget
 from islandgp.sweep.run import run_sweep
+from islandgp.tracking.store import ARM
 from tests.composed import composed, named
 from tests.profiles import examples
 from tests.running.commands import TINY, fake
@@ -203,9 +204,9 @@ def test_a_sweep_over_decimals_keeps_its_arms(
     (parent,) = (run for run in found if run.parent is None)
     children = [run for run in found if run is not parent]
     assert [run.parent for run in children] == [parent.id] * 4
-    assert sorted(run.tags["arm"] for run in children) == sorted([*file.arms()] * 2)
+    assert sorted(run.tags[ARM] for run in children) == sorted([*file.arms()] * 2)
     for rate in ("0.1", "0.3"):
-        assert f"sweep/baseline gp.mutation_rate_{rate} best fitness mean" in parent.points
+        assert f"sweep/baseline gp.mutation_rate_{rate} fitness max mean" in parent.points
 
 
 def test_a_sweep_keeps_no_configuration_of_a_job_that_is_over(

@@ -56,10 +56,11 @@ def test_options(choice: dict[str, str]) -> None:
         assert settings.supervisor.name.startswith(choice["supervisor"])
 
 
-def test_the_paper_is_the_default() -> None:
-    """`experiment=paper` changes nothing but the name."""
-    default, paper = plain(), plain("experiment=paper")
+def test_the_paper_differs_from_the_default_by_its_search() -> None:
+    """`experiment=paper` is `search=paper` under another name."""
+    default, paper = plain("search=paper"), plain("experiment=paper")
     assert {key for key in default if default[key] != paper[key]} == {"name"}
+    assert plain()["search"]["name"] == "racing"
 
 
 def test_smoke_is_small() -> None:

@@ -132,7 +132,8 @@ ONE_LINE = [
      "classes.tiers.excellent.at_least.fun: expected one of pickups, interactions, deliveries,"),
     # searches
     (["search=mapelites"], "search=mapelites: unknown option; did you mean map_elites?"),
-    (["search.ranking=luck"], "search.ranking='luck': input should be 'evidence' or 'fitness'"),
+    (["search=paper", "search.ranking=luck"],
+     "search.ranking='luck': input should be 'evidence' or 'fitness'"),
     (["search=hill", "search.factory=islandgp.gp.plan:Plan"],
      "search.factory: expected a class with Settings, make, start, ask and tell, found"),
     (["search.factory=tests.settings.searches:Unsaid"],

@@ -16,6 +16,7 @@ from islandgp.study import writing
 from islandgp.study.aggregates import EXACT_PAIRS
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import compare_arms
+from islandgp.study.figures.drawing import Picture
 from islandgp.study.figures.trees import (
     Specimen,
     early_injected,
@@ -102,6 +103,21 @@ def test_every_table_and_figure_of_the_paper_is_there(
     assert {"claims", "medians", "power", "lineage", "sources", "generalisation"} <= tables
     assert {f"figure-{n}" for n in range(4, 11)} <= pictures
     assert {"components", "classes", "diversity", "lineage", "emergence-curves"} <= pictures
+
+
+def test_the_result_is_at_the_top(written: tuple[ComparisonReport, Path]) -> None:
+    """A sentence for fitness and one for first robots, then the curves; arms are named once."""
+    report, folder = written
+    first = report.sections[0]
+    *sentences, picture = first.items
+    assert first.title == "Result"
+    assert [str(s).partition(",")[0] for s in sentences] == [
+        "Mean Max Fitness",
+        "First Complete Robot",
+    ]
+    assert all("expert minus baseline" in str(s) for s in sentences)
+    assert isinstance(picture, Picture)
+    assert "expert expert" not in (folder / "report.md").read_text()
 
 
 def test_files_of_the_report(written: tuple[ComparisonReport, Path]) -> None:
@@ -325,14 +341,14 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
 
 @pytest.mark.usefixtures("blank")
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
-    """Primary endpoint first and not adjusted; a family by name; margins decide what is alike."""
+    """Primary endpoint not adjusted; a family by name; margins decide what is alike."""
     plan = parse_plan(
         ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
     )
     study = _study("expert", "baseline", "fixed")
     check_plan(plan, study)
     report = build(study, (), 0, plan=plan)
-    primary = report.sections[0].items[0]
+    primary = report.sections[1].items[0]
     assert isinstance(primary, Table)
     row = dict(zip(primary.columns, primary.rows[0], strict=True))
     assert row["unit"] == "generations without one"
@@ -403,7 +419,7 @@ def test_a_forced_comparison_says_so_on_top() -> None:
     """The differences stand in the page before anything else."""
     report = build(_study("expert", "baseline", force=True), (), 0)
     page = to_page(report)
-    assert "world.side differs: expert 300, baseline 200" in page
+    assert "world.side differs: 300 in expert, 200 in baseline" in page
     assert page.index("not comparable") < page.index("<h2")
 
 

@@ -10,7 +10,7 @@ import pytest
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.tracking.mirror import Mirror, up_to_date
+from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync_state import read_state, write_state
 from tests.tracking.folders import begun, history, place, steps, written
@@ -166,13 +166,15 @@ def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
     assert history(store, second) == maxima(5)
 
 
-def test_what_was_sent_is_known_without_asking(home: Path, store: Store) -> None:
-    """`up_to_date` is true after the end was sent, and for that place only."""
+def test_what_was_sent_is_not_sent_again(home: Path) -> None:
+    """A second mirror finds nothing to send; another place lacks all of it."""
     folder = written(home / "runs/a/one", home)
-    assert not up_to_date(folder, store.place)
-    Mirror(folder, store).send(Status.FINISHED)
-    assert up_to_date(folder, store.place)
-    assert not up_to_date(folder, place(home, "elsewhere"))
+    sent = []
+    for name in ("islandgp", "islandgp", "elsewhere"):
+        mirror = Mirror(folder, Store(place(home, name)))
+        mirror.send(Status.FINISHED)
+        sent.append(mirror.has_sent)
+    assert sent == [True, False, True]
 
 
 def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store) -> None:

@@ -65,7 +65,7 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     axes.set_xlim(-0.5, len(tiers) - 0.5)
     axes.set_ylim(-0.5, top if missing else n)
     axes.set_yticks([t for t in ticks if 0 <= t <= n - 1])
-    axes.set_xticks(range(len(tiers)), [f"{title(tier)} Robot" for tier in tiers])
+    axes.set_xticks(range(len(tiers)), [study.classes.tier_title(tier) for tier in tiers])
     axes.set(title="(a) First emergence", ylabel="Generation")
     axes.grid(visible=False, axis="x")
 
@@ -137,7 +137,7 @@ def emergence_curves(study: Comparison) -> drawing.Picture:
                 firsts = [first(run, tier) for run in arm.runs]
                 _curve(axes, study, arm.name, firsts, how)
                 _at_risk(axes, study.generations - 1, firsts, how, row)
-            axes.set_title(f"{title(tier)} Robot")
+            axes.set_title(study.classes.tier_title(tier))
             axes.set_xlabel("Generation", loc="right")
             axes.set_ylim(-0.03, 1.03)
             axes.set_xlim(0, study.generations - 1)
@@ -154,7 +154,7 @@ def emergence_curves(study: Comparison) -> drawing.Picture:
 
 
 def _robots(study: Comparison) -> str:
-    return " and ".join(map(title, study.milestones))
+    return f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
 
 
 def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawing.Style) -> None:

@@ -14,7 +14,6 @@ from islandgp.study.emergence import first
 from islandgp.study.episodes import episodes_until
 from islandgp.study.figures import drawing
 from islandgp.study.measures import best, diversity
-from islandgp.text import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -100,4 +99,4 @@ def _emergence(axes: Axes, study: Comparison, tier: str) -> None:
         )
     axes.set_ylim(-0.03, 1.03)
     axes.yaxis.set_major_formatter(drawing.PERCENT)
-    axes.set(title=f"{title(tier)} Robot", ylabel="Runs that have had one")
+    axes.set(title=study.classes.tier_title(tier), ylabel="Runs that have had one")

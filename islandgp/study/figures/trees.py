@@ -13,7 +13,6 @@ from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.library import library_names
 from islandgp.study.texts import title_and_caption
-from islandgp.text import title
 
 EARLY: Final = 2  # the generation of the paper's example
 
@@ -70,7 +69,7 @@ def late_evolved(study: Comparison) -> Specimen:
     )
     values = {
         **_values(study, arm, run, best.tree, "late"),
-        "what": f"{title(tier)} Robot" if tier in best.tiers else "the fittest individual",
+        "what": study.classes.tier_title(tier) if tier in best.tiers else "the fittest individual",
         "generation": generation,
         "fitness": best.fitness,
         "origin": best.origin,

@@ -208,7 +208,7 @@ def runs_table(study: Comparison) -> Table:
     return Table.of(
         "table-11-runs",
         "Table 11. Generation of the first"
-        f" {' and the first '.join(map(title, tiers))} Robot, run by run",
+        f" {' and the first '.join(map(title, tiers))} {study.classes.agent}, run by run",
         (
             [
                 ("Seed", str(seed)),

@@ -81,7 +81,8 @@ def sources_table(study: Comparison) -> Table:
     ]
     return Table(
         "sources",
-        f"Where the first {' and the first '.join(map(title, tiers))} Robot came from (runs)",
+        f"Where the first {' and the first '.join(map(title, tiers))} {study.classes.agent}"
+        " came from (runs)",
         ("Source", *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers)),
         (
             *((descent.value, *(str(c[descent]) for c in counts)) for descent in lineage.Descent),
@@ -90,7 +91,7 @@ def sources_table(study: Comparison) -> Table:
                 *(_rate_at_first(arm, tier) for arm in study.arms for tier in tiers),
             ),
         ),
-        (note("sources", robot=title(tiers[0])),),
+        (note("sources", robot=study.classes.tier_title(tiers[0])),),
     )
 
 

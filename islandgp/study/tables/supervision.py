@@ -16,7 +16,6 @@ from islandgp.study.table import NONE, Row, Table, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
 from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
-from islandgp.text import title
 
 Overheads = Mapping[str, Sequence[Any]]
 """Each of OVERHEAD, run by run."""
@@ -87,7 +86,7 @@ def overhead_table(study: Comparison) -> Table:
         "Table 14. Computational overhead of a run",
         (
             *(row(label, [_cell(o, what, n) for o in each], key) for label, key, what, n in _ROWS),
-            row(f"Time to the first {title(tier)} Robot (s)", times),
+            row(f"Time to the first {study.classes.tier_title(tier)} (s)", times),
         ),
         (note("overhead"), *footnotes(study.paper)),
     )

@@ -30,7 +30,7 @@ from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.checks import LONGEST
 from islandgp.supervision.llm.episode import components, cut, trace_of
 from islandgp.supervision.llm.settings import KEPT, InformedSettings
-from islandgp.text import in_points, title
+from islandgp.text import in_points
 
 ROWS: Final = 40  # rewards and classes that are shown, at most
 SHOWN: Final = 2000  # characters of rewards that are no table of events
@@ -181,7 +181,9 @@ def run_values(
     if how.classes:
         values["earnings"] = "\n".join(_earnings(run.now.individuals, context.classes))
     if how.injected:
-        trees = [_injected(tree, run.now) for tree in run.injected[-how.injected :]]
+        trees = [
+            _injected(tree, run.now, context.classes) for tree in run.injected[-how.injected :]
+        ]
         values["injected"] = "\n\n".join(trees)
     if how.decisions:
         lines = [_decision(past, context.classes) for past in run.decisions[-how.decisions :]]
@@ -231,7 +233,7 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
     groups = {
         **{n: [i for i in individuals if i.specialist == n] for n in classes.specialist_names},
         **{
-            f"{title(name)} Robots": [i for i in individuals if name in i.tiers]
+            f"{classes.tier_title(name)}s": [i for i in individuals if name in i.tiers]
             for name in classes.tiers
         },
     }
@@ -244,8 +246,8 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
             )
 
 
-def _injected(tree: InjectedTree, now: GenerationView) -> str:
-    tiers = ", ".join(f"{title(tier)} Robot" for tier in tree.new.tiers)
+def _injected(tree: InjectedTree, now: GenerationView, classes: Classes) -> str:
+    tiers = ", ".join(map(classes.tier_title, tree.new.tiers))
     start = (
         f"Generation {tree.generation}, for {tree.target or 'nothing'}"
         f"{', mutated at once' if tree.new.mutation else ''}: {in_points(tree.new.fitness)} points,"
@@ -271,7 +273,7 @@ def _decision(past: PastDecision, classes: Classes) -> str:
     phase = f"{g.phase}, " if g.phase else ""
     tree = f", a tree for {g.target}" if g.injected else ""
     seen = "; ".join(
-        f"{title(tier)} Robots {before.tiers[tier]} -> {after.tiers[tier]}"
+        f"{classes.tier_title(tier)}s {before.tiers[tier]} -> {after.tiers[tier]}"
         for tier in classes.milestones
     )
     new = "; a new stage, another scale" if before.stage != after.stage else ""
@@ -329,7 +331,7 @@ def edit_values(context: RunContext, run: RunHistory, most: int) -> tuple[dict[s
     others = parents_of(seen, context, most + NEIGHBOURS)[len(parents) :]
     shown = {i.tree for i in parents}
     elites = [_elite(e) for e in seen.archive if e.tree not in shown]
-    near = [f"{_head(i)}\n```\n{cut(i.tree)}\n```" for i in others]
+    near = [f"{_head(i, context.classes)}\n```\n{cut(i.tree)}\n```" for i in others]
     return {
         "parents": "\n\n".join(_parent(i, context, seen) for i in parents),
         "neighbours": "\n\n".join((elites or near)[:NEIGHBOURS]),
@@ -342,8 +344,8 @@ def _elite(e: Elite) -> str:
     return f"Individual {e.id}, of the archive: {points}.\n```\n{cut(e.tree)}\n```"
 
 
-def _head(i: IndividualRecord) -> str:
-    tiers = "".join(f", {title(tier)} Robot" for tier in i.tiers)
+def _head(i: IndividualRecord, classes: Classes) -> str:
+    tiers = "".join(f", {classes.tier_title(tier)}" for tier in i.tiers)
     counts = ", ".join(f"{name} {in_points(value)}" for name, value in i.counters.items() if value)
     return (
         f"Individual {i.id}: {in_points(i.fitness)} points, class {i.specialist}{tiers}"
@@ -353,7 +355,7 @@ def _head(i: IndividualRecord) -> str:
 
 def _parent(i: IndividualRecord, context: RunContext, seen: GenerationView) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
-    return "\n".join((_head(i), *listing(tree), trace_of("It", i, context, seen)))
+    return "\n".join((_head(i, context.classes), *listing(tree), trace_of("It", i, context, seen)))
 
 
 def listing(tree: Node) -> list[str]:

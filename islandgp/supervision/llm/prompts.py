@@ -26,7 +26,7 @@ from islandgp.domain import Domain
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import EDITS
 from islandgp.resources import resource
-from islandgp.scoring.classes import Tier
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
@@ -190,9 +190,8 @@ def fixed_values(context: RunContext) -> dict[str, str]:
     return {
         "task": schema.task,
         "habits": "\n".join(f"- {habit}" for habit in schema.habits),
-        "tiers": "\n".join(
-            _tier(name, tier, context.gp.episodes) for name, tier in classes.tiers.items()
-        ),
+        "tiers": "\n".join(_tier(name, classes, context.gp.episodes) for name in classes.tiers),
+        "agent": classes.agent,
         "milestone": title(classes.milestones[0]),
         "top_milestone": title(classes.milestones[-1]),
         "language": language(schema.vocabulary),
@@ -202,12 +201,13 @@ def fixed_values(context: RunContext) -> dict[str, str]:
     }
 
 
-def _tier(name: str, tier: Tier, episodes: int) -> str:
+def _tier(name: str, classes: Classes, episodes: int) -> str:
+    tier = classes.tiers[name]
     asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
     asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
-    asked += [f"and all that is asked of {title(tier.also)} Robots"] if tier.also else []
+    asked += [f"and all that is asked of {classes.tier_title(tier.also)}s"] if tier.also else []
     where = "in one episode" if episodes == 1 else f"on the mean of {episodes} episodes"
-    return f"- {title(name)} Robot: {where} {', '.join(asked) or 'anything'}."
+    return f"- {classes.tier_title(name)}: {where} {', '.join(asked) or 'anything'}."
 
 
 def _examples(part: str, library: Library) -> str:
