@@ -39,12 +39,14 @@ def _compiled() -> Any:
     """The compiled function, or None where there is none."""
     if sys.platform == "win32" or find_spec("numba") is None or not engine.addresses:
         return None
-    from llvmlite.binding import add_symbol
+    try:
+        from llvmlite.binding import add_symbol
 
-    for name, address in engine.addresses.items():
-        add_symbol(name, address)
-    from islandgp.domains.island import kernel
-
+        for name, address in engine.addresses.items():
+            add_symbol(name, address)
+        from islandgp.domains.island import kernel
+    except (ImportError, OSError, RuntimeError):  # another NumPy, no room or folder for its cache
+        return None
     return PYFUNCTYPE(None, c_int64, c_int64, c_int64)(kernel.run.address)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 
 import pytest
 
+import islandgp.domains.island
 from islandgp.bt.core.language import parse
 from islandgp.domains.island import compiled
 from islandgp.domains.island.episode import run_episode
@@ -39,12 +41,16 @@ def test_outcomes_are_the_same(island: World, monkeypatch: pytest.MonkeyPatch) -
     assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
 
 
-@pytest.mark.parametrize("lacking", ["numba", "Chipmunk's functions"])
+@pytest.mark.parametrize("lacking", ["numba", "a numba that works", "Chipmunk's functions"])
 @pytest.mark.usefixtures("at_once")
 def test_python_does_without_it(lacking: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without numba, and with a pymunk that hides its functions."""
+    """Without numba, with one that cannot be imported, and with a pymunk that hides functions."""
     if lacking == "numba":
         monkeypatch.setattr(compiled, "find_spec", lambda _: None)
+    elif lacking == "a numba that works":
+        monkeypatch.setattr(compiled, "find_spec", lambda _: object())
+        monkeypatch.setitem(sys.modules, "islandgp.domains.island.kernel", None)
+        monkeypatch.delattr(islandgp.domains.island, "kernel", raising=False)
     else:
         monkeypatch.setattr(compiled.engine, "addresses", {})
     assert compiled.quick_loop(build_island(world(), 0, points(), ())) is None
