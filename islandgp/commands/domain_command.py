@@ -227,13 +227,13 @@ def own_trees(settings: Settings, domain: Domain) -> OwnTrees:
 
 def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
     """The trees of a folder, or those that an earlier run has searched for."""
-    from islandgp.running.automatic_library import kept_texts, library_file
+    from islandgp.running.automatic_library import kept_library, library_file
     from islandgp.running.run import make_library
 
     if settings.library.folder is not None:
         yield from make_library(settings, domain).trees.values()
     elif (file := library_file(settings, domain)).exists():
-        for name, text in kept_texts(file).items():
+        for name, text in kept_library(file).trees.items():
             yield parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
 
 

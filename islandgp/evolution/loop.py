@@ -8,7 +8,7 @@ go on from any of its states and ends in the same bytes.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -121,6 +121,7 @@ def evolve(
     search: Search | None = None,
     start: RunState | None = None,
     past: Iterable[GenerationRecord] = (),
+    library: Callable[[], int] = lambda: 0,
 ) -> Generator[Step, None, None]:
     """Yield a step for each generation, from `start` to the last one.
 
@@ -133,6 +134,7 @@ def evolve(
         start: the state to go on from; default: generation 0.
         past: records of the generations before `start`, from 0 on; a supervisor that goes by
             the state alone needs none of them.
+        library: returns the episodes of the search for the library that the run has used so far.
 
     Raises:
         EvaluationError, SupervisionError: the run cannot go on.
@@ -152,7 +154,7 @@ def evolve(
                 queue.ask(view(plan, start.history[: g + 1]), seen)
             elif seen is not None:
                 queue.recall(seen)
-        parts = _Parts(plan, Streams(seed), search, evaluator)
+        parts = _Parts(plan, Streams(seed), search, evaluator, library)
         state: RunState | None = start
         while state is not None:
             step = _generation(parts, state, queue, led, recent)
@@ -185,6 +187,7 @@ class _Parts:
     streams: Streams
     search: Search
     evaluator: Evaluator
+    library: Callable[[], int]
 
 
 def _generation(
@@ -231,10 +234,12 @@ def _generation(
     seen = view(plan, history)
     lines = tuple(to_record(e, text) for e, text in zip(population, texts, strict=True))
     champion = updated_champion(state.champion, g, lines, plan.constraints)
-    spent = state.spent + len(population) * plan.gp.episodes + archive.episodes + extra
+    library = max(state.library, parts.library())
+    elsewhere = library - state.library
+    own = len(population) * plan.gp.episodes + archive.episodes + extra
     stopped = plan.stop.reason(population)
     guidance = following = None
-    if not stopped and not plan.last(g, spent):
+    if not stopped and not plan.last(g, state.spent + own + elsewhere):
         waiting = perf_counter()
         if g + plan.switches.lag + 1 < plan.gp.generations:  # else it would come too late
             multipliers = plan.curriculum.multipliers(now.stage)
@@ -242,6 +247,8 @@ def _generation(
             queue.ask(seen, GenerationView(now, worlds, multipliers, lines, led, elites, trials))
         answer = queue.answer(g)
         supervision = perf_counter() - waiting
+        library = max(library, parts.library())
+        elsewhere = library - state.library + (0 if answer is None else answer.episodes)
         names = nameable((*recent, lines), archive.elites) if plan.switches.edits else {}
         guidance, advice = decide(
             plan, parts.search, seen, answer, state.advice.rate, names=names, streams=parts.streams
@@ -253,7 +260,8 @@ def _generation(
             history,
             told.memory,
             champion,
-            spent,
+            state.spent + own + elsewhere,
+            library,
             archive.elites,
             {e.parents[0]: names[e.parents[0]] for e in advice.edited},
         )
@@ -271,9 +279,10 @@ def _generation(
         evaluation=evaluation,
         supervision=supervision,
         operators=perf_counter() - began - evaluation - supervision,
-        episodes=spent - state.spent,
+        episodes=own + elsewhere,
         simulated=evaluator.simulated - before,
         llm=queue.spent(),
+        elsewhere=elsewhere,
     )
     return Step(record, following, champion, cost, stopped, archive.elites)
 

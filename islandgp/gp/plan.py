@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from islandgp.bt.core.node import Limits, Node
 from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import ConfigError
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.population import Evaluated
 from islandgp.gp.random_trees import TreeSettings, TreeSpace
@@ -110,7 +111,8 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
     """How many episodes a run may take, all of them counted."""
 
     episodes: Annotated[int, Field(ge=1)] | None = None
-    """Episodes of training, of the archive and of validation; None: as `gp.generations` needs."""
+    """Of training, the archive, validation, the supervisor and the search for its library; None: as
+    `gp.generations` needs."""
 
     def generations(self, population: int, episodes: int, validation: float) -> int:
         """Generations that the budget allows, >= 1. There must be a budget.
@@ -132,6 +134,17 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
                 f" found {self.episodes:,}; raise it, or lower gp.population or gp.episodes"
             )
         return max(1, int(self.episodes / (1 + validation)) // one)
+
+    def check_library(self, episodes: int, gp: GP) -> None:
+        """Raise ConfigError if no generation is left after the search for a library."""
+        one = gp.population * gp.episodes
+        least = episodes + one + round(gp.validation * one)
+        if episodes and self.episodes is not None and self.episodes < least:
+            raise ConfigError(
+                f"budget.episodes: expected at least {least:,}, the search for the library"
+                f" ({episodes:,}), one generation and its validation, found {self.episodes:,};"
+                " raise it, or name a folder of trees in library.folder"
+            )
 
 
 class Stop(BaseModel, frozen=True, extra="forbid"):

@@ -149,6 +149,7 @@ class RunState:
     """`SearchState.memory`; as plain values where it was read from a checkpoint."""
     champion: Champion | None
     spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
+    library: Annotated[int, Field(ge=0)] = 0  # of these, episodes of the search for a library
     archive: tuple[Elite, ...] = ()  # by cell
     edit_parents: dict[str, str] = field(default_factory=dict)
     """By id, the texts of the trees whose edited forms the next generation evaluates."""
@@ -164,6 +165,8 @@ class Cost:
     episodes: int  # asked for
     simulated: int  # really run; the others came from the cache
     llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
+    elsewhere: int = 0
+    """Of `episodes`, those of the supervisor, and of the search for its library."""
 
 
 @dataclass(frozen=True, slots=True)

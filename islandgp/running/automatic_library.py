@@ -7,6 +7,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 from weakref import WeakValueDictionary
@@ -20,11 +21,11 @@ from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.single_behaviours import single_behaviours
-from islandgp.plain import validate_json
+from islandgp.plain import from_json, read_json
 from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 
-SEARCH: Final = 2
+SEARCH: Final = 3
 """Version of the search, which is part of the name of a kept library."""
 
 
@@ -51,9 +52,9 @@ def automatic_library(
     if not file.exists():
         found = _search(settings, domain, make_evaluator)
         file.parent.mkdir(parents=True, exist_ok=True)
-        plain = {name: to_text(tree) for name, tree in found.items()}
-        write_atomic(file, json.dumps(plain, indent=1).encode())
-    texts = kept_texts(file)
+        write_atomic(file, json.dumps(asdict(found), indent=1).encode())
+    kept = kept_library(file)
+    texts = kept.trees
     behaviours = settings.classes.behaviours
     if not texts:
         raise ConfigError(
@@ -66,7 +67,7 @@ def automatic_library(
         name: parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
         for name, text in texts.items()
     }
-    return Library(trees, texts, {name: (name,) for name in trees}, {})
+    return Library(trees, texts, {name: (name,) for name in trees}, {}, kept.episodes)
 
 
 def library_file(settings: Settings, domain: Domain) -> Path:
@@ -87,17 +88,24 @@ def library_file(settings: Settings, domain: Domain) -> Path:
     return Path(settings.runs) / ".libraries" / f"{digest}.json"
 
 
-def kept_texts(file: Path) -> dict[str, str]:
-    """The trees of a kept library, by behaviour. Raises RunError where the file is damaged."""
+@dataclass(frozen=True, slots=True)
+class KeptLibrary:
+    """What a search for a library has found."""
+
+    episodes: int  # of the search, which count in the budget of each run that uses the library
+    trees: dict[str, str]  # canonical texts by behaviour
+
+
+def kept_library(file: Path) -> KeptLibrary:
+    """The library in a file. Raises RunError where the file is damaged."""
     with reading("a library that was searched for", file):
-        texts: dict[str, str] = validate_json(dict[str, str], file.read_bytes())
-    return texts
+        return from_json(KeptLibrary, read_json(file.read_bytes()))
 
 
 def _search(
     settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
-) -> dict[str, Node]:
-    """The trees that were found, in the order of the behaviours."""
+) -> KeptLibrary:
+    """The trees that were found, in the order of the behaviours, and what that took."""
     behaviours = [*settings.classes.behaviours]
     space = settings.plan(domain).space
     stages = list(_stages(settings))
@@ -125,7 +133,9 @@ def _search(
                 if settings.progress != "off":
                     outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
                     _say(f"{name}: {outcome} ({n} of {len(missing)})")
-    return {name: found[name] for name in behaviours if name in found}
+        episodes = evaluator.simulated
+    trees = {name: to_text(found[name]) for name in behaviours if name in found}
+    return KeptLibrary(episodes, trees)
 
 
 def _stages(settings: Settings) -> Iterator[int]:

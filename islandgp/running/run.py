@@ -63,8 +63,23 @@ class RunResult:
     mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
 
 
-def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
+@dataclass(slots=True)
+class LibraryCost:
+    """Episodes of the search for the library that a run has used; 0 until it uses one."""
+
+    episodes: int = 0
+
+    def of(self, library: Library) -> Library:
+        """The library, whose cost is kept."""
+        self.episodes = library.episodes
+        return library
+
+
+def run_context(
+    settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
+) -> RunContext:
     """What a run gives to its supervisor."""
+    cost = cost or LibraryCost()
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
     return RunContext(
@@ -77,7 +92,7 @@ def run_context(settings: Settings, folder: Path | None = None) -> RunContext:
         domain_in=lambda generation: problem.at(curriculum.stage(generation)),
         rewards=settings.rewards,
         classes=settings.classes,
-        library=lambda: make_library(settings, domain),
+        library=lambda: cost.of(make_library(settings, domain)),
         crisis=settings.gp.crisis,
         gp=settings.gp,
         curriculum=curriculum,
@@ -100,7 +115,7 @@ def make_library(settings: Settings, domain: Domain) -> Library:
     return read_library(how, folder, vocabulary, settings.classes)
 
 
-def plan_of(settings: Settings, domain: Domain) -> Plan:
+def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None) -> Plan:
     """What a run is made of, with the trees that open its population: a library's or an archive's.
 
     Raises ConfigError, RunError, TreeError where these cannot be had.
@@ -111,17 +126,19 @@ def plan_of(settings: Settings, domain: Domain) -> Plan:
         return replace(plan, founders=taken.trees)
     if not settings.gp.founders:
         return plan
-    library = make_library(settings, domain)
+    library = (cost or LibraryCost()).of(make_library(settings, domain))
     names = dict.fromkeys(name for target in library.targets.values() for name in target)
     trees = (library.trees[name] for name in names)
     return replace(plan, founders=tuple(t for t in trees if within(t, plan.gp.limits)))
 
 
-def make_supervisor(settings: Settings, folder: Path | None) -> Supervisor:
+def make_supervisor(
+    settings: Settings, folder: Path | None, cost: LibraryCost | None = None
+) -> Supervisor:
     """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
     part = settings.supervisor
     with plugin_errors(path_of(part.factory)):
-        context = run_context(settings, folder)
+        context = run_context(settings, folder, cost)
         supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
             made = type(supervisor).__name__
@@ -204,13 +221,18 @@ def run(
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker)
-    supervisor = make_supervisor(settings, target.path)
+    cost = LibraryCost()
+    supervisor = make_supervisor(settings, target.path, cost)
+    plan = plan_of(settings, settings.make_domain(), cost)
+    plan.budget.check_library(cost.episodes, plan.gp)
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # by the process that had the folder until now
             return _complete(target, tracker)
-        where = _evolve_tracked(settings, target, supervisor, tracker, keep_display, judge)
+        where = _evolve_tracked(
+            settings, plan, cost, target, supervisor, tracker, keep_display, judge
+        )
     finally:
         target.close()
     return _end(target, where)
@@ -218,6 +240,8 @@ def run(
 
 def _evolve_tracked(
     settings: Settings,
+    plan: Plan,
+    cost: LibraryCost,
     target: RunFolder,
     supervisor: Supervisor,
     tracker: Tracker,
@@ -228,7 +252,7 @@ def _evolve_tracked(
     status, page = Status.FAILED, PageWriter(target)
     tracker.start(target)
     try:
-        _evolve(settings, target, supervisor, tracker, page, keep_display, judge)
+        _evolve(settings, plan, cost, target, supervisor, tracker, page, keep_display, judge)
         status = Status.FINISHED
     except (KeyboardInterrupt, Pruned):
         status = Status.KILLED
@@ -267,6 +291,8 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
 
 def _evolve(
     settings: Settings,
+    plan: Plan,
+    cost: LibraryCost,
     target: RunFolder,
     supervisor: Supervisor,
     tracker: Tracker,
@@ -285,12 +311,18 @@ def _evolve(
         for record in islice(target.records(), done):
             judge(record["snapshot"]["generation"], record["snapshot"]["best"])
     evaluator = make_evaluator(settings)
-    plan = plan_of(settings, settings.make_domain())
     needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
     past = target.generations() if done and needed else ()
     search = make_search(settings, plan)
     steps = evolve(
-        plan, settings.seed, supervisor, evaluator, search=search, start=start, past=past
+        plan,
+        settings.seed,
+        supervisor,
+        evaluator,
+        search=search,
+        start=start,
+        past=past,
+        library=lambda: cost.episodes,
     )
     progress = Progress(
         settings.progress,

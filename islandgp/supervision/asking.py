@@ -115,6 +115,10 @@ def _are_notes(value: Any) -> bool:
     )
 
 
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
 def _are_edits(value: Any) -> bool:
     return isinstance(value, tuple) and all(
         isinstance(edit, Edit)
@@ -144,6 +148,7 @@ WANTED: Final[Mapping[str, tuple[str, Callable[[Any], bool]]]] = {
     "rationale": ("a text", _is_text),
     "notes": ("a dict of texts", _are_notes),
     "edits": ("a tuple of Edits whose fields are as declared", _are_edits),
+    "episodes": ("a count, 0 or more", _is_count),
 }
 
 

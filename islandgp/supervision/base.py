@@ -72,6 +72,7 @@ class Guidance:
     rationale: str = ""  # why this tree
     notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
     edits: tuple[Edit, ...] = ()  # of individuals, the most important first
+    episodes: int = 0  # that the supervisor ran for this answer; they count in the run's budget
 
 
 @dataclass(frozen=True, slots=True)

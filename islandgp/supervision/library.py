@@ -38,6 +38,7 @@ class Library:
     texts: Mapping[str, str]  # the same as written, comments included
     targets: Mapping[str, tuple[str, ...]]  # names of trees by target
     shown: Mapping[str, tuple[str, ...]]  # names of trees by prompt
+    episodes: int = 0  # in which it was searched for
 
 
 def library_folder(name: str, domain: Domain) -> Path:

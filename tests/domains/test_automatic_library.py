@@ -34,9 +34,9 @@ def stages(*worlds: str) -> str:
 
 
 def library(here: Path) -> dict[str, str]:
-    """The only library that is kept."""
+    """The trees of the only library that is kept."""
     (file,) = (here / "runs/.libraries").glob("*.json")
-    found: dict[str, str] = json.loads(file.read_text())
+    found: dict[str, str] = json.loads(file.read_text())["trees"]
     return found
 
 
@@ -91,8 +91,34 @@ def test_what_is_missing_is_reported_once_in_every_run(
     assert main([*WORDS, IMPOSSIBLE, "seed=2,3", "-m"]) == 0
     assert missing(capsys.readouterr().err) == line * 2
     (file,) = (here / "runs/.libraries").glob("*.json")
-    file.write_text(json.dumps({**library(here), "driving": "sequence { MoveToPik }"}))
+    trees = {**library(here), "driving": "sequence { MoveToPik }"}
+    file.write_text(json.dumps({"episodes": 1, "trees": trees}))
     assert main([*WORDS, IMPOSSIBLE, "seed=4"]) == 2
     said = capsys.readouterr().err
     assert f"{file.relative_to(here)}: driving:1:12: unknown action 'MoveToPik'" in said
     assert "Traceback" not in said
+
+
+def test_the_search_counts_in_the_budget(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the run that searches, and of a later one; a budget that it leaves nothing of is refused.
+
+    A run that uses no library pays nothing for it.
+    """
+    assert main([*WORDS, "progress=off"]) == 0
+    (file,) = (here / "runs/.libraries").glob("*.json")
+    episodes = json.loads(file.read_text())["episodes"]
+    assert episodes > 400
+
+    def spent(*words: str) -> int:
+        assert main([*WORDS, *words, "progress=off"]) == 0
+        (costs,) = here.glob(f"runs/{words[0].removeprefix('name=')}/*/costs.jsonl")
+        return sum(json.loads(line)["episodes"] for line in costs.read_text().splitlines())
+
+    assert episodes < spent("name=expert", f"budget.episodes={episodes + 20}") <= episodes + 20
+    assert spent("name=none", "budget.episodes=20", "supervisor=baseline") <= 20
+    capsys.readouterr()
+    assert main([*WORDS, f"budget.episodes={episodes}", "name=small"]) == 2
+    said = capsys.readouterr().err
+    assert f"the search for the library ({episodes:,}), one generation" in said
+    assert "Traceback" not in said
+    assert not list(here.glob("runs/small/*/generations.jsonl"))

@@ -16,7 +16,8 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.gp.record import record_values
+from islandgp.evolution.loop import evolve
+from islandgp.gp.record import RunState, Step, record_values
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
 from tests.composed import composed_plan
@@ -335,3 +336,32 @@ def three_generations() -> list[dict[str, object]]:
         "gp.trees.kinds.parallel=0.5",  # version 1 had fewer in its random trees
     )
     return [record_values(record) for record in records(run(how, Says(0.5, CHARGER), seed=7))]
+
+
+class Tries(Says):
+    """Runs seven episodes for each answer."""
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`."""
+        return replace(super().advise(state, rng), episodes=7)
+
+
+def test_every_episode_counts_in_the_budget() -> None:
+    """Those of the supervisor and of its library's search end a run earlier, resumed or not."""
+    how = plan("budget.episodes=200", "gp.validation=0")
+    assert how.gp.generations == 16
+    assert len(run(how)) == 16
+
+    def steps(start: RunState | None = None) -> list[Step]:
+        found = evolve(how, 1, Tries(), Fake(), start=start, library=lambda: 50)
+        return list(found)
+
+    straight = steps()
+    costs = [step.cost for step in straight]
+    assert [cost.episodes for cost in costs] == [12 + 50 + 7, *[12 + 7] * (len(costs) - 2), 12]
+    assert [cost.elsewhere for cost in costs] == [57, *[7] * (len(costs) - 2), 0]
+    total = sum(cost.episodes for cost in costs)
+    assert total <= 200 < total + 12 + 7
+    rest = steps(straight[2].state)
+    assert [step.record for step in rest] == [step.record for step in straight[3:]]
+    assert [step.cost.episodes for step in rest] == [cost.episodes for cost in costs[3:]]

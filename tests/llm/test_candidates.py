@@ -148,6 +148,7 @@ def test_what_a_trial_took_and_gained_is_told(tmp_path: Path) -> None:
     assert "3 for charging, 100 points; the first has 0 and 900" in guidance.notes["trial"]
     spent = llm.spent()
     assert (spent["trials"], spent["episodes"], spent["trial_gain"]) == (1, 2, -800)
+    assert guidance.episodes == 2
 
 
 def test_runs_with_candidates_repeat(tmp_path: Path) -> None:

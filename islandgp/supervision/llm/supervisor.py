@@ -12,7 +12,7 @@ import logging
 import os
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 import numpy as np
@@ -147,9 +147,11 @@ class LLM:
         calls = self._open()
         if calls.transcript.start is None:
             self.start()
+        generation = state.now.generation
         guidance = self.adviser.advise(state, rng, calls, self._dialects.at)
-        self._warn(guidance, state.now.generation)
-        return guidance
+        self._warn(guidance, generation)
+        played = [p.episodes for p in calls.transcript.played if p.generation == generation]
+        return replace(guidance, episodes=sum(played))
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""
