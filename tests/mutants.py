@@ -105,8 +105,12 @@ def change(node: Any) -> None:
             node.test = ast.UnaryOp(ast.Not(), node.test)
 
 
+@cache
 def mutated(mutant: Mutant) -> tuple[ast.Module, str] | None:
-    """The changed module, and what was changed where; None if the sources have no such place."""
+    """The changed module, and what was changed where; None if the sources have no such place.
+
+    `main` makes all of them before it imports the package: the sources may change meanwhile.
+    """
     try:
         tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
         node, what = list(places(dict(functions(tree))[mutant.function]))[mutant.place]
@@ -275,6 +279,8 @@ def main() -> None:
     mutants = earlier(given.again) if given.again else chosen(given.number, given.seed)
     start, step = map(int, given.part.split("/"))
     mutants = mutants[start::step]
+    for mutant in mutants:
+        mutated(mutant)
     files = sorted({test for mutant in mutants for test in tests_of(mutant.file)})
     options = ["-s", "-q", "-p", "no:cacheprovider", "-n", "0", "--timeout", "300"]
     options += ["--hypothesis-profile", "mutants", "-m", UNIT]
