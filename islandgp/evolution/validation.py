@@ -142,14 +142,14 @@ def candidates_by_evidence(
         Candidates, best first; `trained` is the bound.
     """
     stage: int | None = None
-    found: dict[str, _Seen] = {}
+    found: dict[str, _Evaluations] = {}
     for record in records:
         generation = record["snapshot"]["generation"]
         if record["snapshot"]["stage"] != stage:
             stage, found = record["snapshot"]["stage"], {}
         for i in record["individuals"]:
             tree = sys.intern(i["tree"])
-            seen = found.setdefault(tree, _Seen())
+            seen = found.setdefault(tree, _Evaluations())
             seen.generation, seen.id = generation, i["id"]
             seen.fitness[generation] = i["fitness"]
             now = limited(i["counters"], constraints)
@@ -170,8 +170,8 @@ def candidates_by_evidence(
 
 
 @dataclass(slots=True)
-class _Seen:
-    """What the records say of a tree."""
+class _Evaluations:
+    """The evaluations of a tree in the records."""
 
     generation: int = 0  # its last
     id: str = ""  # of its last individual

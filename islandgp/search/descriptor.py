@@ -57,9 +57,17 @@ def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
 
 
 def faults(path: str, texts: Sequence[str], schema: Schema) -> Iterator[str]:
-    """A line for each counter that the domain does not declare."""
-    for k, text in enumerate(texts):
-        yield from unknown(f"{path}.{k}", dimension(text).counter, schema.counters)
+    """A line for each counter that the domain does not declare, or that is there twice."""
+    counters = [dimension(text).counter for text in texts]
+    for k, counter in enumerate(counters):
+        yield from unknown(f"{path}.{k}", counter, schema.counters)
+    yield from repeated(path, counters)
+
+
+def repeated(path: str, names: Sequence[str]) -> Iterator[str]:
+    """A line if a name is there twice."""
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        yield f"{path}: expected each name once, found {twice!r} twice"
 
 
 def point(found: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:

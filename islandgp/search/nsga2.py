@@ -28,6 +28,7 @@ from islandgp.search.breeding import (
     parent_of,
     pick_by_rank,
 )
+from islandgp.search.descriptor import repeated
 from islandgp.search.pareto import crowded_order
 
 
@@ -42,8 +43,10 @@ class Nsga2Settings(BreedingSettings, frozen=True):
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
         known = {"fitness": None, "nodes": None, **schema.counters}
-        for k, text in enumerate(self.objectives):
-            yield from unknown(f"search.policy.objectives.{k}", text.removeprefix("-"), known)
+        names = [text.removeprefix("-") for text in self.objectives]
+        for k, name in enumerate(names):
+            yield from unknown(f"search.policy.objectives.{k}", name, known)
+        yield from repeated("search.policy.objectives", names)
 
 
 @dataclass(frozen=True, slots=True)

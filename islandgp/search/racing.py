@@ -16,7 +16,7 @@ from math import sqrt
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.gp.evidence import estimate
@@ -45,10 +45,10 @@ class RacingSettings(BreedingSettings, frozen=True):
     survivors: float = Field(gt=0, le=10)  # as a share of the population
     again: float = Field(gt=0, lt=1)  # share of the slots in which survivors are evaluated again
     library: int = Field(ge=0)  # of the first trees: priority lists of the library's branches
-    caution: float = Field(ge=0)  # standard errors between a mean and its bound
-    milestone: float = Field(ge=0)  # standard deviations that a milestone is worth
-    behaviour: float = Field(ge=0)  # standard deviations that a behaviour is worth
-    parsimony: float = Field(ge=0)  # standard deviations that a node costs
+    caution: FiniteFloat = Field(ge=0)  # standard errors between a mean and its bound
+    milestone: FiniteFloat = Field(ge=0)  # standard deviations that a milestone is worth
+    behaviour: FiniteFloat = Field(ge=0)  # standard deviations that a behaviour is worth
+    parsimony: FiniteFloat = Field(ge=0)  # standard deviations that a node costs
     specialists: float = Field(ge=0, le=1)
     """Share of mothers chosen by lexicase selection over the last generation's episodes.
 

@@ -161,3 +161,28 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
         assert before["guidance"]["injected"]
         names = {i["id"] for i in before["individuals"]}
         assert all(names.issuperset(i["parents"]) for i in children)
+
+
+@pytest.mark.parametrize(
+    ("name", "word", "line"),
+    [
+        (
+            "map_elites",
+            "descriptor=[pickups,pickups/2]",
+            "each name once, found 'pickups' twice",
+        ),
+        ("novelty", "descriptor=[laps,laps]", "expected each name once, found 'laps' twice"),
+        (
+            "nsga2",
+            "objectives=[fitness,-fitness]",
+            "each name once, found 'fitness' twice",
+        ),
+        ("racing", "caution=inf", "input should be a finite number"),
+        ("racing", "parsimony=inf", "input should be a finite number"),
+    ],
+)
+def test_a_setting_that_says_nothing_is_refused(name: str, word: str, line: str) -> None:
+    """In one line, before anything runs: a counter twice, or an infinite weight."""
+    with pytest.raises(islandgp.IslandError, match=line) as refused:
+        islandgp.compose(f"search={name}", f"search.policy.{word}")
+    assert "\n" not in str(refused.value)
