@@ -29,7 +29,7 @@ UNIT := 'not slow and not process and not packaging'
 # worksteal keeps the tests of a module in one process, which makes their fixtures once.
 PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
 
-test: lint      ## lint, types and the tests of a change: three minutes
+test: lint      ## lint, types and the tests of a change
 	$(PYTEST) -m 'not slow' --durations 10
 
 test-unit: $(STAMP) ## the tests that start no process
