@@ -9,7 +9,7 @@ from ctypes import PYFUNCTYPE, c_int64
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.robot import TOLERANCE
@@ -47,7 +47,8 @@ def _compiled() -> Any:
         from islandgp.domains.island import kernel
     except (ImportError, OSError, RuntimeError):  # another NumPy, no room or folder for its cache
         return None
-    return PYFUNCTYPE(None, c_int64, c_int64, c_int64)(kernel.run.address)
+    address = cast(int, kernel.run.address)  # None only before compilation
+    return PYFUNCTYPE(None, c_int64, c_int64, c_int64)(address)
 
 
 @lru_cache(maxsize=16)
