@@ -42,6 +42,25 @@ TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI
 PAGE_PERIOD: Final = 30.0  # s between two copies of the page of a run that goes on
 
 
+def must_be_sendable(folder: RunFolder, status: Status) -> None:
+    """Checks a run before a store is opened for it.
+
+    Raises:
+        IslandError: the run is damaged, or was never sent and is of a domain that is not trusted.
+    """
+    if status is Status.FINISHED and folder.finished():
+        folder.must_be_sound()
+    if read_state(folder.path) is None:
+        _must_be_trusted(folder)
+
+
+def _must_be_trusted(folder: RunFolder) -> None:
+    config = folder.configuration()
+    check_version(config)
+    if folder.finished():  # its replay is made of an episode
+        must_trust_domain(config)
+
+
 class Mirror:
     """One run's folder and its MLflow run."""
 
@@ -91,7 +110,7 @@ class Mirror:
             sent = nothing
         run = self.store.find(self._key, sent.run)
         if run is None or not sent.done:
-            self._check()
+            _must_be_trusted(self.folder)
         if run is None:
             sent = replace(nothing, run=self._create())
         elif run.info.run_id != sent.run:
@@ -117,13 +136,6 @@ class Mirror:
         write_state(self.folder.path, sent)
         self._sure = True
         return sent
-
-    def _check(self) -> None:
-        """Raises an IslandError where the run must not be sent."""
-        config = self.folder.configuration()
-        check_version(config)
-        if self.folder.finished():  # its replay is made of an episode
-            must_trust_domain(config)
 
     def _progress(self) -> None:
         self.has_sent = True
@@ -179,7 +191,7 @@ class Mirror:
         done = f"{status} {sent.generations}"
         if sent.done == done:
             return sent
-        self._check()
+        _must_be_trusted(self.folder)
         client, ended = self.store.client, self._ended()
         # First: whatever fails below, it is not RUNNING.
         client.set_terminated(sent.run, status, ended)

@@ -10,7 +10,7 @@ from typing import Any
 from islandgp.errors import IslandError
 from islandgp.records.folder import Status, run_folders
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.mirror import Mirror
+from islandgp.tracking.mirror import Mirror, must_be_sendable
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Preparing, Store
@@ -52,8 +52,10 @@ def sync(
                 continue
             where = known.get(where, where)
             sweeps[folder.path.parent] = where
+            status = folder.status()
+            must_be_sendable(folder, status)
             mirror = Mirror(folder, _store(stores, where, preparing), alive)
-            mirror.send(folder.status())
+            mirror.send(status)
             (done.sent if mirror.has_sent else done.known).append(folder.path)
             alive()
         except Exception as error:  # a store may fail in any way, and a folder be damaged

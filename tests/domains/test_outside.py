@@ -211,5 +211,5 @@ def test_the_fault_of_an_operator_is_its_authors(
     (here / "conf/gp").mkdir()
     text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
     (here / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
-    assert main([*WORDS, "gp=own"]) == 2
+    assert main([*WORDS, "search=paper", "gp=own"]) == 2
     assert f"islandgp: {expected.format(here / 'wrong.py')}" in capsys.readouterr().err

@@ -67,7 +67,7 @@ def test_the_same_again(run: Path) -> None:
     [
         (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
         (["--tier", "excellent"], "Expected excellent robots in the last stage"),
-        (["--worlds", "1"], "found 1"),
+        (["--worlds", "1"], "1 is not in the range 2<=x<=10000"),
     ],
 )
 def test_mistakes(run: Path, words: list[str], said: str) -> None:

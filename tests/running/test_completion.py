@@ -67,7 +67,7 @@ def test_the_line_is_told() -> None:
             assert file in result.stderr
     result = CliRunner().invoke(islandgp, ["completion"], env={"SHELL": "/bin/csh"})
     assert result.exit_code == 2
-    assert "Expected a shell of bash, zsh, fish, found csh" in result.stderr
+    assert "expected a shell of bash, zsh, fish, found csh" in result.stderr
 
 
 @pytest.mark.slow

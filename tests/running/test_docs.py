@@ -96,6 +96,7 @@ class Finished:
     """A finished run's folder with the numbers of the page's example."""
 
     path = Path("/home/me/runs/default/baseline-seed3-gp.population=20")
+    agent = "Robot"
 
     def summary(self) -> dict[str, Any]:
         """As in summary.json."""

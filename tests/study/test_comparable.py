@@ -199,7 +199,10 @@ def test_a_search_is_chosen_as_a_whole() -> None:
         (("search=paper curriculum.last_only=true", "search.name=hill"), True),
         (("search=paper", "supervisor=expert"), False),
     ):
-        arms = [_arm("a", range(2), selections[0]), _arm("b", range(2), selections[1], **other)]
+        arms = [
+            _arm("a", range(2), selections[0], search__name="paper"),
+            _arm("b", range(2), selections[1], **other),
+        ]
         study = compare_arms(arms, force=True)
         assert (
             not any(doubt.startswith("search.") for doubt in study.comparability_warnings)

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.domains.island import sensing
+from islandgp.domains.island import compiled, sensing
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.resources import resource
 from tests.domains.island.days import points, world
@@ -74,8 +74,11 @@ def counted(text: str, *, stepwise: bool = False) -> tuple[Episode, Counter[str]
 
 
 @pytest.mark.parametrize("stepwise", [False, True])
-def test_each_step_is_one_step_of_the_engine(stepwise: bool) -> None:
+def test_each_step_is_one_step_of_the_engine(
+    stepwise: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The physics is not asked for steps that nobody needs, and none is left out."""
+    monkeypatch.setattr(compiled, "_compiled", lambda: None)
     episode, found = counted(all_rounder(), stepwise=stepwise)
     assert episode.steps == 4200
     assert found["cpSpaceStep"] == episode.steps

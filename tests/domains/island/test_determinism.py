@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
-from islandgp.domains.island import engine
+from islandgp.domains.island import compiled, engine
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.space import idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -267,6 +267,7 @@ def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
 def test_the_public_engine_is_the_same(tree: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """pymunk's public interface and Chipmunk's own functions give the same episode."""
     found = []
+    monkeypatch.setattr(compiled, "_compiled", lambda: None)
     idle_spaces.cache_clear()
     for functions in (engine.chipmunk(), engine.wrapped()):
         for name, function in functions._asdict().items():
