@@ -1,7 +1,7 @@
 """Puts the figures into the pages that quote them, so that nobody types a figure.
 
-A page holds `<!-- begin benchmarks -->` or `<!-- begin goals -->`, and further
-down `<!-- end -->`; what stands between them is written here.
+A page holds `<!-- begin benchmarks -->` and further down `<!-- end -->`; the text between them is
+written here.
 """
 
 from __future__ import annotations
@@ -16,19 +16,15 @@ from benchmarks.table import as_markdown, conditions
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PAGES: Final = (ROOT / "docs" / "performance.md",)
-_PART = re.compile(r"(<!-- begin (benchmarks|goals) -->\n).*?(<!-- end -->)", re.DOTALL)
+_PART = re.compile(r"(<!-- begin benchmarks -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def with_figures(text: str, results: Sequence[Result]) -> str:
     """A page's text with the figures between its markers."""
 
     def part(match: re.Match[str]) -> str:
-        goals_only = match[2] == "goals"
-        table = as_markdown(results, goals_only=goals_only)
-        if goals_only:
-            return f"{match[1]}{table}\n{match[3]}"
         lines = "\n".join(f"- `{r.benchmark}`: {conditions(r)}" for r in results)
-        return f"{match[1]}{table}\n\n{lines}\n{match[3]}"
+        return f"{match[1]}{as_markdown(results)}\n\n{lines}\n{match[2]}"
 
     return _PART.sub(part, text)
 

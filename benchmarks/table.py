@@ -61,9 +61,8 @@ def as_text(results: Sequence[Result]) -> str:
     )
 
 
-def as_markdown(results: Sequence[Result], *, goals_only: bool = False) -> str:
-    """The table for a page; `goals_only` leaves out figures without a goal."""
-    chosen = [row for row in rows(results) if row[2] or not goals_only]
+def as_markdown(results: Sequence[Result]) -> str:
+    """The table for a page."""
     lines = ["| figure | here | goal | | what it is |", "|---|---:|---|---|---|"]
-    lines += [f"| `{row[0]}` | " + " | ".join(row[1:]) + " |" for row in chosen]
+    lines += [f"| `{row[0]}` | " + " | ".join(row[1:]) + " |" for row in rows(results)]
     return "\n".join(lines)

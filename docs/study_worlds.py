@@ -37,8 +37,8 @@ QUIET: Final = ("tracking=off", "evaluator=serial", "progress=off")
 TREES: Final = ("gp.trees.kinds.parallel=0.5",)  # as when these studies were planned
 
 ARMS: Final[dict[str, tuple[str, ...]]] = {
-    "expert": ("supervisor=expert",),
-    "baseline": ("supervisor=baseline",),
+    "expert": ("search=paper", "supervisor=expert"),
+    "baseline": ("search=paper", "supervisor=baseline"),
     "random search": ("experiment=random_search",),
 }
 PAIRS: Final = (

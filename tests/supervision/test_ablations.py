@@ -197,12 +197,12 @@ def test_without_a_leader_nothing_starts(
         assert said.out == ""
         (line,) = said.err.splitlines()
         assert line.startswith(
-            "islandgp: Expected the record of another run in runs/default/expert-seed"
+            "islandgp: Expected the record of another run in runs/paper/expert-seed"
             f"{lacking}, found none"
         )
         assert not (tmp_path / "runs" / "ablation_another_record").exists()
         if n == 0:
-            led(tmp_path / "runs" / "default" / "expert-seed1")
+            led(tmp_path / "runs" / "paper" / "expert-seed1")
 
 
 def test_a_leader_of_the_same_command_may_still_be_to_come(

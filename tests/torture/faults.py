@@ -72,13 +72,13 @@ FAULTS: Final = {
     ),
     "MLflow's server away, silent, slow, answering 500": Fault(
         surroundings.tracking_server,
-        "no generation waits; exit code 0, and a line that tells of `islandgp sync`",
+        "no generation waits; exit code 0, and a line that names `islandgp sync`",
     ),
     "MLflow's database locked, damaged, empty, a folder": Fault(
-        surroundings.database, "the run ends as usual and tells of `islandgp sync`, or exit code 2"
+        surroundings.database, "the run ends as usual and names `islandgp sync`, or exit code 2"
     ),
     "MLflow's server killed in mid-run": Fault(
-        surroundings.dying_server, "exit code 0, and a line that tells of `islandgp sync`"
+        surroundings.dying_server, "exit code 0, and a line that names `islandgp sync`"
     ),
     "killed while records go to MLflow": Fault(
         surroundings.killed_between_run_and_store, "the same command sends each point once"
