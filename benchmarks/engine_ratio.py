@@ -12,7 +12,7 @@ from benchmarks.turns import medians, ratio, turns
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 6}
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 5, Effort.FULL: 25}  # of each seed
@@ -45,12 +45,12 @@ def measure(effort: Effort) -> list[Figure]:
     ]
 
 
-def _episode(world: World, seed: int) -> Callable[[], object]:
+def _episode(world: IslandWorld, seed: int) -> Callable[[], object]:
     tree, award = example("all_rounder"), points()
     return lambda: run_episode(tree, world, seed, award)
 
 
-def _bare(world: World, seed: int, steps: int) -> Callable[[], object]:
+def _bare(world: IslandWorld, seed: int, steps: int) -> Callable[[], object]:
     """The same space with everybody in motion, and nobody who looks."""
     physics = build_space(world, draw_schedule(world, seed))
     for shape in physics.robot.shapes:

@@ -14,7 +14,7 @@ from benchmarks.turns import medians, turns
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
@@ -79,19 +79,19 @@ def _doubling(first: int, effort: Effort) -> list[int]:
     return [first * 2**i for i in range(DOUBLINGS[effort] + 1)]
 
 
-def _garbage(world: World, effort: Effort) -> Growth:
+def _garbage(world: IslandWorld, effort: Effort) -> Growth:
     sizes = _doubling(world.garbage.initial, effort)
     worlds = [endless(world, garbage={"initial": n, "most": n + 30}) for n in sizes]
     return _episodes(sizes, [example("all_rounder")] * len(sizes), worlds, effort)
 
 
-def _humanoids(world: World, effort: Effort) -> Growth:
+def _humanoids(world: IslandWorld, effort: Effort) -> Growth:
     sizes = _doubling(world.humanoids.count, effort)
     worlds = [endless(world, humanoids={"count": n}) for n in sizes]
     return _episodes(sizes, [example("all_rounder")] * len(sizes), worlds, effort)
 
 
-def _nodes(world: World, effort: Effort) -> Growth:
+def _nodes(world: IslandWorld, effort: Effort) -> Growth:
     trees = [_wide_tree(n) for n in _doubling(24, effort)]
     return _episodes([size(tree) for tree in trees], trees, [world] * len(trees), effort)
 
@@ -106,12 +106,12 @@ def _wide_tree(nodes: int) -> Node:
 
 
 def _episodes(
-    sizes: Sequence[int], trees: Sequence[Node], worlds: Sequence[World], effort: Effort
+    sizes: Sequence[int], trees: Sequence[Node], worlds: Sequence[IslandWorld], effort: Effort
 ) -> Growth:
     """Seconds of the same simulated time, for the same seeds at each size."""
     award, seeds = points(), range(SEEDS[effort])
 
-    def side(tree: Node, world: World) -> Callable[[], object]:
+    def side(tree: Node, world: IslandWorld) -> Callable[[], object]:
         return lambda: [run_episode(tree, world, seed, award) for seed in seeds]
 
     sides = [side(tree, world) for tree, world in zip(trees, worlds, strict=True)]

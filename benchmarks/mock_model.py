@@ -16,7 +16,13 @@ from islandgp.running.app import main
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 
-SETTING: Final = ("search=paper", "gp.population=20", "gp.generations=16", "tracking=off", "progress=off")
+SETTING: Final = (
+    "search=paper",
+    "gp.population=20",
+    "gp.generations=16",
+    "tracking=off",
+    "progress=off",
+)
 LLM: Final = ("supervisor=llm", "supervisor.policy.retry.first_wait=0.05")
 PORT: Final = 33593
 """The address is in the runs' configuration: with another one they could not go on."""

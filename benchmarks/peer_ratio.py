@@ -13,8 +13,8 @@ from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.core.language import to_text
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Event
-from islandgp.domains.island.world import World
+from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.processes import Processes, cores
 
@@ -66,7 +66,7 @@ def measure(effort: Effort) -> list[Figure]:
 
 
 def _batches(
-    effort: Effort, setting: Problem, world: World, workers: int
+    effort: Effort, setting: Problem, world: IslandWorld, workers: int
 ) -> list[tuple[float, ...]]:
     """Rows of seconds: the peer's pool, our pool; both have been warmed up."""
     from benchmarks.peer import batch
@@ -90,7 +90,7 @@ def _batches(
         theirs.join()
 
 
-def _singles(effort: Effort, world: World) -> tuple[list[tuple[float, ...]], list[Figure]]:
+def _singles(effort: Effort, world: IslandWorld) -> tuple[list[tuple[float, ...]], list[Figure]]:
     """Rows of CPU seconds, the peer's first; and figures that show that both do the same work."""
     from benchmarks.peer.episode import run_peer_episode
 
@@ -100,7 +100,7 @@ def _singles(effort: Effort, world: World) -> tuple[list[tuple[float, ...]], lis
     for seed in range(SINGLE[effort]):
         peer = run_peer_episode(tree, world, seed, award)
         own = [event for _, event, _ in run_episode(tree, world, seed, award).events]
-        for i, event in enumerate((Event.PICKUP, Event.DELIVERY)):
+        for i, event in enumerate((IslandEvent.PICKUP, IslandEvent.DELIVERY)):
             theirs[i] += peer.counts.get(event, 0)
             ours[i] += own.count(event)
         sides = [partial(run, tree, world, seed, award) for run in (run_peer_episode, run_episode)]

@@ -12,7 +12,7 @@ from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings, read_settings
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Problem
 from islandgp.resources import resource
 from islandgp.scoring.rewards import worth
@@ -49,7 +49,7 @@ def example(name: str) -> Node:
     return parse(file.read_text(encoding="utf-8"), VOCABULARY)
 
 
-def endless(world: World, **changes: object) -> World:
+def endless(world: IslandWorld, **changes: object) -> IslandWorld:
     """The world without the early endings, so that each episode takes the same number of steps.
 
     An empty battery still ends an episode. `changes` replace whole parts or single
@@ -61,4 +61,4 @@ def endless(world: World, **changes: object) -> World:
     plain["episode"] |= never
     for name, value in changes.items():
         plain[name] = {**plain[name], **value} if isinstance(value, dict) else value
-    return World.model_validate(plain)
+    return IslandWorld.model_validate(plain)

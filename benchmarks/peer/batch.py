@@ -12,15 +12,15 @@ from deap import base, creator  # type: ignore[import-untyped]  # it has no type
 from benchmarks.peer.episode import run_peer_episode
 from benchmarks.pinned import points
 from islandgp.bt.core.language import parse
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 
 creator.create("Fitness", base.Fitness, weights=(1.0,))
 creator.create("Individual", list, fitness=creator.Fitness)
 
-_world: World | None = None  # a worker's own copy
+_world: IslandWorld | None = None  # a worker's own copy
 
 
-def start(world: World) -> None:
+def start(world: IslandWorld) -> None:
     """What each worker of the pool gets once."""
     global _world
     _world = world
@@ -33,7 +33,7 @@ def evaluate(individual: Sequence[Any]) -> tuple[float]:
     return (run_peer_episode(parse(text), _world, seed, points()).fitness,)
 
 
-def pool(workers: int, world: World) -> Pool:
+def pool(workers: int, world: IslandWorld) -> Pool:
     """The processes."""
     return multiprocessing.get_context("spawn").Pool(workers, start, (world,))
 

@@ -7,11 +7,11 @@ from math import hypot
 import numpy as np
 from pymunk import Vec2d
 
-from islandgp.domains.island.events import Award, Event, EventLog
+from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
 from islandgp.domains.island.robot import steer
 from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
-from islandgp.domains.island.world import ROCK_MARGIN, Point, World
+from islandgp.domains.island.world import ROCK_MARGIN, IslandWorld, Point
 
 
 class Item:
@@ -26,12 +26,12 @@ class Item:
 class Island:
     """One episode's state."""
 
-    def __init__(self, world: World, seed: int, award: Award) -> None:
+    def __init__(self, world: IslandWorld, seed: int, award: Award) -> None:
         self.world = world
         self.schedule = draw_schedule(world, seed)
         self.physics = build_space(world, self.schedule)
         self.robot, self.people = self.physics.robot, self.physics.humanoids
-        self.event_log = EventLog(award)
+        self.event_log = IslandEventLog(award)
         self.garbage = [Item(z.real, z.imag) for z in self.schedule.garbage]
         self._lay_out()
         self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
@@ -54,11 +54,11 @@ class Island:
         self.idle = self.patrol_steps = 0
         self.rewarded = -1  # last stretch of patrol with a discovery
 
-    def log(self, event: Event, amount: float) -> None:
+    def log(self, event: IslandEvent, amount: float) -> None:
         """Writes an event down."""
         self.event_log.log(self.step, event, amount)
 
-    def act(self, event: Event, amount: float) -> None:
+    def act(self, event: IslandEvent, amount: float) -> None:
         """A non-movement action."""
         self.log(event, amount)
         self.acted = True
@@ -132,7 +132,7 @@ class Island:
         self.step += 1
         contacts = self.physics.contacts
         for _ in contacts.begun:
-            self.log(Event.COLLISION, 1)
+            self.log(IslandEvent.COLLISION, 1)
         contacts.begun.clear()
         for h in sorted(contacts.touching):
             self.leg = None
@@ -170,16 +170,16 @@ class Island:
         self.idle += 1
         second = round(1 / self.dt)
         if self.idle % second == 0:
-            self.log(Event.IDLE, self.idle / second)
+            self.log(IslandEvent.IDLE, self.idle / second)
 
     def _discover(self, things: int) -> None:
         if not self.patrolling:
             return
-        self.log(Event.DISCOVERY, things)
+        self.log(IslandEvent.DISCOVERY, things)
         stretch = int(self.patrol_steps * self.stride / self.world.robot.patrol_segment)
         if stretch > self.rewarded:
             self.rewarded = stretch
-            self.log(Event.PATROL, 1)
+            self.log(IslandEvent.PATROL, 1)
 
     def _lay_out(self) -> None:
         """The garbage as arrays, made anew whenever an item comes or goes."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, Final, Protocol, Self
 
-from islandgp.bt.core.language import parse
+from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
@@ -31,6 +31,7 @@ class Job:
     tree: str  # canonical text
     stage: int  # index into Table 2
     seed: int  # of the world
+    node: Node | None = field(default=None, compare=False, repr=False)  # of `tree`, if at hand
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +153,11 @@ class Evaluator(Protocol):
 
 
 def evaluated(
-    evaluator: Evaluator, trees: Sequence[str], stage: int, worlds: Sequence[int]
+    evaluator: Evaluator, trees: Sequence[str | Node], stage: int, worlds: Sequence[int]
 ) -> list[list[Outcome]]:
-    """The outcomes of each tree, given as canonical text, in all of the worlds."""
-    jobs = [Job(tree, stage, world) for tree in trees for world in worlds]
+    """The outcomes of each tree, a node or canonical text, in all of the worlds."""
+    forms = [(t, None) if isinstance(t, str) else (to_text(t), t) for t in trees]
+    jobs = [Job(text, stage, world, node) for text, node in forms for world in worlds]
     outcomes, n = evaluator.evaluate(jobs), len(worlds)
     return [outcomes[i * n : (i + 1) * n] for i in range(len(trees))]
 
@@ -175,7 +177,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     """
     weights = problem.curriculum.multipliers(job.stage)
     try:
-        tree = _tree(job.tree)
+        tree = job.node or _tree(job.tree)
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
             outcome = domain.run_episode(tree, job.seed, weights)

@@ -63,8 +63,8 @@ def evaluate(
     """The individuals, whose canonical texts are `texts`, with what they achieve in the worlds."""
     n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
     jobs = [
-        Job(text, stage, worlds[e if plan.gp.common_world else i * n + e])
-        for i, text in enumerate(texts)
+        Job(text, stage, worlds[e if plan.gp.common_world else i * n + e], individual.tree)
+        for i, (individual, text) in enumerate(zip(population, texts, strict=True))
         for e in range(n)
     ]
     outcomes = evaluator.evaluate(jobs)

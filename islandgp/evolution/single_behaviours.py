@@ -140,8 +140,7 @@ class _Tried:
     def run(self, trees: Sequence[Node]) -> None:
         """Evaluates those of the trees that are new."""
         new = [tree for tree in dict.fromkeys(trees) if tree not in self._outcomes]
-        texts = [to_text(tree) for tree in new]
-        outcomes = evaluated(self._evaluator, texts, self._stage, self._worlds)
+        outcomes = evaluated(self._evaluator, new, self._stage, self._worlds)
         self._outcomes |= zip(new, outcomes, strict=True)
 
 

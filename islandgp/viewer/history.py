@@ -25,7 +25,7 @@ def _floats() -> array[float]:
 
 
 @dataclass(slots=True)
-class RunHistory:
+class RunCurves:
     """Curves over generations, and the best individual of the last stage so far."""
 
     generations: int = 0
@@ -75,15 +75,15 @@ class RunHistory:
         return merit(i["fitness"], broken)
 
 
-def read_history(folder: RunFolder) -> RunHistory:
+def read_history(folder: RunFolder) -> RunCurves:
     """The history of a run as far as its folder has come. Raises RunError."""
-    found = RunHistory(constraints=recorded_constraints(folder.configuration()))
+    found = RunCurves(constraints=recorded_constraints(folder.configuration()))
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
         found.add(record, cost)
     return found
 
 
-def thinned(history: RunHistory, points: int = POINTS) -> dict[str, Any]:
+def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
     """The curves with at most so many points: of neighbours the highest best, else the last."""
     places = list(_parts(history.generations, points))
 

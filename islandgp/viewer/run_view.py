@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from islandgp.records.folder import RunFolder, Status
 from islandgp.redaction import HIDDEN
-from islandgp.viewer.history import RunHistory
+from islandgp.viewer.history import RunCurves
 
 WORLD_GROUPS: Final = frozenset(
     {"domain", "world", "rewards", "curriculum", "classes", "experiment", "search"}
@@ -25,7 +25,7 @@ class RunView:
     folder: RunFolder
     status: Status
     config: Mapping[str, Any]
-    history: RunHistory
+    history: RunCurves
     champion: Mapping[str, Any] | None  # an individual's record
     validation: Mapping[str, Any] | None
     digits: int  # behind the point, of points, >= 0

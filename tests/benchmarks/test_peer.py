@@ -9,13 +9,19 @@ import pytest
 
 from benchmarks.pinned import endless, example, points, settings
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 
 pytestmark = pytest.mark.skipif(
     not (find_spec("py_trees") and find_spec("deap")), reason="extra `bench` is not installed"
 )
 
-WORK = (Event.PICKUP, Event.INTERACTION, Event.DELIVERY, Event.CHARGE, Event.EMPTY_DELIVERY)
+WORK = (
+    IslandEvent.PICKUP,
+    IslandEvent.INTERACTION,
+    IslandEvent.DELIVERY,
+    IslandEvent.CHARGE,
+    IslandEvent.EMPTY_DELIVERY,
+)
 
 
 @pytest.mark.parametrize("tree", ["all_rounder", "multi_behaviour", "poor"])
@@ -23,7 +29,7 @@ def test_the_peer_does_the_same_work(tree: str) -> None:
     """What a robot achieves in a day differs by less than five in a hundred."""
     from benchmarks.peer.episode import run_peer_episode
 
-    world, ours, theirs = settings().world, Counter[Event](), Counter[Event]()
+    world, ours, theirs = settings().world, Counter[IslandEvent](), Counter[IslandEvent]()
     for seed in range(4):
         episode = run_episode(example(tree), world, seed, points())
         peer = run_peer_episode(example(tree), world, seed, points())
@@ -41,10 +47,10 @@ def test_the_peer_charges() -> None:
 
     world = endless(settings().world, robot={"battery_start": 30, "drain_moving": 0.5})
     episode = run_episode(example("all_rounder"), world, 1, points())
-    charges = sum(event is Event.CHARGE for _, event, _ in episode.events)
+    charges = sum(event is IslandEvent.CHARGE for _, event, _ in episode.events)
     peer = run_peer_episode(example("all_rounder"), world, 1, points())
     assert charges >= 2
-    assert peer.counts[Event.CHARGE] == charges
+    assert peer.counts[IslandEvent.CHARGE] == charges
 
 
 @pytest.mark.process

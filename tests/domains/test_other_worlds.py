@@ -288,9 +288,9 @@ def _in_view(env: Any) -> set[tuple[int, int]]:
 def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
     """Its own quick field of view is the environment's, on a random walk through doors."""
     from islandgp.domains.minigrid.domain import Levels
-    from islandgp.domains.minigrid.robot import Robot
+    from islandgp.domains.minigrid.robot import GridRobot
 
-    robot = Robot(Levels(levels=(level,), ticks=200), 3, _Silent())  # type: ignore[arg-type]
+    robot = GridRobot(Levels(levels=(level,), ticks=200), 3, _Silent())  # type: ignore[arg-type]
     rng, seen = np.random.default_rng(0), _in_view(robot.env)
     for _ in range(120):
         robot.wish = int(rng.choice([0, 1, 2, 2, 2, 3, 4, 5]))

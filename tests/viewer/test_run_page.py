@@ -17,7 +17,7 @@ from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer import lineage_section
-from islandgp.viewer.history import RunHistory, read_history, thinned
+from islandgp.viewer.history import RunCurves, read_history, thinned
 from islandgp.viewer.run_page import run_page
 from tests.evolution.runs import run
 from tests.viewer.browser import Browser
@@ -105,7 +105,7 @@ def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
 
 def test_the_highest_so_far_begins_again_with_a_stage() -> None:
     """Points of two stages are not compared."""
-    history = RunHistory()
+    history = RunCurves()
     cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
     for stage, best in ((0, 5.0), (0, 3.0), (1, 2.0), (1, 4.0)):
         record = {

@@ -52,15 +52,15 @@ def environment(name: str, options: str, render: bool) -> Any:
 class Gymnasium(Stepped):
     """The domain of one environment."""
 
-    World: ClassVar[type[BaseModel]] = settings.World
+    World: ClassVar[type[BaseModel]] = settings.GymnasiumWorld
 
-    def __init__(self, world: settings.World, rewards: RewardTable) -> None:
+    def __init__(self, world: settings.GymnasiumWorld, rewards: RewardTable) -> None:
         super().__init__(world, rewards)
         self.schema = world.declared()
         self.step_s = world.step_s
 
     @classmethod
-    def make(cls, world: settings.World, rewards: RewardTable) -> Self:
+    def make(cls, world: settings.GymnasiumWorld, rewards: RewardTable) -> Self:
         """See `Domain`. Raises ConfigError where the environment is not there, or another one."""
         if find_spec("gymnasium") is None:
             raise ConfigError(
@@ -103,7 +103,7 @@ class _Episode:
     """One episode; points go to the tree's action that chose the environment's."""
 
     def __init__(
-        self, world: settings.World, env: Any, spaces: Spaces, seed: int, log: EventLog
+        self, world: settings.GymnasiumWorld, env: Any, spaces: Spaces, seed: int, log: EventLog
     ) -> None:
         self.env, self.log, self.shrink = env, log, world.shrink
         self.total, self.steps = 0.0, 0
@@ -193,7 +193,7 @@ class _Episode:
         return Scene(bounds, frame=lambda: png(self.env.render()[:: self.shrink, :: self.shrink]))
 
 
-def _check(world: settings.World, env: Any) -> None:
+def _check(world: settings.GymnasiumWorld, env: Any) -> None:
     """Raises ConfigError where the environment has not what the configuration names."""
     spaces = Spaces.of(env, world.environment)
     for name, observation in world.observations.items():

@@ -99,7 +99,7 @@ class Signal(BaseModel, frozen=True, extra="forbid"):
     below: float = inf
 
 
-class World(BaseModel, frozen=True, extra="forbid"):
+class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     """The configuration group `world`."""
 
     name: Word  # of the domain, as `domain NAME` in a tree file

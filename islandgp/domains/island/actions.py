@@ -14,7 +14,7 @@ from math import hypot, inf
 from typing import Final
 
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.robot import FULL, MICRO, steps_to
 from islandgp.domains.island.state import State
 
@@ -52,7 +52,7 @@ def pickup_garbage(island: State, _fresh: bool) -> int:
         return FAILURE
     ground.take(item)
     robot.load += 1
-    island.act(Event.PICKUP, 1)
+    island.act(IslandEvent.PICKUP, 1)
     return SUCCESS
 
 
@@ -77,7 +77,7 @@ def execute_charge(island: State, fresh: bool) -> int:
         return SUCCESS
     if robot.spent >= robot.settings.charge_again * MICRO:
         robot.spent = 0
-        island.act(Event.CHARGE, robot.battery / MICRO)
+        island.act(IslandEvent.CHARGE, robot.battery / MICRO)
     island.acted = robot.charging = True
     return RUNNING
 
@@ -102,7 +102,7 @@ def move_to_humanoid(island: State, fresh: bool) -> int:
     if gap > robot.settings.perception:
         return FAILURE
     if gap <= people.settings.reach:
-        island.act(Event.INTERACTION, _load(island, people.hand_over(h, robot.room)))
+        island.act(IslandEvent.INTERACTION, _load(island, people.hand_over(h, robot.room)))
         return SUCCESS
     _pursue(island, at, gap)
     return RUNNING
@@ -118,12 +118,12 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
         return RUNNING
     island.same_for(lead / 2)  # then another clearing point may be the nearest
     if robot.load > 0:
-        island.act(Event.DELIVERY, robot.load)
+        island.act(IslandEvent.DELIVERY, robot.load)
         robot.load = 0
         return SUCCESS
     if robot.fined_at != here:
         robot.fined_at = here
-        island.act(Event.EMPTY_DELIVERY, 1)
+        island.act(IslandEvent.EMPTY_DELIVERY, 1)
     return FAILURE
 
 

@@ -17,7 +17,7 @@ from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.episode import Episode, run_episode
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
@@ -27,13 +27,13 @@ from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
 
 EARNED_BY: Final[Mapping[str, str]] = {
-    Event.PICKUP: "PickupGarbage",
-    Event.INTERACTION: "MoveToHumanoid",
-    Event.CHARGE: "ExecuteCharge",
-    Event.DELIVERY: "DeliverToClearingPoint",
-    Event.EMPTY_DELIVERY: "DeliverToClearingPoint",
-    Event.PATROL: "PatrolWaypoint",
-    Event.DISCOVERY: "PatrolWaypoint",
+    IslandEvent.PICKUP: "PickupGarbage",
+    IslandEvent.INTERACTION: "MoveToHumanoid",
+    IslandEvent.CHARGE: "ExecuteCharge",
+    IslandEvent.DELIVERY: "DeliverToClearingPoint",
+    IslandEvent.EMPTY_DELIVERY: "DeliverToClearingPoint",
+    IslandEvent.PATROL: "PatrolWaypoint",
+    IslandEvent.DISCOVERY: "PatrolWaypoint",
 }
 """The action that an event's points are credited to; the other events belong to none."""
 
@@ -43,13 +43,13 @@ GOAL_SIZE: Final = 1.5  # m, in pictures
 class Island:
     """The island of section 2.2.2, in pymunk. A subclass may have another schema and actions."""
 
-    World: ClassVar[type[BaseModel]] = settings.World
+    World: ClassVar[type[BaseModel]] = settings.IslandWorld
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     schema: ClassVar[Schema] = SCHEMA
     actions: ClassVar[Mapping[str, IslandAction]] = ACTIONS
     faults: SensorFaults | None = None  # between the world and the blackboard
 
-    def __init__(self, world: settings.World, rewards: RewardTable) -> None:
+    def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
         """Raises ConfigError where obstacles do not fit, DomainError where an action lacks."""
         if lacking := self.schema.vocabulary.actions.keys() - self.actions.keys():
             raise DomainError(
@@ -62,12 +62,12 @@ class Island:
         self.step_s = world.episode.step
 
     @classmethod
-    def make(cls, world: settings.World, rewards: RewardTable) -> Self:
+    def make(cls, world: settings.IslandWorld, rewards: RewardTable) -> Self:
         """See `Domain`."""
         return cls(world, rewards)
 
     @classmethod
-    def vocabulary_in(cls, worlds: Sequence[settings.World]) -> Vocabulary:
+    def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
         """See `Domain`: ExecuteCharge starts below the greatest `charge_below` of the worlds."""
         words = cls.schema.vocabulary
         if (charge := words.actions.get("ExecuteCharge")) is None:
@@ -129,7 +129,7 @@ class Island:
             )
             return self._outcome(episode, value)
 
-        def award(event: Event, amount: float) -> float:
+        def award(event: IslandEvent, amount: float) -> float:
             component, points = value(event, amount)
             if component:
                 observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
@@ -152,8 +152,8 @@ class Island:
         return self._outcome(episode, value)
 
     def _outcome(self, episode: Episode, value: Worth) -> Outcome:
-        counts = dict.fromkeys(Event, 0.0)
-        sums = dict.fromkeys(Event, 0.0)
+        counts = dict.fromkeys(IslandEvent, 0.0)
+        sums = dict.fromkeys(IslandEvent, 0.0)
         points = dict.fromkeys(self.schema.components, 0.0)
         for _, event, amount in episode.events:
             counts[event] += 1
@@ -164,13 +164,13 @@ class Island:
         return Outcome(
             components=points,
             counters={
-                "pickups": counts[Event.PICKUP],
-                "interactions": counts[Event.INTERACTION],
-                "deliveries": counts[Event.DELIVERY],
-                "charges": counts[Event.CHARGE],
-                "gathered": sums[Event.PICKUP] + sums[Event.INTERACTION],
-                "delivered": sums[Event.DELIVERY],
-                "collisions": counts[Event.COLLISION],
+                "pickups": counts[IslandEvent.PICKUP],
+                "interactions": counts[IslandEvent.INTERACTION],
+                "deliveries": counts[IslandEvent.DELIVERY],
+                "charges": counts[IslandEvent.CHARGE],
+                "gathered": sums[IslandEvent.PICKUP] + sums[IslandEvent.INTERACTION],
+                "delivered": sums[IslandEvent.DELIVERY],
+                "collisions": counts[IslandEvent.COLLISION],
                 "distance": episode.distance,
                 "inactive": episode.inactive,
                 "laps": float(episode.laps),

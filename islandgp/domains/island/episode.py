@@ -23,12 +23,12 @@ from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.compiled import quick_loop
-from islandgp.domains.island.events import Award, Event
+from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.state import State, build_island
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import FAR, World
+from islandgp.domains.island.world import FAR, IslandWorld
 from islandgp.sensors import Sensors
 
 
@@ -74,7 +74,7 @@ def _touch(island: State) -> None:
     """Counts new collisions with humanoids; those that are touched step aside."""
     contacts, robot = island.physics.contacts, island.robot
     for _ in contacts.begun:
-        island.log(Event.COLLISION, 1)
+        island.log(IslandEvent.COLLISION, 1)
     contacts.begun.clear()
     here, positions = island.physics.robot_position(), island.physics.humanoid_positions()
     for h in sorted(contacts.touching):
@@ -145,7 +145,7 @@ class Ending(StrEnum):
 class Episode:
     """What happened in an episode."""
 
-    events: tuple[tuple[int, Event, float], ...]  # (step, event, amount), in order
+    events: tuple[tuple[int, IslandEvent, float], ...]  # (step, event, amount), in order
     steps: int  # simulated steps, >= 1
     ending: Ending
     fitness: float  # points of all events
@@ -158,7 +158,7 @@ class Episode:
 
 def run_episode(
     tree: Node,
-    world: World,
+    world: IslandWorld,
     seed: int,
     award: Award,
     *,
@@ -303,13 +303,13 @@ def _account(island: State, steps: int) -> None:
         return
     island.idle += steps
     if island.idle % island.limits.second == 0:
-        island.log(Event.IDLE, island.idle / island.limits.second)
+        island.log(IslandEvent.IDLE, island.idle / island.limits.second)
 
 
 def _ending(island: State) -> Ending:
     """Why the episode is over."""
     if island.robot.battery <= 0:
-        island.log(Event.SHUTDOWN, 1)
+        island.log(IslandEvent.SHUTDOWN, 1)
         return Ending.SHUTDOWN
     if island.step >= island.limits.length:
         return Ending.TIME
@@ -318,7 +318,7 @@ def _ending(island: State) -> Ending:
 
 
 def _close(island: State, ending: Ending, ticks: int) -> Episode:
-    island.log(Event.LEFTOVER, island.ground.count)
+    island.log(IslandEvent.LEFTOVER, island.ground.count)
     island.spaces.append(island.physics)
     step = island.world.episode.step
     return Episode(

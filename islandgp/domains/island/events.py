@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import StrEnum
 
 
-class Event(StrEnum):
+class IslandEvent(StrEnum):
     """What can be worth points (Table 3); `vocabulary` says what the amounts are."""
 
     PICKUP = "pickup"
@@ -22,23 +22,23 @@ class Event(StrEnum):
     LEFTOVER = "leftover"
 
 
-Award = Callable[[Event, float], float]  # the points of an event, by its amount
+Award = Callable[[IslandEvent, float], float]  # the points of an event, by its amount
 
 
-class EventLog:
+class IslandEventLog:
     """The events of an episode in order, and the fitness that they add up to."""
 
     __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since")
 
     def __init__(self, award: Award) -> None:
         self.award = award
-        self.events: list[tuple[int, Event, float]] = []  # (step, event, amount)
+        self.events: list[tuple[int, IslandEvent, float]] = []  # (step, event, amount)
         self.fitness = 0.0
         self.best = 0.0  # highest fitness so far
         self.best_step = 0  # step at which it was reached
         self.negative_since = -1  # step since which fitness is below 0, or -1
 
-    def log(self, step: int, event: Event, amount: float) -> None:
+    def log(self, step: int, event: IslandEvent, amount: float) -> None:
         """Writes an event down and adds its points."""
         self.events.append((step, event, amount))
         self.fitness = fitness = self.fitness + self.award(event, amount)

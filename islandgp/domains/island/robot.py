@@ -20,7 +20,7 @@ import pymunk
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.schedule import Circle
-from islandgp.domains.island.world import FAR, ROCK_MARGIN, World
+from islandgp.domains.island.world import FAR, ROCK_MARGIN, IslandWorld
 
 SHORTEST_LEG = 1.0  # m: around a rock the robot drives chords of at least this length
 TOUCHING = 1e-9  # m: a way that comes this near to a circle's rim does not cross it
@@ -85,12 +85,12 @@ def steps_to(distance: float, stride: float) -> int:
     return steps if steps > 1 else 1
 
 
-class Robot:
+class IslandRobot:
     """The robot's own state, changed by actions and by time."""
 
     def __init__(
         self,
-        world: World,
+        world: IslandWorld,
         body: pymunk.Body,
         rocks: tuple[Circle, ...],
         thresholds: tuple[float, ...],

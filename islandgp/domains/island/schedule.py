@@ -12,7 +12,7 @@ from math import cos, hypot, sin, tau
 
 import numpy as np
 
-from islandgp.domains.island.world import FAR, World
+from islandgp.domains.island.world import FAR, IslandWorld
 from islandgp.errors import ConfigError
 
 Circle = tuple[float, float, float]  # x, y, radius in metres
@@ -33,7 +33,7 @@ class Schedule:
 
 
 @lru_cache(maxsize=8)
-def obstacles(world: World) -> tuple[Circle, ...]:
+def obstacles(world: IslandWorld) -> tuple[Circle, ...]:
     """Rocks and trees, apart from each other and from every place the robot must reach.
 
     Raises ConfigError when they do not fit on the island.
@@ -63,7 +63,9 @@ def obstacles(world: World) -> tuple[Circle, ...]:
     return tuple(placed)
 
 
-def _free_points(world: World, rng: np.random.Generator, n: int, clear: float) -> list[complex]:
+def _free_points(
+    world: IslandWorld, rng: np.random.Generator, n: int, clear: float
+) -> list[complex]:
     """`n` points of free ground, at least `clear` metres from obstacles and walls."""
     rocks = np.array(obstacles(world)).reshape(-1, 3)
     found: list[complex] = []
@@ -80,7 +82,7 @@ def _free_points(world: World, rng: np.random.Generator, n: int, clear: float) -
 
 
 @lru_cache(maxsize=16)  # more than the worlds of a validation
-def draw_schedule(world: World, seed: int) -> Schedule:
+def draw_schedule(world: IslandWorld, seed: int) -> Schedule:
     """The schedule of `seed`: a function of its arguments alone."""
     rng = np.random.default_rng(seed)
     clear = world.robot.radius + world.robot.pickup_reach

@@ -10,7 +10,7 @@ from __future__ import annotations
 from math import hypot, inf, sqrt
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.robot import MICRO, TOLERANCE, steps_to
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -153,9 +153,9 @@ def discover(island: State, things: int) -> None:
     """Things seen for the first time count while the robot is on patrol (Table 3)."""
     if not island.patrolling:
         return
-    island.log(Event.DISCOVERY, things)
+    island.log(IslandEvent.DISCOVERY, things)
     steps = island.patrol_steps + island.step - island.booked
     segment = int(steps * island.robot.stride / island.robot.settings.patrol_segment + 1e-9)
     if segment > island.rewarded_segment:
         island.rewarded_segment = segment
-        island.log(Event.PATROL, 1)
+        island.log(IslandEvent.PATROL, 1)

@@ -20,7 +20,7 @@ from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.schedule import Circle, Schedule
-from islandgp.domains.island.world import WALL, World
+from islandgp.domains.island.world import WALL, IslandWorld
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
 HUMANOID_GROUP = 1  # shapes of one group do not collide
@@ -78,7 +78,7 @@ class Space:
                 return done
         return steps
 
-    def reset(self, world: World, schedule: Schedule) -> None:
+    def reset(self, world: IslandWorld, schedule: Schedule) -> None:
         """Back to step 0, on a day with as many humanoids."""
         self.space.remove(*(thing for mover in self._movers for thing in mover))
         self.contacts.begun.clear()
@@ -108,7 +108,7 @@ class Space:
 
 @lru_cache(maxsize=4)
 def idle_spaces(
-    world: World,  # noqa: ARG001 -- the cache's key
+    world: IslandWorld,  # noqa: ARG001 -- the cache's key
     obstacles: tuple[Circle, ...],  # noqa: ARG001
     humanoids: int,  # noqa: ARG001 -- how many
 ) -> list[Space]:
@@ -116,7 +116,7 @@ def idle_spaces(
     return []
 
 
-def build_space(world: World, schedule: Schedule) -> Space:
+def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     """A fresh space at step 0."""
     space = pymunk.Space()
     index: dict[pymunk.Shape, int] = {}

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from islandgp.bt.core.node import FAILURE
-from islandgp.domains.island.events import Award, Event, EventLog
+from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
 from islandgp.domains.island.garbage import Ground
 from islandgp.domains.island.humanoids import Humanoids
-from islandgp.domains.island.robot import MICRO, Robot
+from islandgp.domains.island.robot import MICRO, IslandRobot
 from islandgp.domains.island.schedule import Schedule, draw_schedule
 from islandgp.domains.island.space import Space, build_space, idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import FAR, EpisodeSettings, World
+from islandgp.domains.island.world import FAR, EpisodeSettings, IslandWorld
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,14 +45,14 @@ class Deadlines:
 class State:
     """Everything that a tick can see or change."""
 
-    world: World
+    world: IslandWorld
     limits: Deadlines
     schedule: Schedule
     physics: Space
-    robot: Robot
+    robot: IslandRobot
     ground: Ground
     humanoids: Humanoids
-    event_log: EventLog
+    event_log: IslandEventLog
     spaces: list[Space]  # which take the physics at the end
     board: list[float]  # the blackboard, in the order of VOCABULARY
     dt: float  # s a step
@@ -80,11 +80,11 @@ class State:
     quick: Callable[[int], int] | None = None  # the compiled loop
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
-    def log(self, event: Event, amount: float) -> None:
+    def log(self, event: IslandEvent, amount: float) -> None:
         """Writes an event of this step down."""
         self.event_log.log(self.step, event, amount)
 
-    def act(self, event: Event, amount: float) -> None:
+    def act(self, event: IslandEvent, amount: float) -> None:
         """A non-movement action with its event."""
         self.log(event, amount)
         self.acted = self.stirred = True
@@ -104,7 +104,9 @@ class State:
             self.free = metres
 
 
-def build_island(world: World, seed: int, award: Award, thresholds: tuple[float, ...]) -> State:
+def build_island(
+    world: IslandWorld, seed: int, award: Award, thresholds: tuple[float, ...]
+) -> State:
     """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
     schedule = draw_schedule(world, seed)
     spaces = idle_spaces(world, schedule.obstacles, len(schedule.humanoids))
@@ -113,7 +115,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         physics.reset(world, schedule)
     except IndexError:
         physics = build_space(world, schedule)
-    robot = Robot(world, physics.robot, schedule.obstacles, thresholds)
+    robot = IslandRobot(world, physics.robot, schedule.obstacles, thresholds)
     walk = world.humanoids.speed * world.episode.step
     # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
     pushed = 2 * max(0.0, walk - physics.space.collision_slop)
@@ -125,7 +127,7 @@ def build_island(world: World, seed: int, award: Award, thresholds: tuple[float,
         robot=robot,
         ground=Ground(schedule, most=world.garbage.most, side=world.side, cell=world.cell),
         humanoids=Humanoids(world.humanoids, physics.humanoids),
-        event_log=EventLog(award),
+        event_log=IslandEventLog(award),
         spaces=spaces,
         board=[0.0] * len(VOCABULARY.keys),
         dt=world.episode.step,

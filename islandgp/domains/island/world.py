@@ -94,7 +94,7 @@ class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-class World(BaseModel, frozen=True, extra="forbid"):
+class IslandWorld(BaseModel, frozen=True, extra="forbid"):
     """One island; together with a seed it fixes everything but the robot's tree."""
 
     side: Positive  # m

@@ -12,7 +12,7 @@ import yaml
 from pydantic import BaseModel, Field, TypeAdapter
 
 from islandgp.domain import Schema
-from islandgp.domains.minigrid.robot import Robot, levels, mission
+from islandgp.domains.minigrid.robot import GridRobot, levels, mission
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Simulation, Stepped
@@ -33,7 +33,7 @@ class MiniGrid(Stepped):
     """The domain."""
 
     World: ClassVar[type[BaseModel]] = Levels
-    Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]] = Robot
+    Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]] = GridRobot
     schema: Schema = SCHEMA
 
     @classmethod

@@ -56,10 +56,10 @@ def mission(level: str, seed: int) -> str:
     return str(env.mission)
 
 
-def beside(what: str) -> Callable[[Robot], Skill]:
+def beside(what: str) -> Callable[[GridRobot], Skill]:
     """The skill to go to a place beside the nearest of these things seen, and to face it."""
 
-    def skill(self: Robot) -> Skill:
+    def skill(self: GridRobot) -> Skill:
         places = self._places[what] & self.memory.seen
         if not places:
             return False
@@ -72,7 +72,7 @@ def beside(what: str) -> Callable[[Robot], Skill]:
     return skill
 
 
-class Robot:
+class GridRobot:
     """One episode: a method for each action. `step` lets the environment take the step."""
 
     def __init__(self, world: Levels, seed: int, log: EventLog) -> None:

@@ -9,11 +9,11 @@ from typing import Any
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.domains.island.episode import Episode, run_episode
-from islandgp.domains.island.events import Award, Event
+from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.robot import MICRO
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
@@ -44,12 +44,12 @@ ISLAND: dict[str, Any] = {
 }  # fmt: skip
 
 
-def world(**changes: Any) -> World:
+def world(**changes: Any) -> IslandWorld:
     """ISLAND; a mapping changes a part: `world(robot={"speed": 3})`."""
     plain = composed().world.model_dump()
     for name, value in (*ISLAND.items(), *changes.items()):
         plain[name] = {**plain[name], **value} if isinstance(value, dict) else value
-    return World.model_validate(plain)
+    return IslandWorld.model_validate(plain)
 
 
 def points(stage: int = 0) -> Award:
@@ -87,11 +87,11 @@ class Day:
         """The root's status at each tick."""
         return [moment.status for moment in self.moments]
 
-    def amounts(self, event: Event) -> list[float]:
+    def amounts(self, event: IslandEvent) -> list[float]:
         """The amounts of all events of a kind, in order."""
         return [amount for _, found, amount in self.episode.events if found is event]
 
-    def steps(self, event: Event) -> list[int]:
+    def steps(self, event: IslandEvent) -> list[int]:
         """When they happened."""
         return [step for step, found, _ in self.episode.events if found is event]
 
@@ -102,7 +102,7 @@ class Day:
         return dict(found)
 
 
-def day(tree: str, island: World, *, seed: int = 0, stage: int = 0) -> Day:
+def day(tree: str, island: IslandWorld, *, seed: int = 0, stage: int = 0) -> Day:
     """Runs a tree and looks at every step."""
     moments: list[Moment] = []
     root: list[int] = []

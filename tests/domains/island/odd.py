@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from islandgp.domains.island.schedule import obstacles
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from islandgp.errors import ConfigError
 from tests.domains.island.days import world
 
@@ -25,7 +25,7 @@ def _points(draw: st.DrawFn, heap: tuple[float, float], least: int) -> list[list
 
 
 @st.composite
-def odd_worlds(draw: st.DrawFn) -> World:
+def odd_worlds(draw: st.DrawFn) -> IslandWorld:
     """Small islands: any speeds, reaches, steps, batteries and crowds that fit together."""
 
     def one(*values: Any) -> Any:

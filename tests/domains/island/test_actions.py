@@ -6,16 +6,16 @@ from itertools import pairwise
 
 import pytest
 
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.schedule import Turn
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, world
 
 FOUND, ASKED = 3, 4  # places on the blackboard
 
 
-def short(seconds: float = 10, **changes: object) -> World:
+def short(seconds: float = 10, **changes: object) -> IslandWorld:
     """Short episodes; the robot starts at (150, 150) and drives 0.5 m a step."""
     return world(episode={"length": seconds}, **changes)
 
@@ -62,8 +62,8 @@ def test_pickup_reach(lay: Lay, x: float, reached: bool) -> None:
     lay(garbage=[complex(x, 150)])
     found = day("PickupGarbage", short(1))
     assert found.statuses[0] == ("SUCCESS" if reached else "FAILURE")
-    assert found.amounts(Event.PICKUP) == [1] * reached
-    assert found.amounts(Event.LEFTOVER) == [1 - reached]
+    assert found.amounts(IslandEvent.PICKUP) == [1] * reached
+    assert found.amounts(IslandEvent.LEFTOVER) == [1 - reached]
 
 
 def test_one_item_is_picked_up_once(lay: Lay) -> None:
@@ -71,7 +71,7 @@ def test_one_item_is_picked_up_once(lay: Lay) -> None:
     lay(garbage=[150.5 + 150j])
     found = day("sequence { PickupGarbage PickupGarbage }", short(1))
     assert found.statuses[0] == "FAILURE"
-    assert (found.amounts(Event.PICKUP), found.moments[-1].load) == ([1], 1)
+    assert (found.amounts(IslandEvent.PICKUP), found.moments[-1].load) == ([1], 1)
 
 
 def test_two_items_in_a_tick(lay: Lay) -> None:
@@ -79,7 +79,7 @@ def test_two_items_in_a_tick(lay: Lay) -> None:
     lay(garbage=[150.5 + 150j, 149.5 + 150j])
     found = day("parallel { PickupGarbage PickupGarbage }", short(1))
     assert found.statuses[:2] == ["SUCCESS", "FAILURE"]
-    assert found.steps(Event.PICKUP) == [0, 0]
+    assert found.steps(IslandEvent.PICKUP) == [0, 0]
 
 
 def test_full_robot_picks_nothing_up(lay: Lay) -> None:
@@ -117,7 +117,7 @@ def test_charge_only_below_95(lay: Lay, battery: float, status: str) -> None:
     calm = {"battery_start": battery, "drain_standing": 0}
     found = day("ExecuteCharge", short(1, chargers=[[150, 150]], robot=calm))
     assert found.statuses[0] == status
-    assert len(found.amounts(Event.CHARGE)) == (status == "RUNNING")
+    assert len(found.amounts(IslandEvent.CHARGE)) == (status == "RUNNING")
 
 
 def test_charge_to_the_full(lay: Lay) -> None:
@@ -126,7 +126,7 @@ def test_charge_to_the_full(lay: Lay) -> None:
     found = day("ExecuteCharge", short(chargers=[[150, 150]], robot={"battery_start": 80}))
     assert found.statuses[:41] == ["RUNNING"] * 40 + ["SUCCESS"]
     assert [found.moments[i].battery for i in (0, 10, 40)] == [80, 85, 100]
-    assert found.amounts(Event.CHARGE) == [80]
+    assert found.amounts(IslandEvent.CHARGE) == [80]
 
 
 def test_charging_counts_again_after_use(lay: Lay) -> None:
@@ -137,7 +137,7 @@ def test_charging_counts_again_after_use(lay: Lay) -> None:
         "selector { when batteryLevel < 60 { ExecuteCharge } PickupGarbage }",
         short(60, chargers=[[150, 150]], robot=hungry),
     )
-    steps = found.steps(Event.CHARGE)
+    steps = found.steps(IslandEvent.CHARGE)
     sessions = sum(
         before != "RUNNING" == now
         for before, now in zip(["", *found.statuses], found.statuses, strict=False)
@@ -169,8 +169,8 @@ def test_move_to_humanoid(lay: Lay) -> None:
     found = day("MoveToHumanoid", short())
     assert found.statuses[:5] == ["FAILURE"] * 5, "nobody asks before the fifth item"
     first = found.statuses.index("SUCCESS")
-    assert found.amounts(Event.INTERACTION) == [5]
-    assert found.steps(Event.INTERACTION) == [first]
+    assert found.amounts(IslandEvent.INTERACTION) == [5]
+    assert found.steps(IslandEvent.INTERACTION) == [first]
     assert found.moments[first].x == pytest.approx(158, abs=0.51)
     assert found.moments[first].load == 5
     assert found.statuses[first + 1] == "FAILURE", "a humanoid that was cleared asks no more"
@@ -189,7 +189,7 @@ def test_full_robot_takes_nothing_over(lay: Lay) -> None:
     """Without room MoveToHumanoid fails; with little room it takes what fits."""
     lay(humanoids=[(151.5, 150)], turns=asking(0, items=9))
     found = day("MoveToHumanoid", short(2, robot={"capacity": 3}))
-    assert found.amounts(Event.INTERACTION) == [3]
+    assert found.amounts(IslandEvent.INTERACTION) == [3]
     assert found.moments[-1].load == 3
     assert found.statuses[-1] == "FAILURE"
 
@@ -199,8 +199,8 @@ def test_a_humanoid_with_enough_left_asks_on(lay: Lay) -> None:
     lay(humanoids=[(151.5, 150)], turns=asking(0, items=10))
     island = short(6, robot={"capacity": 4}, waypoints=[[150, 160], [150, 162]])
     found = day("sequence { PatrolWaypoint MoveToHumanoid }", island)
-    (first,) = found.steps(Event.INTERACTION)
-    assert found.amounts(Event.INTERACTION) == [4]
+    (first,) = found.steps(IslandEvent.INTERACTION)
+    assert found.amounts(IslandEvent.INTERACTION) == [4]
     assert found.moments[first + 1].carried == (6,)
     assert found.moments[first + 1].board[ASKED] == 1
 
@@ -210,8 +210,8 @@ def test_moving_humanoids_are_caught(lay: Lay) -> None:
     turns = [*asking(0), *((step, 0, 1.2, 0.0) for step in range(6, 100))]
     lay(humanoids=[(160, 150)], turns=turns)
     found = day("MoveToHumanoid", short())
-    assert found.amounts(Event.INTERACTION)[0] >= 5
-    assert found.steps(Event.INTERACTION)[0] < 40
+    assert found.amounts(IslandEvent.INTERACTION)[0] >= 5
+    assert found.steps(IslandEvent.INTERACTION)[0] < 40
 
 
 # DeliverToClearingPoint
@@ -223,8 +223,8 @@ def test_delivery(lay: Lay) -> None:
     tree = "selector { PickupGarbage DeliverToClearingPoint }"
     found = day(tree, short(clearing_points=[[170, 150], [100, 150]]))
     arrival = 2 + 36  # two pickups, then 18 m
-    assert found.steps(Event.DELIVERY) == [arrival]
-    assert found.amounts(Event.DELIVERY) == [2]
+    assert found.steps(IslandEvent.DELIVERY) == [arrival]
+    assert found.amounts(IslandEvent.DELIVERY) == [2]
     assert found.statuses[arrival] == "SUCCESS"
     assert found.moments[arrival].load == 0
 
@@ -234,7 +234,7 @@ def test_empty_delivery_costs_once_a_visit(lay: Lay) -> None:
     lay()
     found = day("DeliverToClearingPoint", short(clearing_points=[[150, 150]]))
     assert set(found.statuses) == {"FAILURE"}
-    assert found.steps(Event.EMPTY_DELIVERY) == [0]
+    assert found.steps(IslandEvent.EMPTY_DELIVERY) == [0]
 
 
 def test_empty_delivery_costs_again_after_leaving(lay: Lay) -> None:
@@ -245,7 +245,7 @@ def test_empty_delivery_costs_again_after_leaving(lay: Lay) -> None:
     found = day(tree, island)
     near = [abs(moment.y - 150) <= 2 for moment in found.moments]
     visits = sum(now and not before for before, now in zip([False, *near], near, strict=False))
-    assert len(found.steps(Event.EMPTY_DELIVERY)) == visits >= 4
+    assert len(found.steps(IslandEvent.EMPTY_DELIVERY)) == visits >= 4
 
 
 def test_delivery_clears_the_way_for_another_fine(lay: Lay) -> None:
@@ -275,11 +275,11 @@ def test_discovery_on_patrol(lay: Lay) -> None:
     """On patrol each new thing counts once, and each 20 m with a discovery once."""
     lay(garbage=[150 + 170j, 151 + 170j, 150 + 190j], humanoids=[(140, 170)])
     found = day("PatrolWaypoint", short(9, waypoints=[[150, 200], [150, 210]]))
-    assert sum(found.amounts(Event.DISCOVERY)) == 4
+    assert sum(found.amounts(IslandEvent.DISCOVERY)) == 4
     # Seen 15 m before: at 5 m the two items and the humanoid, then at 25 m the third item.
-    assert len(found.amounts(Event.PATROL)) == 2
-    assert found.steps(Event.PATROL)[0] == pytest.approx(10, abs=2)
-    assert found.steps(Event.PATROL)[1] == pytest.approx(50, abs=2)
+    assert len(found.amounts(IslandEvent.PATROL)) == 2
+    assert found.steps(IslandEvent.PATROL)[0] == pytest.approx(10, abs=2)
+    assert found.steps(IslandEvent.PATROL)[1] == pytest.approx(50, abs=2)
 
 
 def test_no_discovery_without_patrol(lay: Lay) -> None:
@@ -298,8 +298,8 @@ def test_idle_seconds(lay: Lay) -> None:
     """Who neither drives nor acts is told each second of it; the first twenty cost nothing."""
     lay()
     found = day("PickupGarbage", short(30))
-    assert found.amounts(Event.IDLE) == list(range(1, 31))
-    assert found.steps(Event.IDLE) == list(range(10, 301, 10))
+    assert found.amounts(IslandEvent.IDLE) == list(range(1, 31))
+    assert found.steps(IslandEvent.IDLE) == list(range(10, 301, 10))
     assert found.episode.fitness == -10 * 10
 
 
@@ -307,10 +307,10 @@ def test_an_action_ends_idleness(lay: Lay) -> None:
     """A pickup in between lets the count begin again, and so does driving."""
     lay(spawns=[(35, 150.0, 150.0)])
     found = day("PickupGarbage", short(6))
-    assert found.steps(Event.PICKUP) == [35]
-    assert found.amounts(Event.IDLE) == [1, 2, 3, 1, 2]
+    assert found.steps(IslandEvent.PICKUP) == [35]
+    assert found.amounts(IslandEvent.IDLE) == [1, 2, 3, 1, 2]
     lay(spawns=[(35, 155.0, 150.0)])
-    assert day("MoveToGarbage", short(6)).amounts(Event.IDLE) == [1, 2, 3, 1]
+    assert day("MoveToGarbage", short(6)).amounts(IslandEvent.IDLE) == [1, 2, 3, 1]
 
 
 def test_driving_is_no_idleness(lay: Lay) -> None:

@@ -12,7 +12,7 @@ from islandgp.bt.core.language import parse
 from islandgp.domains.island import compiled
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.state import build_island
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.days import points, world
 from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
 
@@ -31,7 +31,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.mark.parametrize("island", [busy(), world()], ids=["busy", "usual"])
 @pytest.mark.usefixtures("at_once")
-def test_outcomes_are_the_same(island: World, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_outcomes_are_the_same(island: IslandWorld, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit, and with as many ticks: full, waiting and random trees."""
     pytest.importorskip("numba", reason="needs islandgp[fast]")
     trees = [*map(parse, (ALL_ROUNDER, RESTLESS, WAITING)), *map(gp_tree, range(6))]

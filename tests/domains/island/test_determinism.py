@@ -23,7 +23,7 @@ from islandgp.domains.island import compiled, engine
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.domains.island.space import idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from islandgp.gp.random_trees import random_tree
 from tests.composed import composed_plan
 from tests.domains.island.conftest import Lay
@@ -52,7 +52,7 @@ parallel success all failure all {
 """
 
 
-def both_ways(tree: Node, island: World, seed: int) -> tuple[Episode, Episode]:
+def both_ways(tree: Node, island: IslandWorld, seed: int) -> tuple[Episode, Episode]:
     """The episode in one go and step by step; ticks are a cost and may differ."""
     quick = run_episode(tree, island, seed, points())
     slow = run_episode(tree, island, seed, points(), stepwise=True)
@@ -60,14 +60,14 @@ def both_ways(tree: Node, island: World, seed: int) -> tuple[Episode, Episode]:
     return replace(quick, ticks=0), replace(slow, ticks=0)
 
 
-def same_both_ways(tree: Node, island: World, seed: int) -> None:
+def same_both_ways(tree: Node, island: IslandWorld, seed: int) -> None:
     """Both are the same, if the tree is one that can be run."""
     if within(tree, LIMITS):
         quick, slow = both_ways(tree, island, seed)
         assert quick == slow
 
 
-def busy() -> World:
+def busy() -> IslandWorld:
     """A small island where much happens: contacts, rocks, thresholds."""
     return world(
         side=120,
@@ -123,7 +123,7 @@ ENDING_WHILE_DRIVING = (
 )
 
 
-def on_the_way(**places: list[list[float]]) -> World:
+def on_the_way(**places: list[list[float]]) -> IslandWorld:
     """Stations on the patrol, rocks between them, little garbage at first, and a low battery."""
     where = {
         "chargers": [[40, 22], [80, 20], [100, 90]],
@@ -167,7 +167,7 @@ def test_stepwise_is_the_same_on_a_detour() -> None:
         assert quick == slow, seed
 
 
-def plain(**changes: Any) -> World:
+def plain(**changes: Any) -> IslandWorld:
     """A small island with nobody and nothing on it but stations."""
     return world(
         **{
@@ -231,7 +231,7 @@ def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
     max_examples=25, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
 @given(tree=nodes(max_leaves=8, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 9))
-def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: World, seed: int) -> None:
+def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: IslandWorld, seed: int) -> None:
     """The same in worlds that nobody would set up."""
     same_both_ways(tree, island, seed)
 
@@ -241,7 +241,9 @@ def test_stepwise_is_the_same_in_odd_worlds(tree: Node, island: World, seed: int
     max_examples=1500, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
 @given(tree=nodes(max_leaves=12, max_repeats=3), island=odd_worlds(), seed=st.integers(0, 20))
-def test_stepwise_is_the_same_in_odd_worlds_often(tree: Node, island: World, seed: int) -> None:
+def test_stepwise_is_the_same_in_odd_worlds_often(
+    tree: Node, island: IslandWorld, seed: int
+) -> None:
     """The same in hundreds of them."""
     same_both_ways(tree, island, seed)
 

@@ -6,15 +6,15 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import Ending, Episode, run_episode
-from islandgp.domains.island.events import Event
-from islandgp.domains.island.world import World
+from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world
 
 PATROL, STAND = "PatrolWaypoint", "PickupGarbage"
 
 
-def run(tree: str, island: World) -> Episode:
+def run(tree: str, island: IslandWorld) -> Episode:
     """The episode as a run has it, steps skipped and all."""
     return run_episode(parse(tree), island, 0, points())
 
@@ -89,7 +89,7 @@ def test_shutdown(lay: Lay) -> None:
     steps = 3500 + round(arrivals * 0.75)
     assert found.episode.ending is Ending.SHUTDOWN
     assert found.episode.steps == pytest.approx(steps, abs=1)
-    assert (found.amounts(Event.SHUTDOWN), found.steps(Event.SHUTDOWN)) == (
+    assert (found.amounts(IslandEvent.SHUTDOWN), found.steps(IslandEvent.SHUTDOWN)) == (
         [1],
         [found.episode.steps],
     )
@@ -100,8 +100,8 @@ def test_leftover_is_counted_at_the_end(lay: Lay) -> None:
     """Each episode's last event is the garbage that still lies there."""
     lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], spawns=[(5, 280.0, 280.0)])
     found = day(STAND, world(episode={"length": 2}))
-    assert found.episode.events[-1] == (20, Event.LEFTOVER, 3)
-    assert found.amounts(Event.LEFTOVER) == [3]
+    assert found.episode.events[-1] == (20, IslandEvent.LEFTOVER, 3)
+    assert found.amounts(IslandEvent.LEFTOVER) == [3]
 
 
 def test_fitness_is_the_sum_of_the_events(lay: Lay) -> None:

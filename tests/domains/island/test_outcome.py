@@ -9,21 +9,21 @@ import pytest
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.domain import Island
 from islandgp.domains.island.episode import Ending, Episode
-from islandgp.domains.island.events import Event
+from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 EPISODE = Episode(
     events=(
-        (1, Event.PICKUP, 1),
-        (2, Event.PICKUP, 1),
-        (3, Event.INTERACTION, 7),
-        (4, Event.DELIVERY, 9),
-        (5, Event.EMPTY_DELIVERY, 1),
-        (6, Event.CHARGE, 30.0),
-        (7, Event.COLLISION, 1),
-        (10, Event.LEFTOVER, 100),
+        (1, IslandEvent.PICKUP, 1),
+        (2, IslandEvent.PICKUP, 1),
+        (3, IslandEvent.INTERACTION, 7),
+        (4, IslandEvent.DELIVERY, 9),
+        (5, IslandEvent.EMPTY_DELIVERY, 1),
+        (6, IslandEvent.CHARGE, 30.0),
+        (7, IslandEvent.COLLISION, 1),
+        (10, IslandEvent.LEFTOVER, 100),
     ),
     steps=10,
     ending=Ending.STAGNATION,
@@ -84,10 +84,10 @@ def test_outcomes_are_in_the_order_of_the_schema() -> None:
 
 def test_every_event_has_a_row_of_table_3() -> None:
     """No event is worth nothing by omission, and the schema declares what the island logs."""
-    assert set(composed().rewards.events) == set(Event) == set(SCHEMA.events)
+    assert set(composed().rewards.events) == set(IslandEvent) == set(SCHEMA.events)
 
 
 def test_what_the_log_counts_is_what_is_scored() -> None:
     """Fitness while an episode runs, by which it may end, is the outcome's."""
     value = worth(composed().rewards, {})
-    assert value(Event.DELIVERY, 4) == value("delivery", 4) == ("delivery", 220)
+    assert value(IslandEvent.DELIVERY, 4) == value("delivery", 4) == ("delivery", 220)

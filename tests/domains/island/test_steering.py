@@ -8,20 +8,20 @@ import numpy as np
 import pymunk
 import pytest
 
-from islandgp.domains.island.robot import Robot, steer
+from islandgp.domains.island.robot import IslandRobot, steer
 from islandgp.domains.island.schedule import Circle, obstacles
-from islandgp.domains.island.world import World
+from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.days import day, world
 
 Point = tuple[float, float]
 
 
 def drive(
-    island: World, rocks: tuple[Circle, ...], start: Point, goal: Point, reach: float
+    island: IslandWorld, rocks: tuple[Circle, ...], start: Point, goal: Point, reach: float
 ) -> tuple[float, float]:
     """Drives without an engine; returns (metres driven, least distance of hull and rock)."""
     body = pymunk.Body(1, 1)
-    robot = Robot(island, body, rocks, ())
+    robot = IslandRobot(island, body, rocks, ())
     robot.x, robot.y = start
     nearest = 1e9
     for step in range(20_000):
@@ -36,7 +36,9 @@ def drive(
     return float("inf"), nearest
 
 
-def free(rng: np.random.Generator, island: World, rocks: tuple[Circle, ...], clear: float) -> Point:
+def free(
+    rng: np.random.Generator, island: IslandWorld, rocks: tuple[Circle, ...], clear: float
+) -> Point:
     """A random place at least `clear` metres from rocks and walls."""
     while True:
         x, y = (float(v) for v in rng.uniform(clear, island.side - clear, 2))
@@ -44,7 +46,7 @@ def free(rng: np.random.Generator, island: World, rocks: tuple[Circle, ...], cle
             return x, y
 
 
-def check_ways(island: World, seed: int, ways: int) -> None:
+def check_ways(island: IslandWorld, seed: int, ways: int) -> None:
     """Random ways: no touch of a rock, no long detour."""
     rocks, rng = obstacles(island), np.random.default_rng(seed)
     hull, garbage = island.robot.radius, island.robot.radius + island.robot.pickup_reach
