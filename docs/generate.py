@@ -2,7 +2,7 @@
 
     python docs/generate.py
 
-These are the tables of docs/language.md, docs/llm.md and docs/tutorial.md, between
+These are the tables of docs/language.md, docs/llm/ and docs/tutorial.md, between
 `<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
 `tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. What
 runs cost is measured in two runs with the mock, which takes a minute.
@@ -50,7 +50,8 @@ GENERATIONS = 40  # that are asked about in the default experiment
 ROOT = Path(__file__).resolve().parent.parent
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 LANGUAGE = ROOT / "docs" / "language.md"
-LLM = ROOT / "docs" / "llm.md"
+COST = ROOT / "docs" / "llm" / "cost.md"
+STATE = ROOT / "docs" / "llm" / "state.md"
 TEXTMATE = ROOT / "editors" / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -130,7 +131,7 @@ def tables() -> dict[str, str]:
 
 
 def field_table() -> dict[str, str]:
-    """The generated part of docs/llm.md: what a language model is shown of the island."""
+    """The generated part of docs/llm/state.md: what a language model is shown of the island."""
     meanings = field_meanings(SCHEMA, configured([]).classes)
     rows = [(f"`{name}`", meaning) for name, meaning in meanings.items()]
     return {"fields": _table(("field", "what it is"), rows)}
@@ -292,8 +293,9 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 if __name__ == "__main__":
     LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
-    made = {**field_table(), "costs": cost_table(measured_characters())}
-    LLM.write_text(filled(LLM.read_text(encoding="utf-8"), made), encoding="utf-8")
+    STATE.write_text(filled(STATE.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
+    costs = {"costs": cost_table(measured_characters())}
+    COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")
     told = TUTORIAL.read_text(encoding="utf-8")
     TUTORIAL.write_text(filled(told, {"results": results_table(results(told))}), encoding="utf-8")
     TEXTMATE.write_text(textmate(), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""docs/llm.md: every command in it runs, every name in it exists."""
+"""docs/llm.md, docs/llm and docs/distilling.md: commands run, and names exist."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from islandgp.testing.demo import demo
 from tests.composed import composed
 from tests.llm.made import advise, answering, context, settings, supervisor
 
-TEXT = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
+DOCS = resource("conf").parent / "docs"
+PAGES = [DOCS / "llm.md", *sorted((DOCS / "llm").glob("*.md")), DOCS / "distilling.md"]
+TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 COMMANDS = re.findall(r"^    (\S.*)$", TEXT, re.MULTILINE) + re.findall(
     r"^\| `(python .*?)` \|", TEXT, re.MULTILINE
 )

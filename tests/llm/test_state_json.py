@@ -142,8 +142,8 @@ def test_titles() -> None:
 
 
 def test_the_document_tells_every_field() -> None:
-    """docs/llm.md has the same table as the prompts."""
-    text = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
+    """docs/llm/state.md has the same table as the prompts."""
+    text = (resource("conf").parent / "docs" / "llm" / "state.md").read_text(encoding="utf-8")
     for name, meaning in FIELDS.items():
         assert f"| `{name}` | {meaning} |" in text
 

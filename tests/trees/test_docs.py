@@ -57,8 +57,8 @@ def test_language_is_up_to_date() -> None:
 
 
 def test_costs_are_up_to_date() -> None:
-    """docs/llm.md has the table that today's prices give for what was measured there."""
-    text = generate.LLM.read_text(encoding="utf-8")
+    """docs/llm/cost.md has the table that today's prices give for what was measured there."""
+    text = generate.COST.read_text(encoding="utf-8")
     found = generate.told_characters(text)
     assert list(found) == ["paper", "informed"]
     assert generate.cost_table(found) in text

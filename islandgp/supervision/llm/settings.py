@@ -15,7 +15,7 @@ from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 
 DAY: Final = 86_400  # s
 KEPT: Final = 20  # injected trees and decisions that are remembered
-CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md, "What it will cost"
+CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm/cost.md
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
 THINKING_SPEED: Final = 50  # tokens a second that a model thinks at least
