@@ -15,6 +15,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.vocabulary import Key
 from islandgp.domain import Scene, png
+from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.errors import ConfigError
@@ -72,12 +73,23 @@ class Gymnasium(Stepped):
         return domain
 
     def environment(self, *, render: bool) -> Any:
-        """The environment of this thread. Raises ConfigError where it cannot be made."""
+        """The environment of this thread. Raises ConfigError if it cannot be made.
+
+        Args:
+            render: whether frames will be asked for; without OpenGL, MuJoCo's have none.
+        """
         world = self.world
         try:
-            return environment(world.environment, dumps(world.options), render)
+            plain = environment(world.environment, dumps(world.options), False)
+            if not render:
+                return plain
+            mujoco = rendering.is_mujoco(plain)
+            if mujoco and not rendering.choose_backend():
+                return plain
+            drawn = environment(world.environment, dumps(world.options), True)
+            return rendering.without_shadows(drawn) if mujoco else drawn
         except Exception as error:  # Gymnasium and environments raise anything
-            what = " ".join(str(error).split())
+            what = rendering.import_fault(str(error)) or " ".join(str(error).split())
             raise ConfigError(
                 f"world.environment: expected one that gymnasium.make knows, found"
                 f" {world.environment!r}: {what}"
@@ -105,7 +117,8 @@ class _Episode:
     def __init__(
         self, world: settings.GymnasiumWorld, env: Any, spaces: Spaces, seed: int, log: EventLog
     ) -> None:
-        self.env, self.log, self.shrink = env, log, world.shrink
+        self.env, self.log = env, log
+        self.shrink, self.frame_every = world.shrink, world.frame_every
         self.total, self.steps = 0.0, 0
         self._read, self._act = spaces.read, spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
@@ -181,9 +194,11 @@ class _Episode:
         """See `Simulation`."""
         return {"return": self.total, "steps": self.steps}
 
-    def scene(self) -> Scene:
-        """See `Simulation`."""
-        return self._picture
+    def scene(self) -> Scene | None:
+        """See `Simulation`. None if the environment renders no frames."""
+        if not self.env.render_mode:
+            return None
+        return self._picture if self.steps % self.frame_every == 0 else self._between
 
     @cached_property
     def _picture(self) -> Scene:
@@ -191,6 +206,11 @@ class _Episode:
         height, width, _ = self.env.render().shape
         bounds = (0.0, 0.0, float(width), float(height))
         return Scene(bounds, frame=lambda: png(self.env.render()[:: self.shrink, :: self.shrink]))
+
+    @cached_property
+    def _between(self) -> Scene:
+        """A tick without a frame: the one before is shown on."""
+        return Scene(self._picture.bounds)
 
 
 def _check(world: settings.GymnasiumWorld, env: Any) -> None:

@@ -118,6 +118,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     delay: int = Field(default=0, ge=0, le=MOST_DELAY)
     """Ticks by which perturbed worlds may delay what the tree sees, at most."""
     shrink: int = Field(default=1, ge=1, le=64)  # of frames each so many-th pixel is kept
+    frame_every: int = Field(default=1, ge=1, le=1000)  # ticks from one frame to the next
 
     @model_validator(mode="after")
     def _actions_do_something(self) -> Self:

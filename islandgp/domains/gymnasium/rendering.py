@@ -1,0 +1,78 @@
+"""Which of MuJoCo's OpenGL backends renders here, found out in a child process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, Final
+
+BACKENDS: Final = ("egl", "osmesa", "glfw") if sys.platform == "linux" else ("glfw",)
+PATIENCE: Final = 60.0  # s for one backend
+
+RENDER: Final = """
+from gymnasium.envs.mujoco.mujoco_rendering import OffScreenViewer
+from mujoco import MjData, MjModel
+
+model = MjModel.from_xml_string("<mujoco/>")
+OffScreenViewer(model, MjData(model), 64, 64).render("rgb_array")
+"""
+
+
+def is_mujoco(env: Any) -> bool:
+    """True for an environment of Gymnasium's MuJoCo family."""
+    return hasattr(env.unwrapped, "mujoco_renderer")
+
+
+def without_shadows(env: Any) -> Any:
+    """The environment, whose frames a processor alone renders ten times as fast."""
+    quality = env.unwrapped.model.vis.quality
+    quality.shadowsize = quality.offsamples = 0
+    return env
+
+
+def import_fault(message: str) -> str:
+    """Why MuJoCo could not be imported, "" if that is not what failed.
+
+    Args:
+        message: of the error with which `gymnasium.make` failed.
+    """
+    if "gymnasium[mujoco]" in message:
+        return "it needs the package mujoco; install it with pip install 'islandgp[mujoco]'"
+    chosen = os.environ.get("MUJOCO_GL")
+    if chosen and find_spec("mujoco") and "mujoco" not in sys.modules:
+        return f"MuJoCo has no backend MUJOCO_GL={chosen} here; unset it, or install its library"
+    return ""
+
+
+@cache
+def choose_backend() -> bool:
+    """Set `MUJOCO_GL` to the first backend that renders a frame; False if none does.
+
+    `MUJOCO_GL`, where it is set, is the only one tried. Each is tried in a child process: without
+    a display, MuJoCo may abort the process that renders.
+    """
+    chosen = os.environ.get("MUJOCO_GL")
+    found = next((each for each in ((chosen,) if chosen else BACKENDS) if _renders(each)), "")
+    if found:
+        os.environ["MUJOCO_GL"] = found
+    return bool(found)
+
+
+def _renders(name: str) -> bool:
+    """True if a frame is rendered with a backend."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-P", "-c", RENDER],
+            env={**os.environ, "MUJOCO_GL": name},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            check=False,
+            timeout=PATIENCE,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+    return done.returncode == 0
