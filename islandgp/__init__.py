@@ -1,24 +1,24 @@
 """Evolves robot Behaviour Trees with genetic programming under a supervisor.
 
-compose     an experiment from configuration: iterate over its generations, evaluate trees
-run         composes an experiment, runs it with its records, and gives its results
-load        runs from their folders, as pandas frames
-parse       a tree from its text
-load_tree   a tree from its file, to be bound to functions of yours and ticked
-Tree, RobotTree, NodeStatus  what it is, what `Tree.bind` makes of it, how a tick ends
-Streams     a run's random streams, which a search draws from
-Advice      what a supervisor's guidance comes to, which a search is told
-to_text     the canonical text of a tree
-IslandError what a user can do wrong, in one clear message; TreeError: a text is not a tree
+compose     composes an experiment: iterate over its generations, evaluate trees
+run         composes an experiment, runs it with records, returns its results
+load        loads recorded runs as pandas frames
+parse       parses the text of a tree
+to_text     prints a tree as its canonical text
+load_tree   loads a tree from a file as a `Tree`; `Tree.bind` binds your functions to it
+RobotTree   a bound tree, ready to be ticked; a tick returns a `NodeStatus`
+Streams     the random streams of a run, for searches of your own
+Advice      the checked guidance of a supervisor, passed to a search
+IslandError root of the package's exceptions; TreeError: a text is not a tree
 
-Imported names are loaded when they are first used, as some take seconds.
+Each name is imported when it is first used, because some of the modules take seconds to import.
 """
 
 from __future__ import annotations
 
 from importlib import import_module
 
-TYPE_CHECKING = False  # of typing, whose import takes time in which a signal may come
+TYPE_CHECKING = False  # not from typing: its import takes time before signals are handled
 if TYPE_CHECKING:
     from typing import Any
 
@@ -71,7 +71,7 @@ _HOMES = {
 
 
 def _version() -> str:
-    """The installed version; "0" in a checkout that was never installed."""
+    """The installed version; "0" in a checkout that is not installed."""
     from importlib.metadata import PackageNotFoundError, version
 
     try:
@@ -81,7 +81,7 @@ def _version() -> str:
 
 
 def __getattr__(name: str) -> Any:
-    """Loads a public name where it is first used."""
+    """Imports a public name when it is first used."""
     if name == "__version__":
         return _version()
     if name not in _HOMES:

@@ -1,4 +1,4 @@
-"""A tree in a program of your own: its leaves are your functions, and your program ticks it.
+"""Run a tree in your own program: bind your functions to its leaves and call `tick`.
 
     tree = islandgp.load_tree("patrol.bt")
     with tree.bind({"Dock": dock, "Patrol": patrol, "battery": read_battery}) as robot_tree:
@@ -51,36 +51,39 @@ class Tree:
 
     node: Node  # the root, with every `use` expanded
     vocabulary: Vocabulary | None  # None: the file names no domain
-    name: str  # what messages call it: its file
+    name: str  # of the file, for messages
 
     def actions(self) -> tuple[str, ...]:
         """The actions of the tree, in document order, each once."""
         return tuple(dict.fromkeys(args.name for _, args in _leaves(self.node)))
 
     def keys(self) -> tuple[str, ...]:
-        """The blackboard keys that its conditions ask, in document order, each once."""
+        """The blackboard keys that its conditions read, in document order, each once."""
         return tuple(dict.fromkeys(term.key for term in asked_in(self.node)))
 
     def bind(
         self, leaves: object, keys: object = None, *, step_s: float | None = None
     ) -> RobotTree:
-        """The tree with functions of yours as its leaves.
+        """Binds a function to each action and a value to each blackboard key.
 
         Args:
             leaves: a function for each action, by name: a mapping, or an object with methods of
-                these names. It gets the action's arguments by name. Functions and generator
-                functions are as in `islandgp.leaves`. When an action is aborted, its generator is
-                closed, and its function's method `stop()`, where it has one, is called.
+                these names. It is called with the action's arguments by name; see
+                `islandgp.leaves` for functions and generator functions. When an action is
+                aborted, its generator is closed, and its function's method `stop()` is called
+                if it has one.
             keys: a value for each blackboard key, by name: a number, True or False, or a function
-                that returns one; a mapping or an object as well. They are read once a tick. None:
-                `leaves` has them, too.
-            step_s: seconds from a tick to the next one, > 0; a tree with a wait, a timeout or a
-                cooldown needs it.
+                that returns one. A mapping or an object; read once per tick. None: the entries
+                are in `leaves`.
+            step_s: seconds between two ticks, > 0; required if the tree has a wait, a timeout or
+                a cooldown.
+
+        Returns:
+            The tree, ready to be ticked.
 
         Raises:
-            DomainError: the tree needs `step_s`, an action or a key of it is missing, an entry is
-                no function or takes other arguments, or a mapping has a name that the vocabulary
-                does not.
+            DomainError: an action, a key or `step_s` is missing; an entry is not a function or
+                takes other arguments; or a mapping has a name that is not in the vocabulary.
         """
         sources = {"action": leaves, "key": leaves if keys is None else keys}
         if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
@@ -93,7 +96,7 @@ class Tree:
         return RobotTree(self, functions, sources["key"], step_s)
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
-        """What is missing, or cannot be called."""
+        """A line for each action or key that is missing or cannot be called."""
         for args in dict.fromkeys(args for _, args in _leaves(self.node)):
             entry = _entry(sources["action"], args.name)
             if entry is None:
@@ -108,24 +111,24 @@ class Tree:
                 yield f"for the key {key}, {why}{defined_in(entry)}"
 
     def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
-        """Names that the vocabulary does not have."""
+        """A line for each name that is not in the vocabulary."""
         words = self.vocabulary
         if words is None:
             return
         known = {"action": {*words.actions}, "key": {*words.keys}}
         if sources["action"] is sources["key"]:
             known["action"] = known["key"] = {*words.actions, *words.keys}
-        given = {id(source): (source, what) for what, source in sources.items()}
-        for source, what in given.values():
+        distinct = {id(source): (source, what) for what, source in sources.items()}
+        for source, what in distinct.values():
             for name in source if isinstance(source, Mapping) else ():
                 if name not in known[what]:
                     near = closest(str(name), known[what])
                     hint = f"; perhaps {near} is meant" if near else ""
-                    yield f"{short_repr(name)}, which the domain {words.domain} does not have{hint}"
+                    yield f"{short_repr(name)}, which is not in the domain {words.domain}{hint}"
 
 
 class RobotTree:
-    """A tree at work, made by `Tree.bind`. At the end of a `with` block it is stopped."""
+    """A bound tree, made by `Tree.bind`; it is stopped at the end of a `with` block."""
 
     def __init__(
         self, tree: Tree, leaves: Mapping[str, Leaf], keys: object, step_s: float | None
@@ -133,20 +136,20 @@ class RobotTree:
         self.tree = tree
         self._step_s = step_s
         self.statuses: list[NodeStatus | None] = []
-        """Of each node in document order, in the last tick; None: it was not ticked."""
+        """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
         self._asked = tree.keys()
         self._board = [0.0] * len(self._asked)
         self._start()
 
     def tick(self) -> NodeStatus:
-        """Reads the keys, and ticks the tree once: SUCCESS, FAILURE or RUNNING.
+        """Reads the keys and ticks the tree once; returns SUCCESS, FAILURE or RUNNING.
 
-        After SUCCESS or FAILURE the next tick starts the tree again. Where a leaf or a key
-        raises an exception, all running actions are stopped before it goes on to you.
+        After SUCCESS or FAILURE the next tick starts the tree again. An exception of a leaf or
+        a key stops all running actions and is then raised to the caller.
 
         Raises:
-            DomainError: a leaf returned no status, or a key is no number.
+            DomainError: a leaf did not return a status, or a key is not a number.
         """
         try:
             for place, name in enumerate(self._asked):
@@ -177,22 +180,22 @@ class RobotTree:
 
     def _start(self) -> None:
         """Compiles the tree, so that the next tick starts it."""
-        made: list[_RunningLeaf] = []
+        leaves: list[_RunningLeaf] = []
 
         def leaf_of(args: ActionArgs) -> _RunningLeaf:
             arguments = _arguments(args, self.tree.vocabulary)
             words = self.tree.vocabulary
             asks = words is not None and words.action(args.name).condition
             leaf = self._leaves[args.name]
-            made.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
-            return made[-1]
+            leaves.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
+            return leaves[-1]
 
         node = self.tree.node
         places = {name: place for place, name in enumerate(self._asked)}
         self._tick = compile_tree(
             node, leaf_of, self._board, places, watch=self._watch, step_s=self._step_s
         )
-        self._by_place = dict(zip([place for place, _ in _leaves(node)], made, strict=True))
+        self._by_place = dict(zip([place for place, _ in _leaves(node)], leaves, strict=True))
         self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
 
     def _watch(self, place: int, status: int) -> None:
@@ -209,12 +212,12 @@ class _RunningLeaf:
     ) -> None:
         self._name, self._leaf, self._condition = name, leaf, condition
         self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
-        self.running = False  # its function is called, raised an exception, or goes on
+        self.running = False  # also while its function is called and after it raised
 
     def __call__(self, fresh: bool) -> int:
         self.running = True
-        found = self._steps(fresh)
-        status = status_of(found, self._name, self._leaf, condition=self._condition)
+        result = self._steps(fresh)
+        status = status_of(result, self._name, self._leaf, condition=self._condition)
         self.running = status == RUNNING
         return status
 
@@ -229,18 +232,21 @@ class _RunningLeaf:
 def load_tree(
     file: str | os.PathLike[str], vocabulary: Vocabulary | str | os.PathLike[str] | None = None
 ) -> Tree:
-    """The tree in a file, to be bound to your functions by `Tree.bind`.
+    """Loads a tree from a file; bind your functions to it with `Tree.bind`.
 
     Args:
-        file: a tree in the language. What it includes is in its folder or below.
-        vocabulary: the actions and keys that there are: a `Vocabulary`, or a file with JSON of
-            `islandgp domain NAME --json` or a TreeNodesModel. None: those of the installed domain
-            that the file names (`domain NAME`), or any words where it names none.
+        file: path of a tree in the language; included files are in its folder or below.
+        vocabulary: the permitted actions and keys: a `Vocabulary`, or the path of a file with the
+            JSON of `islandgp domain NAME --json` or a TreeNodesModel. None: those of the installed
+            domain that the file names (`domain NAME`), or any names if it names no domain.
+
+    Returns:
+        The parsed tree with its vocabulary.
 
     Raises:
-        TreeError: the file is not a tree in these words.
+        TreeError: the file is not a tree of this vocabulary.
         DomainError: the file names a domain that is not installed, or the vocabulary's file
-            declares none.
+            does not declare a vocabulary.
         IslandError: a file cannot be read.
     """
     path = Path(file)
@@ -259,8 +265,8 @@ def _words(
         from islandgp.bt.export.declared import declared
 
         declaration, tree = Path(vocabulary), str(file)
-        given = read_text_file(declaration)
-        return declared(given, text, name=str(declaration), tree_name=tree, folder=file.parent)
+        content = read_text_file(declaration)
+        return declared(content, text, name=str(declaration), tree_name=tree, folder=file.parent)
     if not (domain := domain_of(text)):
         return None
     if domain in domain_files():
@@ -287,40 +293,40 @@ def _leaves(tree: Node) -> Iterator[tuple[int, ActionArgs]]:
 
 
 def _arguments(args: ActionArgs, vocabulary: Vocabulary | None) -> Mapping[str, object]:
-    """What the function of a leaf gets; without a vocabulary, what the tree says."""
+    """The keyword arguments of a leaf's function; without a vocabulary, those in the tree."""
     if vocabulary is None:
         return dict(args.values)
     return bound(args, vocabulary.action(args.name).arguments)
 
 
 def _entry(source: object, name: str) -> Any:
-    """What a mapping or an object has under a name; None: nothing."""
+    """The entry of a mapping or the attribute of an object; None if there is none."""
     return source.get(name) if isinstance(source, Mapping) else getattr(source, name, None)
 
 
 def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
-    """Why something cannot be called with these arguments; "" where it can."""
+    """The reason why an entry cannot be called with these arguments; "" if it can."""
     if not callable(entry) or isinstance(entry, type):
-        return f"{short_repr(entry)}, which is no function"
+        return f"{short_repr(entry)}, which is not a function"
     if iscoroutinefunction(entry):
         return "a coroutine; write `def` in place of `async def`"
     try:
         signature(entry).bind(**arguments)
     except TypeError as why:
-        given = f"with {', '.join(arguments)}" if arguments else "without arguments"
-        return f"a function that cannot be called {given}: {why}"
+        call = f"with {', '.join(arguments)}" if arguments else "without arguments"
+        return f"a function that cannot be called {call}: {why}"
     except ValueError:  # it has no signature
         pass
     return ""
 
 
 def _value(source: object, name: str) -> float:
-    """The value of a key now. Raises DomainError where it is no number."""
+    """The present value of a key. Raises DomainError if it is not a number."""
     entry = _entry(source, name)
-    found = entry() if callable(entry) else entry
-    if not is_number(found) and not is_flag(found):
+    value = entry() if callable(entry) else entry
+    if not is_number(value) and not is_flag(value):
         raise DomainError(
             f"Expected a finite number, True or False as the value of the key {name}, found"
-            f" {short_repr(found)}{defined_in(entry)}."
+            f" {short_repr(value)}{defined_in(entry)}."
         )
-    return float(found)
+    return float(value)

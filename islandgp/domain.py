@@ -1,7 +1,7 @@
-"""The contract between a robot's world and everything that evolves, plays and shows trees in it.
+"""The domain interface: what a robot's world declares, and how one tree is run in it.
 
-A domain says in a `Schema` what its robot can do and know, what is counted and what
-earns points, and runs one tree in one world. Configuration names its class:
+A domain declares in a `Schema` its actions, blackboard keys, counters and rewarded events, and
+runs the episodes of trees. The configuration names its class:
 
     domain: {name: maze, factory: "maze:Maze"}
 
@@ -28,7 +28,7 @@ from islandgp.errors import DomainError
 
 @dataclass(frozen=True, slots=True)
 class Counter:
-    """Something that an episode counts or measures."""
+    """A quantity that is counted or measured in an episode."""
 
     meaning: str  # one line, e.g. "blocks placed"
     unit: str = ""  # e.g. "m"; "" for a number of things
@@ -37,15 +37,15 @@ class Counter:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happens in an episode and may earn points (Table 3)."""
+    """An event of an episode that the reward table can reward (Table 3)."""
 
     meaning: str  # one line
-    amount: str = "1"  # what its amount is, with the unit, e.g. "items"
+    amount: str = "1"  # meaning of its amount, with the unit, e.g. "items"
 
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How one kind of thing is drawn."""
+    """How things of one kind are drawn."""
 
     meaning: str  # for the legend
     sign: str  # one letter, for terminals
@@ -58,27 +58,27 @@ MOST_DELAY: Final = 10_000  # ticks
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """What a domain declares of itself. Mappings keep their order in records and tables.
+    """The declarations of a domain. Records and tables keep the order of the mappings.
 
     Raises:
-        DomainError: there is no action for a tree's leaves, no component of the fitness, or an
-            entry of another type.
+        DomainError: there is no action or no component of the fitness, or an entry has the
+            wrong type.
     """
 
     vocabulary: Vocabulary
     components: Mapping[str, str]  # terms of the fitness, Eq. (1), with a meaning each
-    events: Mapping[str, Event]  # what the reward table can reward
-    task: str  # a paragraph for people and for prompts: what the robot is there for
+    events: Mapping[str, Event]  # which the reward table can reward
+    task: str  # the robot's task, one paragraph; for the documentation and for prompts
     counters: Mapping[str, Counter] = field(default_factory=dict)
-    """What an episode counts; where nothing is given, how often each event happened."""
-    habits: Sequence[str] = ()  # what good trees do, a sentence each; for prompts
+    """Quantities counted in an episode; by default the number of times each event happened."""
+    habits: Sequence[str] = ()  # properties of good trees, one sentence each; for prompts
     endings: Mapping[str, str] = field(default_factory=dict)
-    """Words for why an episode ended (`Outcome.endings`), with a meaning each; for prompts."""
+    """Meaning of each reason why an episode ended (`Outcome.endings`); for prompts."""
     forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
     delay: int = 0  # ticks by which perturbed worlds may delay what the tree sees, at most
 
     def __post_init__(self) -> None:
-        """Refuses what cannot evolve, and counts every event where no counters are declared."""
+        """Checks the declarations; without counters, declares one per event."""
         for what, found in (("action", self.vocabulary.actions), ("component", self.components)):
             if not found:
                 raise DomainError(
@@ -105,17 +105,31 @@ class Schema:
             object.__setattr__(self, "counters", counted)
 
     def with_actions(self, domain: str, actions: Mapping[str, Action]) -> Schema:
-        """The same schema with further actions, for a domain of that name."""
+        """The schema of another domain, with further actions.
+
+        Args:
+            domain: name of that domain.
+            actions: added to those of this schema, by name; one of the same name replaces it.
+
+        Returns:
+            The new schema.
+        """
         all_of_them = {**self.vocabulary.actions, **actions}
         words = replace(self.vocabulary, domain=domain, actions=all_of_them)
         return replace(self, vocabulary=words)
 
 
 def total(values: Iterable[float]) -> float:
-    """The sum, added up from left to right.
+    """The sum of numbers, added from left to right.
 
-    Since Python 3.12 `sum` compensates for rounding: records made with it would depend on the
-    version.
+    Since Python 3.12 `sum` compensates for rounding errors, so records would depend on the
+    Python version.
+
+    Args:
+        values: any numbers.
+
+    Returns:
+        The sum; 0 if there are none.
     """
     return reduce(add, values, 0)
 
@@ -135,7 +149,14 @@ class Outcome:
         return total(self.components.values())
 
     def measure(self, name: str) -> float:
-        """A counter's value, or the fitness. Raises KeyError for any other name."""
+        """The value of a counter, or the fitness.
+
+        Args:
+            name: a counter of the schema, or "fitness".
+
+        Returns:
+            The value, in the counter's unit or in points. Raises KeyError for another name.
+        """
         return self.fitness if name == "fitness" else self.counters[name]
 
 
@@ -146,23 +167,30 @@ class Thing(NamedTuple):
     x: float  # in the domain's unit of length; y grows upwards
     y: float
     size: float  # radius
-    text: str = ""  # beside it
+    text: str = ""  # label beside it
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What there is to see after a tick."""
+    """The picture of the world after a tick."""
 
     bounds: tuple[float, float, float, float]  # least x, least y, greatest x, greatest y
     fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
-    items: tuple[Thing, ...] = ()  # they come and go, and do not move
-    movers: tuple[Thing, ...] = ()  # as many in each tick, in the same order; the robot is the last
+    items: tuple[Thing, ...] = ()  # things that appear and disappear but do not move
+    movers: tuple[Thing, ...] = ()  # same number and order in each tick; the robot is the last
     frame: Callable[[], bytes] | None = None
-    """A simulator's own picture instead: renders it as a PNG. Called at once or not at all."""
+    """Renders the simulator's own picture as a PNG instead. Called immediately or never."""
 
 
 def png(pixels: Any) -> bytes:
-    """A picture for `Scene.frame`: of an array of shape (height, width, 3) of 8-bit numbers."""
+    """Encodes a picture as PNG, for `Scene.frame`.
+
+    Args:
+        pixels: array of shape (height, width, 3) and dtype uint8, RGB.
+
+    Returns:
+        The content of the PNG file.
+    """
     height, width, _ = pixels.shape
     lines = b"".join(b"\0" + pixels[row].tobytes() for row in range(height))
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
@@ -174,34 +202,53 @@ def png(pixels: Any) -> bytes:
 
 
 class Observer(Protocol):
-    """Who looks on while an episode runs. It changes nothing."""
+    """Callbacks of an episode, e.g. for traces and replays. They must not change the episode."""
 
     def node(self, place: int, status: int) -> None:
-        """The node of that place in document order was ticked, or aborted (`engine.ABORTED`)."""
+        """Called when a node was ticked or aborted.
+
+        Args:
+            place: index of the node in document order, from 0.
+            status: as in `bt.core.engine`; `engine.ABORTED` if it was aborted.
+        """
         ...
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
-        """A tick is over: the blackboard that it saw, and the world, where the domain draws it."""
+        """Called at the end of a tick.
+
+        Args:
+            board: values of the blackboard keys in the tick, in the vocabulary's order.
+            scene: the world after the tick; None if the domain does not draw it.
+        """
         ...
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
-        """An event since the last tick earned points; `action` earned them, "" for none."""
+        """Called when an event since the last tick earned points.
+
+        Args:
+            component: of the fitness, to which the points are added.
+            points: after the curriculum's multipliers.
+            event: of the schema.
+            action: the action that caused the event; "" for none.
+        """
         ...
 
 
 class Domain(Protocol):
-    """A world for a robot. It can be pickled, and is sent to each worker once.
+    """A robot's world. Domains can be pickled and are sent to each worker once.
 
-    A domain that declares noise of a key, or a delay, has a method `with_sensors(faults)` as well,
-    which returns it with the `sensors.SensorFaults` between the world and the blackboard. Where
-    `to_start` or `to_succeed` of an action follow from settings of the world, a class method
-    `vocabulary_in(worlds)` returns the vocabulary with the conditions that hold in all of these
-    worlds; `check` warns by it. It may have a method `about(seed=None)`, which returns sentences
-    for prompts: how long an episode is and what its world is like, of one seed or as the settings
-    have it.
+    `World` and `Rewards` are pydantic models of the configuration groups `world` and `rewards`;
+    most domains use `scoring.rewards.RewardTable` as `Rewards`.
 
-    `World` and `Rewards` are pydantic models of the configuration groups `world` and
-    `rewards`; `scoring.rewards.RewardTable` serves most domains as the latter.
+    Optional methods:
+
+    - `with_sensors(faults)` returns the domain with `sensors.SensorFaults` between the world and
+      the blackboard. Required if a key declares noise or the schema a delay.
+    - `vocabulary_in(worlds)`, a class method, returns the vocabulary with the conditions
+      (`to_start`, `to_succeed`) that hold in all of these worlds, if they depend on the settings.
+      `check` bases its warnings on it.
+    - `about(seed=None)` returns sentences for prompts: the length of an episode and a description
+      of the world, for one seed or for the settings in general.
     """
 
     World: ClassVar[type[BaseModel]]
@@ -210,12 +257,23 @@ class Domain(Protocol):
 
     @property
     def schema(self) -> Schema:
-        """What the domain declares; an attribute will do."""
+        """The domain's declarations; may be an attribute."""
         ...
 
     @classmethod
     def make(cls, world: Any, rewards: Any) -> Self:
-        """The domain with these settings. Raises ConfigError where they do not fit together."""
+        """Makes the domain.
+
+        Args:
+            world: an instance of `World`.
+            rewards: an instance of `Rewards`.
+
+        Returns:
+            The domain.
+
+        Raises:
+            ConfigError: the settings contradict each other.
+        """
         ...
 
     def run_episode(
@@ -225,12 +283,15 @@ class Domain(Protocol):
         weights: Mapping[str, float],
         observer: Observer | None = None,
     ) -> Outcome:
-        """Runs a tree in the world of a seed: a function of its first three arguments.
+        """Runs one episode. The outcome is a function of the first three arguments.
 
         Args:
-            tree: in the words of the schema's vocabulary.
+            tree: with actions and keys of the schema's vocabulary.
             seed: of the world, in [0, 2**32).
-            weights: the curriculum's multipliers by component; 1 for those not named.
-            observer: is told of every tick. Whether there is one changes no outcome.
+            weights: the curriculum's multipliers by component, >= 0; 1 for those not in it.
+            observer: its methods are called in each tick; it does not affect the outcome.
+
+        Returns:
+            The outcome, with the components and counters of the schema.
         """
         ...

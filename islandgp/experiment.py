@@ -34,7 +34,7 @@ from islandgp.search.base import Search
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run's settings, validated."""
+    """One run: its validated settings. Iterate over it for a `Step` per generation."""
 
     settings: Settings
     config: dict[str, Any]  # resolved, as plain values
@@ -42,11 +42,11 @@ class Experiment:
 
     @cached_property
     def domain(self) -> Domain:
-        """The world that its trees live in."""
+        """The domain in which trees are evaluated."""
         return self.settings.make_domain()
 
     def __iter__(self) -> Iterator[Step]:
-        """Evolves, a generation at a time, in this process; nothing is written."""
+        """Runs the evolution in this process and yields each generation; writes no files."""
         from islandgp.running.run import make_supervisor
 
         supervisor = make_supervisor(self.settings, None)
@@ -55,7 +55,7 @@ class Experiment:
 
     @cached_property
     def plan(self) -> Plan:
-        """What a run of it is made of: the limits, the settings of the operators, the classes."""
+        """The plan of the run: tree limits, settings of the operators, behaviour classes."""
         from islandgp.running.run import plan_of
 
         return plan_of(self.settings, self.domain)
@@ -65,10 +65,10 @@ class Experiment:
         return Serial(self.settings.problem())
 
     def search(self) -> Search:
-        """The search that it chooses, to be asked for individuals and told what they achieve.
+        """Makes the configured search, for a loop of your own with `ask` and `tell`.
 
         Raises:
-            ConfigError: the search cannot work with these settings.
+            ConfigError: the search does not support these settings.
         """
         from islandgp.running.run import make_search
 
@@ -81,16 +81,19 @@ class Experiment:
         *,
         worlds: Iterable[int] | None = None,
     ) -> tuple[Evaluated, ...]:
-        """What individuals achieve in a generation, one after the other in this process.
+        """Evaluates individuals one after the other, in this process.
 
         Args:
-            individuals: as `search().ask` returns them.
-            generation: whose stage of the curriculum scores them, from 0.
-            worlds: seeds of the worlds that each of them meets, from 0 to 2**32 - 1; None: the
-                worlds of a run's generation.
+            individuals: as returned by `search().ask`.
+            generation: >= 0; the curriculum's stage of this generation scores the episodes.
+            worlds: world seeds in [0, 2**32), one episode per individual and seed; None: the
+                seeds that a run uses in this generation.
+
+        Returns:
+            One `Evaluated` per individual, in the same order.
 
         Raises:
-            ConfigError: there is no such world or generation.
+            ConfigError: the generation is negative, or the seeds are empty or out of range.
         """
         if not (isinstance(generation, int | np.integer) and generation >= 0):
             raise ConfigError(f"generation: expected 0 or more, found {generation!r}")
@@ -107,22 +110,36 @@ class Experiment:
         return evaluate(plan, int(generation), individuals, texts, seeds, self._evaluator)
 
     def parse(self, text: str) -> Node:
-        """A tree in the words of the domain. Raises TreeError."""
+        """Parses a tree with the domain's vocabulary.
+
+        Args:
+            text: one tree in the language.
+
+        Returns:
+            The root node, with every `use` expanded.
+
+        Raises:
+            TreeError: the text is not a tree of the domain.
+        """
         return parse(text, self.domain.schema.vocabulary)
 
     def evaluate(
         self, tree: Node | str, worlds: Iterable[int] = range(30), *, stage: int | None = None
     ) -> list[Outcome]:
-        """A tree's outcome in each world.
+        """Runs one tree for one episode in each world, in this process.
 
         Args:
-            tree: or its text.
-            worlds: seeds, from 0 to 2**32 - 1; worlds of evolution have others.
-            stage: index of the curriculum's stage that scores the episodes; None: the last.
+            tree: a node or its text.
+            worlds: world seeds in [0, 2**32). The seeds of training are drawn from this whole
+                range, so the default ones are practically new to every tree.
+            stage: index of the curriculum stage that scores the episodes, from 0; None: the last.
+
+        Returns:
+            One outcome per seed, in the order of `worlds`.
 
         Raises:
             TreeError: the text is not a tree of the domain.
-            ConfigError: there is no such stage or world.
+            ConfigError: the stage does not exist, or a seed is out of range.
         """
         node = self.parse(tree) if isinstance(tree, str) else self.parse(to_text(tree))
         last = len(self.settings.curriculum.stages) - 1
@@ -135,13 +152,14 @@ class Experiment:
         return [problem.in_world(stage, s).run_episode(node, s, weights) for s in seeds]
 
     def run(self) -> Results:
-        """Runs it as the command does, or what is missing of it, with records and tracking.
+        """Runs the experiment as the command line does, with records and tracking.
 
-        In a script this belongs below `if __name__ == "__main__":`, as the evaluator starts
-        processes; `evaluator=serial` starts none.
+        A run that was interrupted is resumed. Scripts call this below
+        `if __name__ == "__main__":`, because the default evaluator starts processes;
+        `evaluator=serial` starts none.
 
         Raises:
-            IslandError: as the command would end with.
+            IslandError: the error with which the command would end.
         """
         from islandgp.running.run import run
 
@@ -150,7 +168,7 @@ class Experiment:
 
 
 def _seeds(worlds: Iterable[Any]) -> list[int]:
-    """The seeds of worlds as integers. Raises ConfigError."""
+    """World seeds as a list of integers. Raises ConfigError for a seed out of range."""
     seeds = list(worlds)
     if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
         raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
@@ -158,10 +176,17 @@ def _seeds(worlds: Iterable[Any]) -> list[int]:
 
 
 def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:
-    """The experiment that `python -m islandgp OVERRIDES` runs.
+    """Composes an experiment from configuration, as `python -m islandgp OVERRIDES` does.
+
+    Args:
+        *overrides: Hydra overrides of one run, e.g. "gp.population=12", "experiment=quick".
+        config_dir: folder with further YAML files, as `--config-dir`; None: no such folder.
+
+    Returns:
+        The experiment. Nothing is run or written yet.
 
     Raises:
-        ConfigError: with one line for each wrong key or value.
+        ConfigError: a key or a value is wrong; one line for each.
     """
     from islandgp.config.compose import only_job
 
@@ -170,5 +195,16 @@ def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment
 
 
 def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
-    """Composes an experiment and runs it, as `Experiment.run` does."""
+    """Composes an experiment and runs it.
+
+    Args:
+        *overrides: Hydra overrides of one run, as for `compose`.
+        config_dir: folder with further YAML files, as for `compose`.
+
+    Returns:
+        The results of the finished run.
+
+    Raises:
+        IslandError: as `compose` and `Experiment.run`.
+    """
     return compose("progress=off", *overrides, config_dir=config_dir).run()

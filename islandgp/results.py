@@ -5,8 +5,8 @@
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
 `components.delivery`, `counters.deliveries`, `cell.deliveries`. With constraints,
-`constraints.violation` is 0 where all are kept, `constraints.feasible` a share of individuals or
-worlds that keep them. COLUMNS says what the others mean.
+`constraints.violation` is 0 if all are met, and `constraints.feasible` is the share of individuals
+or worlds that meet them. COLUMNS describes the other columns.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
 COLUMNS: Final[dict[str, dict[str, tuple[str, str]]]] = yaml.safe_load(
     Path(__file__).with_name("columns.yaml").read_text(encoding="utf-8")
 )
-"""By frame and column: its dtype, and its meaning with the unit."""
+"""Dtype and meaning (with the unit) of each column, by frame and column name."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """Runs that were read from a folder."""
+    """The runs below a folder, as pandas frames."""
 
     path: Path
     folders: tuple[RunFolder, ...]  # in the order of their paths
@@ -68,7 +68,7 @@ class Results:
 
     @cached_property
     def edits(self) -> DataFrame:
-        """One row an edit that a supervisor advised, with what became of it."""
+        """One row per edit that a supervisor advised, with its result."""
         return _frame("edits", self._edits())
 
     def _edits(self) -> Iterator[dict[str, Any]]:
@@ -95,7 +95,7 @@ class Results:
 
     def _elites(self) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            if not (folder.path / ARCHIVE).exists():  # it goes on, or is of an older version
+            if not (folder.path / ARCHIVE).exists():  # unfinished, or of an older version
                 continue
             labels, (archive, _) = self._labels(folder), read_archive(folder.path)
             edges = archive.cells.items()
@@ -141,10 +141,16 @@ class Results:
 
 
 def load(path: str | Path) -> Results:
-    """The runs in a folder and in all folders below it.
+    """Loads the runs in a folder and in all folders below it.
+
+    Args:
+        path: a run's folder, a sweep's, or any folder above them.
+
+    Returns:
+        The runs; their frames are read from disk when they are first used.
 
     Raises:
-        RunError: there is no run, one is damaged, or one is of a version before domains.
+        RunError: the folder has no run, or a run is damaged or of version 0.1.
     """
     top = Path(path).resolve()
     folders = tuple(folder for folder in run_folders(top) if folder.begun())
@@ -203,7 +209,7 @@ def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterato
 
 
 def _frame(kind: str, rows: Iterator[dict[str, Any]]) -> DataFrame:
-    """The documented columns with their dtypes, then those of domain and experiment."""
+    """A frame with the documented columns first, then those of the domain and the experiment."""
     from pandas import DataFrame
 
     frame = DataFrame(list(rows))

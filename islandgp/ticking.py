@@ -1,4 +1,4 @@
-"""A domain over a simulator that is stepped: what its keys read, and what each action does.
+"""`Stepped`: a domain over a simulator with a step function.
 
     class Robot:                          # one episode: a method for each action of the schema
         def __init__(self, world, seed, log): ...
@@ -8,9 +8,9 @@
     class PickPlace(Stepped):
         World, Episode, schema = World, Robot, SCHEMA
 
-A leaf is a function that is called once a tick while its node runs, and returns True
-(success), False (failure) or RUNNING. Or it is a generator function: each `yield` is a
-tick in which it runs, and what it returns, True or False, is how it ends.
+A leaf is a function that is called once per tick while its node runs, and returns True
+(success), False (failure) or RUNNING. Or it is a generator function: it is RUNNING at
+each `yield`, and returns True or False at its end.
 """
 
 from __future__ import annotations
@@ -46,23 +46,30 @@ T = TypeVar("T")
 
 
 def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
-    """Makes something once in each thread for the same arguments, e.g. a simulator."""
+    """Caches a factory per thread, e.g. of a simulator that threads cannot share.
+
+    Args:
+        make: the factory; its arguments are hashable.
+
+    Returns:
+        A function that calls `make` once per thread and arguments.
+    """
     of_thread = local()
 
     @wraps(make)
-    def made(*args: P.args, **named: P.kwargs) -> T:
-        if not hasattr(of_thread, "made"):
-            of_thread.made = cache(make)
-        found: T = of_thread.made(*args, **named)
-        return found
+    def cached(*args: P.args, **named: P.kwargs) -> T:
+        if not hasattr(of_thread, "make"):
+            of_thread.make = cache(make)
+        value: T = of_thread.make(*args, **named)
+        return value
 
-    return made
+    return cached
 
 
 class EventLog:
-    """The events of an episode: how often each happened, and the points by component.
+    """Counts the events of an episode and adds up their points by component.
 
-    `log("picked")` and `log("driven", 2.5)` record one.
+    `log("picked")` and `log("driven", 2.5)` record an event.
     """
 
     def __init__(
@@ -81,11 +88,26 @@ class EventLog:
         self._logged: Callable[[str], None] | None = getattr(observer, "logged", None)
 
     def matters(self, event: str) -> bool:
-        """True if an event is worth points, or somebody watches."""
+        """True if an event earns points or the episode has an observer.
+
+        Args:
+            event: of the schema.
+
+        Returns:
+            False if the event need not be recorded for its points.
+        """
         return event in self._rewarded or self._observer is not None
 
     def __call__(self, event: str, amount: float = 1.0) -> None:
-        """Something happened. Raises DomainError for an event or amount that cannot be."""
+        """Records an event.
+
+        Args:
+            event: of the schema.
+            amount: in the event's unit; finite.
+
+        Raises:
+            DomainError: the event is not in the schema, or the amount is not a finite number.
+        """
         try:
             self.counts[event] += 1
         except KeyError:
@@ -109,24 +131,26 @@ class EventLog:
 
 
 class Simulation(Protocol):
-    """One episode of a stepped simulator, with a method named like each action of the schema.
+    """One episode of a stepped simulator, with one method per action of the schema.
 
-    It may also have these methods:
-        step() -> str: lets time pass after a tick; returns why the episode is over, "" to go on.
-        measures() -> Mapping[str, float]: at the end, the counters that are not simply how often
-            an event happened.
-        scene() -> Scene: what there is to see.
+    Optional methods:
+
+    - `step() -> str` advances the simulator after a tick; returns the reason why the episode is
+      over, or "" to continue.
+    - `measures() -> Mapping[str, float]` returns the counters that are not numbers of events;
+      called at the end.
+    - `scene() -> Scene` returns the picture of the world.
     """
 
     def sense(self) -> Mapping[str, float]:
-        """The value of each key of the vocabulary now, and no others; True and False for flags."""
+        """The present value of each key of the vocabulary, and no others; bool for flags."""
         ...
 
 
 class Stepped:
-    """A domain whose episodes are objects of a class `Episode`, made as Episode(world, seed, log).
+    """Base class of a domain whose episodes are `Episode(world, seed, log)`.
 
-    `World` has the setting `ticks`, the most ticks of an episode, >= 1.
+    `World` has the setting `ticks`: the maximum number of ticks of an episode, >= 1.
     """
 
     World: ClassVar[type[BaseModel]]
@@ -137,7 +161,7 @@ class Stepped:
     faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
-        """Raises DomainError where `step_s`, or the setting `ticks`, is not what it must be."""
+        """Raises DomainError if `step_s` or the setting `ticks` is missing or out of range."""
         _must_last(type(self), world, self.step_s)
         self.world = world
         self.rewards = rewards
@@ -164,12 +188,18 @@ class Stepped:
         *,
         watched: bool,  # noqa: ARG002 -- for domains that draw
     ) -> tuple[Any, Mapping[str, Leaf]]:
-        """An episode, a `Simulation`, and what each action of the vocabulary does in a tick of it.
+        """Starts an episode.
 
-        `watched`: its scenes will be asked for.
+        Args:
+            seed: of the world, in [0, 2**32).
+            log: for the episode's events.
+            watched: True if `scene` will be called.
+
+        Returns:
+            The episode, a `Simulation`, and its leaf function for each action of the vocabulary.
 
         Raises:
-            DomainError: there is no Episode, or it has no method for an action.
+            DomainError: the class has no Episode, or it has no method for an action.
         """
         kind = getattr(type(self), "Episode", None)
         if kind is None:
@@ -191,46 +221,51 @@ class Stepped:
         weights: Mapping[str, float],
         observer: Observer | None = None,
     ) -> Outcome:
-        """See `Domain`: senses, ticks the tree, steps the world; again and again.
+        """See `Domain`. Repeats: sense, tick the tree, step the simulator.
 
-        The ending is "time", or what `step` returned.
+        The ending is "time" or the text returned by `step`.
 
         Raises:
-            DomainError: a leaf returned no status, `sense` or `measures` not a number for each key
-                or counter, or `step` no text.
+            DomainError: a leaf did not return a status, `sense` or `measures` a number for each
+                key or counter, or `step` a text.
         """
         log = EventLog(self.rewards, self.schema, weights, observer)
         episode, leaves = self.begin(seed, log, watched=observer is not None)
         try:
-            made = _Leaves(leaves, self.schema.vocabulary, log)
-            return self._run(episode, made, tree, log, observer, seed)
+            ticks = _Leaves(leaves, self.schema.vocabulary, log)
+            return self._run(episode, ticks, tree, log, observer, seed)
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
-                    given = [*self.schema.vocabulary.action(name).arguments]
-                    called = f"{name}({', '.join(f'{each}=...' for each in given)})"
+                    arguments = [*self.schema.vocabulary.action(name).arguments]
+                    call = f"{name}({', '.join(f'{each}=...' for each in arguments)})"
                     _must_take(
-                        method, 0, error, f"a method {name} that is called as {called}", given
+                        method, 0, error, f"a method {name} that is called as {call}", arguments
                     )
             raise
 
     def reader(self, episode: Any) -> Callable[[], list[float]]:
-        """A function that returns the values of an episode's keys now, in the vocabulary's order.
+        """Makes a function that reads the blackboard keys of an episode.
 
-        It raises DomainError where `sense` returns anything but a finite number for each key.
+        Args:
+            episode: a `Simulation`.
+
+        Returns:
+            A function that returns the present values in the vocabulary's order. It raises
+            DomainError unless `sense` returns a finite number for each key.
         """
         sense, keys = episode.sense, self.schema.vocabulary.keys
 
         def read() -> list[float]:
             values = sense()
             try:
-                found = [values[key] for key in keys]
-                if not isfinite(sum(found)) or len(values) != len(keys):
+                board = [values[key] for key in keys]
+                if not isfinite(sum(board)) or len(values) != len(keys):
                     must_be_values(keys, values, sense)
             except (KeyError, TypeError, IndexError):
                 must_be_values(keys, values, sense)
                 raise
-            return [*map(float, found)]
+            return [*map(float, board)]
 
         return read
 
@@ -271,7 +306,7 @@ class Stepped:
 
 
 def _must_last(kind: type, world: Any, step_s: Any) -> None:
-    """Raises DomainError for a tick, or an episode, that takes no time or for ever."""
+    """Raises DomainError unless `step_s` and the setting `ticks` are positive and finite."""
     if not (is_number(step_s) and step_s > 0):
         raise DomainError(
             f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
@@ -286,7 +321,7 @@ def _must_last(kind: type, world: Any, step_s: Any) -> None:
 
 
 def _leaf(episode: Any, name: str) -> Leaf:
-    """The episode's method for an action. Raises DomainError where there is none."""
+    """The episode's method for an action. Raises DomainError if there is none."""
     found = getattr(episode, name, None)
     if not callable(found):
         what = "none" if found is None else short_repr(found)
@@ -301,7 +336,7 @@ def _leaf(episode: Any, name: str) -> Leaf:
 def _must_take(
     function: Any, arguments: int, error: TypeError, expected: str, names: Iterable[str] = ()
 ) -> None:
-    """Raises DomainError where a TypeError is that of a call with other arguments."""
+    """Raises DomainError if a TypeError is due to the function's signature."""
     try:
         signature(function).bind(*(None,) * arguments, **dict.fromkeys(names))
     except TypeError as why:
@@ -311,13 +346,22 @@ def _must_take(
 
 
 def _near(name: object, known: Iterable[str]) -> str:
-    """The name that may have been meant, as a remedy; or ""."""
+    """The closest known name as a hint for a message, or ""."""
     near = get_close_matches(str(name), [*known], 1, 0.6)
     return f"; perhaps {near[0]} is meant" if near else ""
 
 
 def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
-    """Raises DomainError for what `sense` returned, unless it is a number for each key."""
+    """Checks the values returned by `sense`.
+
+    Args:
+        keys: of the vocabulary, by name.
+        values: as returned.
+        sense: the function, whose place in the source is named in the message.
+
+    Raises:
+        DomainError: the values are not a mapping with a finite number for each key and no others.
+    """
     where = defined_in(sense)
     if not isinstance(values, Mapping):
         raise DomainError(
@@ -352,18 +396,18 @@ def _no_ending(found: object, step: object) -> str:
 
 
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
-    """The value of each counter. Raises DomainError where `measures` gives no number for one."""
-    found = measures()
-    if fault := _wrong_measure(schema, found):
+    """The value of each counter. Raises DomainError for wrong values from `measures`."""
+    measured = measures()
+    if fault := _wrong_measure(schema, measured):
         raise DomainError(f"{fault}{defined_in(measures)}.")
-    return {name: float(found.get(name, log.counts.get(name, 0))) for name in schema.counters}
+    return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
 
 
-def _wrong_measure(schema: Schema, found: Any) -> str:
-    """What is wrong with the values from `measures`, or ""."""
-    if not isinstance(found, Mapping):
-        return f"Expected a dict of values by counter from `measures`, found {short_repr(found)}"
-    for name, value in found.items():
+def _wrong_measure(schema: Schema, measured: Any) -> str:
+    """The first error in the values from `measures`, or ""."""
+    if not isinstance(measured, Mapping):
+        return f"Expected a dict of values by counter from `measures`, found {short_repr(measured)}"
+    for name, value in measured.items():
         if name not in schema.counters:
             return (
                 f"Expected counters of the schema from `measures`, found {name!r}"
@@ -373,19 +417,19 @@ def _wrong_measure(schema: Schema, found: Any) -> str:
             expected = f"Expected a finite number as the counter {name} from `measures`"
             return f"{expected}, found {short_repr(value)}"
     for name in schema.counters:
-        if name not in found and name not in schema.events:
+        if name not in measured and name not in schema.events:
             return f"Expected the counter {name} from `measures`, as it is no event, found none"
     return ""
 
 
 class _Leaves:
-    """The leaves of a tree, each with its own generator."""
+    """Makes the tick functions of a tree's leaves, each with its own generator."""
 
     def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
         self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
 
     def tick_of(self, args: ActionArgs) -> Tick:
-        """The tick of a leaf; its function gets the values of its arguments by name."""
+        """The tick function of a leaf; the arguments are passed by name."""
         name, log = args.name, self._log
         leaf: Leaf = self._leaves[name]
         if arguments := self._vocabulary.action(name).arguments:

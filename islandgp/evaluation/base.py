@@ -1,4 +1,4 @@
-"""The seam in front of the simulator: jobs in, outcomes out, in the same order."""
+"""The evaluator interface: runs jobs (one episode each) and returns outcomes in the same order."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What trees are evaluated in; all jobs of a run share it, and workers get it once."""
+    """The domain and curriculum of a run's episodes. Shared by all jobs; sent to workers once."""
 
     domain: Domain
     curriculum: Curriculum
-    stages: tuple[Domain, ...] = ()  # by stage, where stages change the world; empty: none does
-    perturbed: PerturbedWorlds | None = None  # in which episodes run instead; None: in none
+    stages: tuple[Domain, ...] = ()  # by stage, if stages change the world; () otherwise
+    perturbed: PerturbedWorlds | None = None  # perturbed worlds to run in; None: as configured
 
     @classmethod
     def of(
@@ -52,17 +52,21 @@ class Problem:
         curriculum: Curriculum,
         perturbation: Perturbation | None = None,
     ) -> Self:
-        """The problem that configuration describes.
+        """Makes the problem from configuration.
 
         Args:
-            factory: a class that is a Domain.
-            world, rewards: its settings.
+            factory: a class that implements Domain.
+            world: settings of its world.
+            rewards: settings of its rewards.
             curriculum: its stages may change settings of the world.
-            perturbation: of the worlds in which episodes run; None: they run in the world as it is.
+            perturbation: of the worlds in which episodes run; None: unperturbed.
+
+        Returns:
+            The problem.
 
         Raises:
-            ConfigError: the domain refuses these settings.
-            pydantic.ValidationError: a stage changes the world to one that cannot be.
+            ConfigError: the domain does not accept these settings.
+            pydantic.ValidationError: a stage sets the world to invalid values.
         """
         stages: tuple[Domain, ...] = ()
         worlds = tuple(staged(world, stage.world) for stage in curriculum.stages)
@@ -75,14 +79,19 @@ class Problem:
 
     @classmethod
     def recorded(cls, config: Mapping[str, Any], *, perturbed: bool | None = None) -> Self:
-        """What the trees of a run were evaluated in, from its configuration.
+        """Makes the problem of a recorded run from its configuration.
 
-        `perturbed`: whether episodes run in its perturbed worlds, of which there must be some;
-        None: as in training.
+        Args:
+            config: the run's configuration as plain values.
+            perturbed: True: episodes run in the run's perturbed worlds, which it must have;
+                False: in unperturbed ones; None: as in training.
+
+        Returns:
+            The problem.
 
         Raises:
-            RunError: the configuration is of a version before domains, or damaged.
-            UntrustedError: it names a domain that only the run names.
+            RunError: the configuration is of version 0.1, or damaged.
+            UntrustedError: it names a domain that the user's own configuration does not name.
         """
         check_version(config)
         must_trust_domain(config)
@@ -91,9 +100,9 @@ class Problem:
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
             how = recorded_perturbation(config)
-            wanted = (how is not None and how.training) if perturbed is None else perturbed
+            use_perturbed = (how is not None and how.training) if perturbed is None else perturbed
             curriculum = Curriculum(**config["curriculum"])
-            return cls.of(factory, world, rewards, curriculum, how if wanted else None)
+            return cls.of(factory, world, rewards, curriculum, how if use_perturbed else None)
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
@@ -105,16 +114,16 @@ class Problem:
         return self.stages[stage] if self.stages else self.domain
 
     def in_world(self, stage: int, seed: int) -> Domain:
-        """The domain in which an episode runs; a perturbed one is a function of the arguments.
+        """The domain in which an episode runs, perturbed if the problem is.
 
         Raises:
-            ConfigError, pydantic.ValidationError: the domain refuses a perturbed world.
+            ConfigError, pydantic.ValidationError: the domain does not accept a perturbed world.
         """
         return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
 
 
 def check_version(config: Mapping[str, Any]) -> None:
-    """Raises RunError for a configuration that names no domain."""
+    """Raises RunError if a configuration does not name a domain (version 0.1)."""
     if "domain" not in config:
         raise RunError(
             "Expected a run whose configuration names its domain, found one of version 0.1, which"
@@ -123,39 +132,45 @@ def check_version(config: Mapping[str, Any]) -> None:
 
 
 def must_trust_domain(config: Mapping[str, Any]) -> None:
-    """Raises UntrustedError where only a run names the domain that it needs."""
+    """Raises UntrustedError if a run's domain is not in the user's own configuration."""
     must_trust_code({key: config.get(key) for key in ("domain", "world", "rewards", "curriculum")})
 
 
 class Evaluator(Protocol):
-    """Runs episodes. `tests/contracts` holds what every implementation promises.
+    """Runs episodes. `tests/contracts` checks every implementation.
 
-    An evaluator that configuration can choose has two class attributes more:
-    `Settings`, a pydantic model, and `make(settings, problem)`.
+    An evaluator that can be configured has two more class attributes: `Settings`, a pydantic
+    model, and `make(settings, problem)`.
     """
 
     @property
     def simulated(self) -> int:
-        """Episodes simulated so far; a cost, not a result."""
+        """Number of episodes simulated so far."""
         ...
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
-        """The outcomes of the jobs, in their order.
+        """Runs the episodes of jobs.
+
+        Args:
+            jobs: one per episode; equal jobs have equal outcomes.
+
+        Returns:
+            One outcome per job, in the same order.
 
         Raises:
-            EvaluationError: an episode cannot be run; the message names its tree and seed.
+            EvaluationError: an episode failed; the message names its tree and world seed.
         """
         ...
 
     def close(self) -> None:
-        """Frees what the evaluator holds; it is not used afterwards."""
+        """Releases processes and other resources; the evaluator is not used afterwards."""
         ...
 
 
 def evaluated(
     evaluator: Evaluator, trees: Sequence[str | Node], stage: int, worlds: Sequence[int]
 ) -> list[list[Outcome]]:
-    """The outcomes of each tree, a node or canonical text, in all of the worlds."""
+    """The outcomes of each tree (a node or canonical text) in each world, as nested lists."""
     forms = [(t, None) if isinstance(t, str) else (to_text(t), t) for t in trees]
     jobs = [Job(text, stage, world, node) for text, node in forms for world in worlds]
     outcomes, n = evaluator.evaluate(jobs), len(worlds)
@@ -168,12 +183,19 @@ def _tree(text: str) -> Node:
 
 
 def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
-    """One job's outcome: a function of its arguments alone.
+    """Runs one episode; the outcome is a function of the arguments alone.
 
-    `limit`: seconds that the episode may take, as in `TimeLimit`; 0: any time.
+    Args:
+        problem: the domain and the curriculum.
+        job: the tree, the stage and the world seed.
+        limit: time limit of the episode in seconds, as in `TimeLimit`; 0: none.
+
+    Returns:
+        The outcome.
 
     Raises:
-        EvaluationError: whatever goes wrong; the message names the tree and the world seed.
+        EvaluationError: the episode failed in any way; the message names the tree and the world
+            seed.
     """
     weights = problem.curriculum.multipliers(job.stage)
     try:
@@ -194,7 +216,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     return outcome
 
 
-MOST_POINTS: Final = 1e100  # of an episode: statistics square them
+MOST_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite
 
 
 def blame(job: Job, what: str) -> str:
@@ -210,9 +232,9 @@ KEPT: Final = " The run keeps what it has; this is the tree:\n"
 
 
 class Cached:
-    """An evaluator that asks another one only for episodes that it has not seen lately.
+    """Evaluator that runs the jobs of its last batch only once.
 
-    Worlds change with each generation, so it remembers the last batch only.
+    Seeds change with each generation, so older outcomes are not kept.
     """
 
     def __init__(self, inner: Evaluator) -> None:
@@ -221,7 +243,7 @@ class Cached:
 
     @property
     def simulated(self) -> int:
-        """Episodes that were really simulated."""
+        """Number of episodes simulated so far, without those from the cache."""
         return self.inner.simulated
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:

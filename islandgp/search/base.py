@@ -1,8 +1,8 @@
-"""The interface between the driver of a run and its search: ask, evaluate, tell.
+"""The search interface: ask, evaluate, tell.
 
-A search decides which trees are evaluated next. It holds no state of its own: `ask` and `tell`
-are functions of a `SearchState`, which a checkpoint stores, and of named random streams. So a
-resumed run, or another number of workers, gives the same records.
+A search decides which trees are evaluated next. Searches are stateless: `ask` and `tell` are
+functions of a `SearchState`, which is stored in checkpoints, and of named random streams. So
+records depend neither on the number of workers nor on whether a run was resumed.
 
     state = search.start()
     while True:
@@ -27,67 +27,76 @@ from islandgp.seeding import Streams
 
 @dataclass(frozen=True, slots=True)
 class SearchState:
-    """What the next generation of a search depends on, besides configuration and seed."""
+    """State of a search between generations."""
 
-    generation: int  # the next to be evaluated, from 0
-    memory: Any = None  # a value of the search's `Memory`; None before the first generation
-    advice: Advice | None = None  # of the supervisor for this generation; None: none was given
+    generation: int  # the next one to be evaluated, >= 0
+    memory: Any = None  # an instance of the search's `Memory`; None before generation 0
+    advice: Advice | None = None  # of the supervisor for this generation; None for generation 0
 
 
 @dataclass(frozen=True, slots=True)
 class SearchContext:
-    """What a run gives to its search when it is made."""
+    """Arguments of a search's `make` that come from the run."""
 
     plan: Plan
     library: Callable[[], Mapping[str, Node]]
-    """Trees by name whose branches may be used; {} for none. May raise ConfigError, TreeError."""
+    """Loads the library: trees by name, {} for none. May raise ConfigError or TreeError."""
 
 
 SEARCHES: Final = ("make", "start", "ask", "tell")
-"""Methods of a class that configuration can choose as a search, besides `Settings`."""
+"""Methods that a configured search must have, besides the class `Settings`."""
 
 
 USES: Final = frozenset({"rate", "tree", "edits"})
-"""What a search can take of a supervisor's guidance."""
+"""Parts of a supervisor's guidance that a search can use."""
 
 
 class Search(Protocol):
-    """Decides which trees are evaluated. `tests/contracts` checks what each search guarantees.
+    """Decides which trees are evaluated. `tests/contracts` checks every implementation.
 
-    A search that configuration can choose has two class attributes more: `Settings`, a pydantic
-    model, and `make(settings, context)`. `Settings` may have a method `faults(schema)`, which
-    yields a line for each name in them that the domain does not declare.
+    A search that can be configured has two more class attributes: `Settings`, a pydantic model,
+    and `make(settings, context)`. `Settings` may have a method `faults(schema)`, which yields a
+    line for each setting with a name that the domain does not declare.
     """
 
     Memory: ClassVar[Any]
     """The type of `SearchState.memory`: a frozen dataclass of plain values and trees."""
     uses: ClassVar[frozenset[str]]
-    """What it takes of a supervisor's guidance: some of USES."""
+    """The parts of a supervisor's guidance that it uses: a subset of USES."""
 
     def start(self) -> SearchState:
         """The state before generation 0."""
         ...
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """The individuals of generation `state.generation`.
+        """Generates the individuals of one generation.
 
-        There are `gp.population` of them, or fewer where the search has no more to try, but at
-        least one. Each keeps the run's limits, and its id is "<generation>.<slot>".
+        Args:
+            state: as returned by `start` or the last `tell`.
+            streams: the run's random streams.
+
+        Returns:
+            The individuals of generation `state.generation`: `gp.population` of them, or at
+            least one if the search has fewer candidates left. Each tree is within the run's
+            limits, and each id is "<generation>.<slot>".
         """
         ...
 
     def tell(
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
-        """The state of the next generation.
+        """Updates the search with the outcomes of a generation.
 
         Args:
-            state: that `ask` was called with.
-            evaluated: the individuals that it returned, in their order, with their outcomes.
-            advice: of the supervisor, for the next generation; it belongs into the state.
+            state: the one that was passed to `ask`.
+            evaluated: the individuals returned by `ask` with their outcomes, in the same order.
+            advice: of the supervisor, for the next generation; to be kept in the state.
+
+        Returns:
+            The state of the next generation, `state.generation + 1`.
         """
         ...
 
 
 class NoSettings(BaseModel, frozen=True, extra="forbid"):
-    """For a search without settings."""
+    """Settings of a search that has none."""

@@ -1,4 +1,4 @@
-"""The interface between evolution and supervisors: Eq. (5), advise(state) -> guidance."""
+"""The supervisor interface: Eq. (5), advise(state) -> guidance."""
 
 from __future__ import annotations
 
@@ -48,7 +48,10 @@ class Pattern(StrEnum):
 
 
 def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
-    """Raises ValueError unless each phase has a range of mutation rates; `key` is its name."""
+    """Raises ValueError unless each phase has a valid range of mutation rates.
+
+    `key` is the configuration key of the ranges, for the message.
+    """
     if missing := [phase.value for phase in Phase if phase not in ranges]:
         raise ValueError(f"{key}: expected a range for each phase, missing {', '.join(missing)}")
     for phase, (low, high) in ranges.items():
@@ -58,92 +61,101 @@ def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Guidance:
-    """A supervisor's answer. `None` means that it says nothing to that."""
+    """A supervisor's answer. None means that a part is left out."""
 
     mutation_rate: float | None  # in [0, 1]
     tree: Node | None  # to inject
-    source: str  # who it comes from: a supervisor's name, or "fallback"
+    source: str  # the supervisor's name, or "fallback"
     phase: Phase | None = None
     pattern: Pattern | None = None
-    target: str | None = None  # what the tree is for: one of the state's targets
-    intervention: bool = False  # the supervisor sees a need to step in
-    risk: str = ""  # what it thinks may go wrong
-    reasoning: str = ""  # why this rate
-    rationale: str = ""  # why this tree
-    notes: dict[str, str] = field(default_factory=dict)  # what a supervisor adds for the record
+    target: str | None = None  # purpose of the tree: one of the state's targets
+    intervention: bool = False  # the supervisor considers an intervention necessary
+    risk: str = ""  # in its assessment
+    reasoning: str = ""  # for the rate
+    rationale: str = ""  # for the tree
+    notes: dict[str, str] = field(default_factory=dict)  # further entries of the record
     edits: tuple[Edit, ...] = ()  # of individuals, the most important first
-    episodes: int = 0  # that the supervisor ran for this answer; they count in the run's budget
+    episodes: int = 0  # simulated for this answer; they count toward the run's budget
 
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """What a run can give to a supervisor that is made for it."""
+    """Arguments of a supervisor's `make` and `ready` that come from the run."""
 
     seed: int  # of the run
     generations: int  # of the run
     limits: Limits  # of trees
-    folder: Path | None  # where the run keeps its files, None when it keeps none
+    folder: Path | None  # of the run's files; None: the run writes none
     schema: Schema  # of the domain
-    domain: Domain  # as `world` says
-    domain_in: Callable[[int], Domain]  # by generation: stages may change it
+    domain: Domain  # with the settings of `world`
+    domain_in: Callable[[int], Domain]  # by generation, as stages may change the world
     rewards: BaseModel  # the domain's Rewards
     classes: Classes
-    library: Callable[[], Library]  # trees to inject; may take seconds; raises ConfigError
-    crisis: Crisis  # when the run overrides the rate
+    library: Callable[[], Library]  # loads trees to inject, in seconds; raises ConfigError
+    crisis: Crisis  # conditions in which the run overrides the rate
     gp: GP
     curriculum: Curriculum
-    adapt_mutation: bool  # False: rates are not used, and need not be worked out
-    inject: bool  # False: trees are not used, and need not be worked out
-    edits: int = 0  # edits that are used at most; the others are refused
-    constraints: Constraints = field(
-        default_factory=dict
-    )  # who breaks one is worse than who keeps all
-    coming: frozenset[Path] = frozenset()  # folders of runs that the same command makes before
+    adapt_mutation: bool  # False: rates are not used and need not be computed
+    inject: bool  # False: trees are not used and need not be computed
+    edits: int = 0  # most edits per generation; further ones are rejected
+    constraints: Constraints = field(default_factory=dict)  # of the individuals; {}: none
+    coming: frozenset[Path] = frozenset()  # folders of runs that the same command does before
 
 
 @dataclass(frozen=True, slots=True)
 class GenerationView:
-    """One generation as records keep it: individuals, worlds and trials besides the state."""
+    """One generation as recorded: the statistics with individuals, seeds and trials."""
 
     snapshot: GenerationStats
-    worlds: tuple[int, ...]  # seeds: one an episode, or one an individual and episode
-    multipliers: Mapping[str, float]  # of its stage, by component
+    worlds: tuple[int, ...]  # world seeds: one per episode, or one per individual and episode
+    multipliers: Mapping[str, float]  # of the curriculum's stage, by component
     individuals: tuple[IndividualRecord, ...]  # in slot order
-    guidance: GuidanceRecord | None  # that made it; None for generation 0
+    guidance: GuidanceRecord | None  # under which it was bred; None for generation 0
     archive: tuple[Elite, ...] = ()
-    """The run's elites after it, which edits may name too; () with `supervisor.lag`, and for the
-    generations that a resumed run repeats from its records."""
-    trials: tuple[EditTrial, ...] = ()  # the edited trees that it evaluated
+    """The run's elites after this generation; edits may refer to them. () with `supervisor.lag`,
+    and for the generations that a resumed run repeats from its records."""
+    trials: tuple[EditTrial, ...] = ()  # edited trees that were evaluated
 
 
 SUPERVISES: Final = ("make", "advise")
-"""Methods of a class that configuration can choose as a supervisor, besides `Settings`."""
+"""Methods that a configured supervisor must have, besides the class `Settings`."""
 
 
 class Supervisor(Protocol):
-    """Advises once a generation. `tests/contracts` holds what every one promises.
+    """Advises the run once per generation. `tests/contracts` checks every implementation.
 
-    A supervisor that configuration can choose has two class attributes more:
-    `Settings`, a pydantic model, and `make(settings, context)`. It may have
-    `ready(settings, context)`, which raises SupervisionError where it could not work; this
-    is asked before the first run of a command starts.
+    A supervisor that can be configured has two more class attributes: `Settings`, a pydantic
+    model, and `make(settings, context)`. A third, `ready(settings, context)`, is optional: it is
+    called before the first run of a command and raises SupervisionError if the supervisor
+    cannot work.
     """
 
     name: str
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """Guidance for the next generation; a function of the state and the generator's draws."""
+        """Returns guidance for the next generation.
+
+        Args:
+            state: of the population that was evaluated last.
+            rng: the only source of randomness; the generator is consumed.
+
+        Returns:
+            The guidance: a function of the state and the draws.
+        """
         ...
 
 
 @runtime_checkable
 class GenerationListener(Protocol):
-    """Interface of a supervisor that uses more than the state."""
+    """Interface of a supervisor that uses more than the population's state."""
 
     def on_generation(self, generation: GenerationView) -> None:
         """Called for each generation, in order, before `advise` is called with its state.
 
-        A resumed run calls it for the earlier generations from its records.
+        A resumed run calls it first for the generations in its records.
+
+        Args:
+            generation: as recorded.
         """
         ...
 
@@ -153,17 +165,17 @@ class SupervisorLifecycle(Protocol):
     """Interface of a supervisor that needs an external service."""
 
     def start(self) -> str:
-        """Gets ready, before generation 0; returns a line for the person who started the run.
+        """Connects to the service before generation 0; returns a line for the console.
 
         Raises:
-            SupervisionError: the other side will never answer, and the run must not start.
+            SupervisionError: the service cannot answer at all, so that the run must not start.
         """
         ...
 
     def spent(self) -> dict[str, float]:
-        """What the whole run's supervision has taken so far, by name; may be asked at any time."""
+        """The costs of the whole run so far, by name; may be called at any time."""
         ...
 
     def close(self) -> None:
-        """Frees what the supervisor holds; it is not asked afterwards."""
+        """Releases the service; the supervisor is not used afterwards."""
         ...

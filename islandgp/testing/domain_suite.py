@@ -1,4 +1,4 @@
-"""The contract of `islandgp.domain` as tests: run them against a domain of your own.
+"""The contract of `islandgp.domain` as tests that any domain can inherit.
 
     from islandgp.testing.domain_suite import DomainSuite
 
@@ -47,33 +47,52 @@ from islandgp.time_limit import TimeLimit
 
 SEEDS = (0, 1, 2**32 - 1)
 SHOWN: Final = 200  # characters of a tree in a message
-MOST_FAULTS: Final = 10  # that are reported of the episodes
+MOST_FAULTS: Final = 10  # failed episodes that are reported
 
 
 class DomainSuite:
-    """What every domain promises. A failing test says in words what was expected.
+    """Tests of the promises of a domain, for subclasses that define `make_domain`.
 
-    A tree whose episode raises an exception is reported by the first test, once, and left out of
-    the others.
+    A tree whose episode raises an exception is reported by the first test and left out of the
+    others.
     """
 
-    random_trees = 20  # of the suite, beside two trees for each action and `texts`
-    grown_trees = 60  # sequences of actions that grow as long as they reach something new
-    more_episodes = 30  # of `own_trees` in other worlds, as long as something is not reached
-    texts: Sequence[str] = ()  # trees of your own, in the language
-    episode_timeout = 30.0  # s that an episode may take; 0: any time
-    _made: ClassVar[_Survey]  # of each subclass
+    random_trees = 20  # number, besides two trees for each action and `texts`
+    grown_trees = 60  # most sequences of actions, extended while they reach something new
+    more_episodes = 30  # most further episodes of `own_trees`, until everything is reached
+    texts: Sequence[str] = ()  # further trees, in the language
+    episode_timeout = 30.0  # s, time limit of an episode; 0: none
+    _cached_survey: ClassVar[_Survey]  # of each subclass
 
     def make_domain(self) -> Domain:
-        """The domain under test, a new one at each call; the same for all tests of a class."""
-        raise NotImplementedError("Give your domain in make_domain.")
+        """Makes the domain under test: a new but equal instance at each call.
+
+        Raises:
+            NotImplementedError: the subclass does not define it.
+        """
+        raise NotImplementedError("Expected make_domain in the subclass, found none; define it.")
 
     def own_trees(self, domain: Domain) -> Iterator[Node]:
-        """Trees that are known to do something: those of `texts`."""
+        """Trees that are known to reach events: those of `texts`.
+
+        Args:
+            domain: the domain under test.
+
+        Yields:
+            Each tree.
+        """
         yield from (parse(text, domain.schema.vocabulary) for text in self.texts)
 
     def trees(self, domain: Domain) -> Iterator[Node]:
-        """`own_trees`, each action alone and behind the one before it, and random trees."""
+        """All trees of the tests.
+
+        Args:
+            domain: the domain under test.
+
+        Yields:
+            The trees of `own_trees`, each action alone and after the one before it in the
+            vocabulary, and random trees.
+        """
         words = domain.schema.vocabulary
         leaves = [leaf(name) for name in words.actions]
         yield from self.own_trees(domain)
@@ -86,31 +105,31 @@ class DomainSuite:
             yield random_tree(np.random.default_rng(slot), space)
 
     def watched(self) -> Iterator[tuple[Domain, Node, Outcome, _Seen]]:
-        """A domain, and each tree that runs with what came of it in an episode that was watched."""
+        """The domain and each tree that runs, with the outcome and observations of one episode."""
         survey = self._survey
         assert survey.runs, "Expected a tree whose episode runs, found none."
         for run in survey.runs:
             yield survey.domain, run.tree, run.watched, run.seen
 
     def unseen(self) -> Iterator[str]:
-        """Lines on what the schema declares and no tree has reached: events, actions and keys."""
+        """A line for each event, action and key of the schema that no tree has reached."""
         yield from _unseen(self._survey)
 
     @property
     def trees_run(self) -> int:
-        """How many trees have run without an exception."""
+        """Number of trees that have run without an exception."""
         return len(self._survey.runs)
 
     @property
     def _survey(self) -> _Survey:
-        """Each of `trees`, and those that grow, in an episode of each seed; made once for a class.
+        """The episodes of all trees with each seed; run once per class.
 
-        pytest makes an instance for each test.
+        pytest makes an instance for each test, so the result is an attribute of the class.
         """
         kind = type(self)
-        if "_made" not in vars(kind):
-            kind._made = self._new_survey()
-        return kind._made
+        if "_cached_survey" not in vars(kind):
+            kind._cached_survey = self._new_survey()
+        return kind._cached_survey
 
     def _new_survey(self) -> _Survey:
         survey = _Survey(self.make_domain())
@@ -124,10 +143,10 @@ class DomainSuite:
         return survey
 
     def _look(self, survey: _Survey, tree: Node) -> _Run | None:
-        """Runs a tree, and keeps what came of it; None where it raised an exception.
+        """Runs a tree with each seed and keeps the results; None if it raised an exception.
 
         Raises:
-            TimeLimitError: it takes too long, which is kept as well.
+            TimeLimitError: an episode took too long; the error is kept as well.
         """
         domain, seed = survey.domain, SEEDS[0]
         seen = _Seen(tree, domain.schema)
@@ -146,7 +165,7 @@ class DomainSuite:
         return run
 
     def _grow(self, survey: _Survey) -> None:
-        """Looks at sequences of actions: longer ones of those that reached something new."""
+        """Runs sequences of actions and extends those that reached something new."""
         actions = [leaf(name) for name in survey.domain.schema.vocabulary.actions]
         reached: set[Hashable] = set()
         number = count()
@@ -169,7 +188,7 @@ class DomainSuite:
                     heappush(waiting, (0 if firsts else 1, -len(longer), next(number), longer))
 
     def _visit(self, survey: _Survey) -> None:
-        """Runs `own_trees` in further worlds, until all is reached."""
+        """Runs `own_trees` in further worlds until everything is reached."""
         domain, own = survey.domain, [*self.own_trees(survey.domain)]
         trees = [run.tree for run in survey.runs if run.tree in own]
         for n in range(self.more_episodes if trees else 0):
@@ -201,7 +220,7 @@ class DomainSuite:
         return outcome
 
     def test_every_episode_runs(self) -> None:
-        """No tree makes an episode raise an exception, or go on for ever."""
+        """No tree makes an episode raise an exception or run forever."""
         faults = [
             f"{fault.text} (world seed {fault.seed}, tree {_line(fault.tree)})"
             for fault in self._survey.faults.values()
@@ -209,7 +228,7 @@ class DomainSuite:
         assert not faults, "\n".join(faults[:MOST_FAULTS])
 
     def test_an_episode_is_a_function_of_tree_seed_and_weights(self) -> None:
-        """The same again gives the same outcome, whatever ran before, in whatever instance."""
+        """Equal arguments give equal outcomes, in any order of episodes and in any instance."""
         runs, other = self._survey.runs, self.make_domain()
         for run in reversed(runs):
             for seed, before in zip(reversed(SEEDS), reversed(run.plain), strict=True):
@@ -218,7 +237,7 @@ class DomainSuite:
                 )
 
     def test_it_can_be_sent_to_workers(self) -> None:
-        """Pickled and unpickled it runs the same episodes."""
+        """A pickled and unpickled domain gives the same outcomes."""
         domain = self.make_domain()
         sent: Domain = pickle.loads(pickle.dumps(domain))
         for run in islice(self._survey.runs, 10):
@@ -227,7 +246,7 @@ class DomainSuite:
             )
 
     def test_outcomes_have_what_the_schema_declares(self) -> None:
-        """Components and counters in the schema's order, all finite; an end that is told."""
+        """Components and counters are finite and in the schema's order; one ending is named."""
         schema = self._survey.domain.schema
         for run in self._survey.runs:
             for o in run.plain:
@@ -246,7 +265,7 @@ class DomainSuite:
                 assert o.endings[0], "Expected a word for why the episode ended, found an empty one"
 
     def test_a_component_that_is_not_named_has_the_weight_1(self) -> None:
-        """No weights are weights of 1."""
+        """Missing weights are 1."""
         domain = self._survey.domain
         ones = dict.fromkeys(domain.schema.components, 1.0)
         for run in self._survey.runs:
@@ -255,7 +274,7 @@ class DomainSuite:
             )
 
     def test_an_observer_changes_nothing(self) -> None:
-        """An episode that is watched has the same outcome."""
+        """An episode has the same outcome with an observer."""
         for run in self._survey.runs:
             assert run.watched == run.plain[0], "Expected the same when watched."
 
@@ -266,7 +285,7 @@ class DomainSuite:
             assert not seen.wrong_board, seen.wrong_board
 
     def test_actions_return_the_statuses_that_they_declare(self) -> None:
-        """`simplify` rewrites trees by these statuses."""
+        """Actions return declared statuses only; `simplify` relies on them."""
         for domain, _, _, seen in self.watched():
             for name, status in sorted(seen.statuses):
                 declared = domain.schema.vocabulary.actions[name].statuses
@@ -277,7 +296,7 @@ class DomainSuite:
                 )
 
     def test_credits_add_up_to_the_fitness(self) -> None:
-        """What an observer is told of points is what the outcome holds, component by component."""
+        """The points credited to an observer add up to each component of the outcome."""
         for _, _, outcome, seen in self.watched():
             assert not seen.wrong_credit, seen.wrong_credit
             for name, points in outcome.components.items():
@@ -286,7 +305,7 @@ class DomainSuite:
                 )
 
     def test_counters_named_like_an_event_count_it(self) -> None:
-        """Such a counter is how often the event was credited, where it earns points at all."""
+        """A counter with an event's name is the number of its credits, if it earns points."""
         for domain, _, outcome, seen in self.watched():
             shared = domain.schema.counters.keys() & domain.schema.events.keys()
             for name in sorted(shared & seen.credited.keys()):
@@ -296,7 +315,7 @@ class DomainSuite:
                 )
 
     def test_scenes_use_the_declared_forms(self) -> None:
-        """Each thing has a form of the schema; movers are as many in each tick."""
+        """Each thing has a form of the schema; the number of movers is constant."""
         for _, _, _, seen in self.watched():
             assert not seen.wrong_scene, seen.wrong_scene
             assert len(seen.movers) <= 1, (
@@ -321,7 +340,7 @@ class _Run:
 
 @dataclass(frozen=True, slots=True)
 class _Survey:
-    """What became of all trees in one domain."""
+    """Results of all trees in one domain."""
 
     domain: Domain
     runs: list[_Run] = field(default_factory=list)  # of the trees that raised no exception
@@ -329,7 +348,7 @@ class _Survey:
     faults: dict[tuple[str, str], _Fault] = field(default_factory=dict)  # by type and place
 
     def keep(self, error: BaseException, seed: int, tree: Node) -> None:
-        """Adds an exception: of those with one type and place the one of the smallest tree."""
+        """Keeps an exception; of several with one type and place, that of the smallest tree."""
         key = type(error).__name__, raised_in(error) or _fault(error)
         before = self.faults.get(key)
         if before is None or size(tree) < size(before.tree):
@@ -346,7 +365,7 @@ class _Fault:
 
 
 def _fault(error: BaseException) -> str:
-    """An exception in words, with the place in the author's code."""
+    """The text of an exception, with the place in the author's code."""
     place = raised_in(error)
     if isinstance(error, IslandError | AssertionError):
         text = str(error).rstrip(".")
@@ -355,7 +374,7 @@ def _fault(error: BaseException) -> str:
 
 
 def _line(tree: Node) -> str:
-    """A tree in a line, cut where it is long."""
+    """A tree on one line, cut after SHOWN characters."""
     text = " ".join(to_text(tree).split())
     return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
 
@@ -368,8 +387,8 @@ def _unseen(survey: _Survey) -> Iterator[str]:
     logged |= {event for seen in seens for event in seen.credited}
     outcomes = [outcome for run in runs for outcome in run.plain]
     counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
-    told = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
-    events = [n for n in schema.events if n in told and n not in logged | counted]
+    observable = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
+    events = [n for n in schema.events if n in observable and n not in logged | counted]
     if events:
         yield f"events never logged: {', '.join(events)}"
     done = {name for seen in seens for name, status in seen.statuses if status == SUCCESS}
@@ -389,19 +408,19 @@ def _unseen(survey: _Survey) -> Iterator[str]:
 
 
 def _rewarded(domain: Domain) -> Mapping[str, object]:
-    """The events of which an observer is told in any case, as far as is known."""
-    found: Mapping[str, object] = getattr(getattr(domain, "rewards", None), "events", {})
-    return found
+    """The events that earn points, of which every observer is notified."""
+    events: Mapping[str, object] = getattr(getattr(domain, "rewards", None), "events", {})
+    return events
 
 
 class _Seen(Observer):
-    """What an observer of one episode was told, without all of its ticks."""
+    """Summary of an observed episode."""
 
     def __init__(self, tree: Node, schema: Schema) -> None:
-        self.statuses: set[tuple[str, int]] = set()  # by action; those that end a tick
+        self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
         self.states: set[Hashable] = set()  # values of all flags together
         self.ticks = 0
-        self.movers: set[int] = set()  # how many there were
+        self.movers: set[int] = set()  # their numbers; one if it is constant
         self.points = dict.fromkeys(schema.components, 0.0)
         self.credited: Counter[str] = Counter()
         self.events: set[str] = set()
@@ -420,7 +439,7 @@ class _Seen(Observer):
             self.statuses.add((name, status))
 
     def logged(self, event: str) -> None:
-        """A stepped domain logged an event, whether or not it earns points."""
+        """Called for each event of a stepped domain, with or without points."""
         self.events.add(event)
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
@@ -452,7 +471,7 @@ class _Seen(Observer):
         return dict(zip(self._schema.vocabulary.keys, pairs, strict=False))
 
     def firsts(self) -> set[Hashable]:
-        """What was reached: events, successes of actions, ends of the keys' ranges."""
+        """Everything reached: events, successes of actions, ends of the keys' ranges."""
         done = {name for name, status in self.statuses if status == SUCCESS}
         ends = {
             (name, where)
@@ -469,7 +488,7 @@ class _Seen(Observer):
         yield "high", high >= key.high
 
     def _wrong(self, board: tuple[float, ...]) -> str:
-        """What is wrong with a blackboard, or ""."""
+        """The first error in a blackboard, or ""."""
         keys = self._schema.vocabulary.keys
         if len(board) != len(keys):
             return f"Expected a value for each of the {len(keys)} keys, found {len(board)}"
@@ -483,7 +502,7 @@ class _Seen(Observer):
         return ""
 
     def _wrong_in(self, scene: Any) -> str:
-        """What is wrong with a scene, or ""."""
+        """The first error in a scene, or ""."""
         if not isinstance(scene, Scene):
             return f"Expected a Scene, found {scene!r:.80}"
         for thing in (*scene.fixed, *scene.items, *scene.movers):
@@ -494,7 +513,7 @@ class _Seen(Observer):
 
 
 class _Pictures(_Seen):
-    """Looks at the first frames."""
+    """Checks the first frames as well."""
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
         super().tick(board, scene)
@@ -504,10 +523,16 @@ class _Pictures(_Seen):
 
 
 def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
-    """Each test's promise, and what went wrong ("" for nothing), in the suite's order.
+    """Runs all tests of a suite, without pytest.
 
-    The faults of episodes are those of the first promise, a line each. Where no tree's episode
-    runs, the others are left out.
+    Failed episodes are reported by the first test, one line each. If no episode runs at all, the
+    other tests are skipped.
+
+    Args:
+        suite: of the domain under test.
+
+    Yields:
+        The name of each test in words and its failure, "" for none, in the suite's order.
     """
     for name in vars(DomainSuite):
         if not name.startswith("test_"):
@@ -517,7 +542,7 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
             getattr(suite, name)()
         except AssertionError as error:
             fault = str(error) or "it does not hold"
-        except Exception as error:  # whatever a domain raises breaks this promise
+        except Exception as error:  # any exception of a domain is a failed test
             fault = _fault(error)
         yield _words(name), fault
         if fault and not _has_run(suite):
@@ -525,10 +550,10 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
 
 
 def _has_run(suite: DomainSuite) -> bool:
-    """Whether a tree's episode has run."""
+    """True if the episode of any tree has run."""
     try:
         return suite.trees_run > 0
-    except Exception:  # no domain could be made: the first promise says so
+    except Exception:  # make_domain failed, which the first test has reported
         return False
 
 

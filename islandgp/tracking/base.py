@@ -1,4 +1,4 @@
-"""The seam to experiment trackers: they mirror a run's folder, from behind."""
+"""The tracker interface: trackers mirror a run's folder in the background."""
 
 from __future__ import annotations
 
@@ -8,24 +8,34 @@ from islandgp.records.folder import RunFolder, Status
 
 
 class Tracker(Protocol):
-    """Follows one run. `tests/contracts` holds what every implementation promises.
+    """Tracks one run. `tests/contracts` checks every implementation.
 
-    It reads the folder and nothing else, never delays the run beyond its stated
-    patience, and never raises because a server is away. A tracker that
-    configuration can choose has two class attributes more: `Settings`, a
-    pydantic model, and `make(settings, home)` with the folder in which the
-    command was given. It may have a third: `ready(settings, home)` is called before
-    anything starts, and raises TrackingError where it could never keep a run.
+    A tracker reads the run's folder only, delays the run by no more than its configured patience,
+    and does not raise if a server is unreachable. A tracker that can be configured has two more
+    class attributes: `Settings`, a pydantic model, and `make(settings, home)`, where `home` is
+    the working folder of the command. A third, `ready(settings, home)`, is optional: it is called
+    before any run starts and raises TrackingError if the tracker cannot store runs.
     """
 
     def start(self, folder: RunFolder) -> None:
-        """A run begins, or goes on; the folder is open."""
+        """Called when a run starts or is resumed.
+
+        Args:
+            folder: of the run, open for reading.
+        """
         ...
 
     def generation(self) -> None:
-        """The folder holds one more generation; returns at once."""
+        """Called when the folder has one more generation; returns immediately."""
         ...
 
     def finish(self, status: Status) -> str:
-        """The run is over; returns a line that tells the user where to look, or ""."""
+        """Called when the run has ended.
+
+        Args:
+            status: with which it ended.
+
+        Returns:
+            A line for the console with the address of the tracked run, or "".
+        """
         ...

@@ -213,7 +213,7 @@ def test_all_faults_are_reported_at_once(load: Callable[..., islandgp.Tree]) -> 
         " missing a required argument: 'speed'",
         "for the action Wave, a coroutine; write `def` in place of `async def`",
         "nothing for the key battery",
-        "'Dok', which the domain porter does not have; perhaps Dock is meant",
+        "'Dok', which is not in the domain porter; perhaps Dock is meant",
     ]
 
 

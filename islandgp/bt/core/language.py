@@ -43,25 +43,28 @@ def parse(
     folder: Path | None = None,
     marked: bool = False,
 ) -> Node:
-    """The tree that a text describes, with every `use` expanded.
+    """Parses the text of one tree.
 
     Args:
-        text: one tree in the language, perhaps after named subtrees. Line ends
-            of any system and a leading byte order mark are fine.
-        vocabulary: the actions and keys that there are. Without one only grammar
-            and sizes are checked, as for records that were checked when written.
-        name: what error messages call the text, e.g. its file name.
-        folder: of the file that holds the text; what it includes is there or below. None: the
-            text stands in no file, so it can include none.
-        marked: the root of each subtree that is used is a `Used`, which knows its name.
+        text: one tree in the language, optionally after named subtrees. Line ends
+            of any system and a leading byte order mark are accepted.
+        vocabulary: the permitted actions and keys. None: only grammar and sizes are
+            checked, as for records that were checked when written.
+        name: of the text in error messages, e.g. its file name.
+        folder: of the file with the text; included files are there or below. None: the
+            text is not from a file and cannot include files.
+        marked: make the root of each used subtree a `Used`, which has the subtree's name.
+
+    Returns:
+        The root node, with every `use` expanded.
 
     Raises:
         TreeError: the text is not a tree of the language; the message shows the
             place and what would have been accepted.
         UnknownNameError: an action, a key, a constant or a subtree does not exist.
-        OtherDomainError: the text says that it is for another domain.
-        LimitError: the text is longer, or the tree deeper or larger, than any
-            limit on trees could allow.
+        OtherDomainError: the text names another domain.
+        LimitError: the text is too long, or the tree too deep or too large for any
+            limit on trees.
     """
     parts = files_of(text, vocabulary, name=name, folder=folder)
     return built(Builder(parts[-1].source, vocabulary, marked=marked), parts)

@@ -32,10 +32,16 @@ class Named(float):
 
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
 def to_text(node: Node) -> str:
-    """The canonical text of a tree; it ends in a line end.
+    """Prints a tree as its canonical text.
 
-    A node stands on one line when it fits, is at most three levels deep and
-    holds no composite of anything but leaves. Defaults are not printed.
+    A node is printed on one line if it fits, is at most three levels deep and
+    its composites have leaves only. Defaults are not printed.
+
+    Args:
+        node: the root of the tree.
+
+    Returns:
+        The text, with a line end after the last line; `parse` of it returns an equal tree.
     """
     return "\n".join(_lines(node, "")) + "\n"
 
