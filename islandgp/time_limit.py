@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from inspect import currentframe
-from time import monotonic
+from time import monotonic, process_time
 from types import FrameType, TracebackType
 from typing import Any, Final
 
@@ -18,6 +18,9 @@ AGAIN: Final = 0.2
 
 MOST: Final = 10
 """How often it gets it; then the process ends."""
+
+SLICES: Final = 10
+"""Parts of a limit, which are counted one by one: a suspension (Ctrl-Z, SIGSTOP) counts as one."""
 
 
 class Overdue(BaseException):
@@ -32,7 +35,8 @@ class TimeLimit:
         with TimeLimit(60):
             domain.run_episode(...)
 
-    It works in a process's main thread, on systems that have SIGALRM; elsewhere it does nothing. It
+    The time in which the process is suspended counts as a tenth of the limit at most. The limit
+    works in a process's main thread, on systems that have SIGALRM; elsewhere it does nothing. It
     cannot interrupt C code that never returns to Python. The handler and the timer of SIGALRM are
     the former ones afterwards.
 
@@ -41,7 +45,9 @@ class TimeLimit:
     """
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+        self._seconds = min(seconds, 1e6)
+        self._used = 0.0  # s
+        self._clocks = (0.0, 0.0)  # s: the time and the process's CPU time when `_used` was counted
         self._times = 0  # that `Overdue` was raised
         self._late: Overdue | None = None  # the first one
         self._what = self._where = ""  # the function that was running then, and its place
@@ -56,7 +62,9 @@ class TimeLimit:
         self._entered = _caller()
         self._over = False
         handler = signal.signal(signal.SIGALRM, self._stop)
-        timer = signal.setitimer(signal.ITIMER_REAL, min(self._seconds, 1e6), AGAIN)
+        self._clocks = (monotonic(), process_time())
+        each = self._seconds / SLICES
+        timer = signal.setitimer(signal.ITIMER_REAL, each, each)
         self._before = (monotonic(), handler, timer)
 
     def __exit__(
@@ -82,7 +90,7 @@ class TimeLimit:
         return f"{who} still running after {self._seconds:g} s{self._where}"
 
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
-        if self._over:
+        if self._over or not self._late and not self._is_late():
             return
         self._times += 1
         if self._late is None:
@@ -96,6 +104,21 @@ class TimeLimit:
             )
             os._exit(2)
         raise Overdue
+
+
+    def _is_late(self) -> bool:
+        """Count the time since the last call; True if the limit is reached.
+
+        Signals that arrive during a suspension are delivered as one when it ends.
+        """
+        wall, cpu = self._clocks
+        self._clocks = now, busy = monotonic(), process_time()
+        each = self._seconds / SLICES
+        self._used += min(now - wall, max(each, busy - cpu))
+        if self._used < self._seconds - each / 2:
+            return False
+        signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+        return True
 
 
 def _caller() -> FrameType | None:

@@ -14,6 +14,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
 from multiprocessing.connection import wait
@@ -26,6 +27,7 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem, blame, simulate
+from islandgp.time_limit import SLICES
 
 PERIOD: Final = 0.5  # s between two looks for the parent
 PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
@@ -153,10 +155,7 @@ class Processes:
 
         A worker ends an episode that takes too long by itself, unless it cannot.
         """
-        limit = self.episode_timeout + GRACE if self.episode_timeout else None
-        try:
-            done[job] = future.result(limit)
-        except TimeoutError:
+        if self.episode_timeout and not _ends(future, self.episode_timeout + GRACE):
             self._renew()
             raise EvaluationError(
                 blame(
@@ -164,7 +163,8 @@ class Processes:
                     f"no answer of its worker in {self.episode_timeout:g} s; mend what keeps it,"
                     " or raise evaluator.policy.episode_timeout",
                 )
-            ) from None
+            )
+        done[job] = future.result()
         return done[job]
 
     def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
@@ -188,6 +188,11 @@ class Processes:
     def close(self) -> None:
         """See `Evaluator`."""
         _end(self._pool)
+
+
+def _ends(future: Future[Outcome], seconds: float) -> bool:
+    """True if it ends in time. A suspension of this process counts as a tenth of it at most."""
+    return any(wait_for([future], seconds / SLICES).done for _ in range(SLICES))
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
