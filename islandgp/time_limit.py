@@ -90,7 +90,7 @@ class TimeLimit:
         return f"{who} still running after {self._seconds:g} s{self._where}"
 
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
-        if self._over or not self._late and not self._is_late():
+        if self._over or (not self._late and not self._is_late()):
             return
         self._times += 1
         if self._late is None:

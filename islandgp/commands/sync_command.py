@@ -27,13 +27,21 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
     is not sent again.
     """
     place = None if uri is None else place_from(uri, experiment)
-    for root in folders or (Path("runs"),):
-        _sync(root, place)
+    roots = folders or (Path("runs"),)
+    for root in roots:
+        if not root.is_dir():
+            raise TrackingError(f"Expected a folder of runs, found no folder {root}.")
+    failed = {path: error for root in roots for path, error in _sync(root, place).items()}
+    if failed:
+        lines = "\n".join(f"  {path}: {brief(error)}" for path, error in failed.items())
+        raise TrackingError(
+            f"Expected to send all runs, found {len(failed)} that could not be sent; mend what each"
+            f" line names and repeat the command:\n{lines}"
+        )
 
 
-def _sync(root: Path, place: Place | None) -> None:
-    if not root.is_dir():
-        raise TrackingError(f"Expected a folder of runs, found no folder {root}.")
+def _sync(root: Path, place: Place | None) -> dict[Path, Exception]:
+    """Send the runs below a folder; returns the errors of those that could not be sent."""
     done = sync(root, place)
     for path in done.sent:
         click.echo(f"sent       {path}")
@@ -41,8 +49,4 @@ def _sync(root: Path, place: Place | None) -> None:
         f"{root}: {len(done.sent)} sent, {len(done.known)} were there already,"
         f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"
     )
-    if done.failed:
-        lines = "\n".join(f"  {path}: {brief(error)}" for path, error in done.failed.items())
-        raise TrackingError(
-            f"Expected the store to take all records, found trouble; try again later:\n{lines}"
-        )
+    return dict(done.failed)

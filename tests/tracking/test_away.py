@@ -170,11 +170,14 @@ def test_a_damaged_sweep_is_told_and_stops_no_other(home: Path) -> None:
 
 
 def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
-    """With its file and the remedy, and exit code 2."""
+    """With its file and the remedy, and exit code 2; the folders after it are sent."""
     bad = written(home / "runs/a/bad", home)
     (bad.path / "about.json").write_text("{}")
-    said = islandgp("sync", home / "runs")
+    written(home / "others/one", home)
+    said = islandgp("sync", home / "runs", home / "others")
     assert said.code == 2
+    assert "1 sent, 0 were there already" in said.out
+    assert "mend what each line names" in said.err
     assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
     assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in said.err
     assert "Traceback" not in said.err
