@@ -105,7 +105,6 @@ class TimeLimit:
             os._exit(2)
         raise Overdue
 
-
     def _is_late(self) -> bool:
         """Count the time since the last call; True if the limit is reached.
 

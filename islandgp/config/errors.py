@@ -176,6 +176,10 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
     ),
     (r"Could not override '([^']+)'", _no_such_key),
     (
+        r"Could not append to config. An item is already at '([^']+)'",
+        r"\1: expected a new key after +, found one that has a value; write \1=VALUE, without +",
+    ),
+    (
         r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'",
         r"hydra/launcher: expected Hydra's \1 launcher, found it not installed;"
         r" pip install 'islandgp[\1]'",

@@ -58,6 +58,7 @@ ONE_LINE = [
     (["gp.mutation.operators.swapp=3"],
      "gp.mutation.operators.swapp: unknown key; did you mean gp.mutation.operators.swap?"),
     (["+gp.elites=3"], "gp.elites: unknown key;"),
+    (["+gp.population=8"], "gp.population: expected a new key after +, found one that has a"),
     (["+sed=3"], "sed: unknown key; did you mean seed?"),
     (["+supervisor.policy.patiense=3", "supervisor=baseline"],
      "supervisor.policy.patiense: unknown key; did you mean supervisor.policy.patience?"),
