@@ -165,6 +165,10 @@ def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
 RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ...]] = (
     ("with ListConfig", _list_for_keys),
     (
+        r"Ambiguous value for argument '(.+)'",
+        r"\1: expected one value, found a sweep; give one of them",
+    ),
+    (
         r"(?:Multiple values for |^)([^.\s]+)(?:\. To | appears more than once)",
         r"\1: expected one option, found another one added to it; write \1=OPTION, without +",
     ),
@@ -175,6 +179,11 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
         r"\1@\2: expected GROUP=OPTION, found a package behind the group; write \1=OPTION",
     ),
     (r"Could not override '([^']+)'", _no_such_key),
+    (r"Could not delete from config. '([^']+)' does not exist", _no_such_key),
+    (
+        r"Could not delete from config. The value of '([^']+)' is (.*) and not (.*)\.",
+        r"\1: expected its value \2 behind ~, found \3; write ~\1",
+    ),
     (
         r"Could not append to config. An item is already at '([^']+)'",
         r"\1: expected a new key after +, found one that has a value; write \1=VALUE, without +",

@@ -58,6 +58,8 @@ ONE_LINE = [
     (["gp.mutation.operators.swapp=3"],
      "gp.mutation.operators.swapp: unknown key; did you mean gp.mutation.operators.swap?"),
     (["+gp.elites=3"], "gp.elites: unknown key;"),
+    (["~gp.populaton"], "gp.populaton: unknown key; did you mean gp.population?"),
+    (["~seed=5"], "seed: expected its value 0 behind ~, found 5; write ~seed"),
     (["+gp.population=8"], "gp.population: expected a new key after +, found one that has a"),
     (["+sed=3"], "sed: unknown key; did you mean seed?"),
     (["+supervisor.policy.patiense=3", "supervisor=baseline"],
