@@ -78,8 +78,8 @@ class LibraryCost:
 def run_context(
     settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
 ) -> RunContext:
-    """What a run gives to its supervisor."""
-    cost = cost or LibraryCost()
+    """What a run gives to its supervisor, which need not work out what the search does not take."""
+    cost, uses = cost or LibraryCost(), settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
     return RunContext(
@@ -96,9 +96,9 @@ def run_context(
         crisis=settings.gp.crisis,
         gp=settings.gp,
         curriculum=curriculum,
-        adapt_mutation=settings.supervisor.adapt_mutation,
-        inject=settings.supervisor.inject,
-        edits=settings.supervisor.edits,
+        adapt_mutation=settings.supervisor.adapt_mutation and "rate" in uses,
+        inject=settings.supervisor.inject and "tree" in uses,
+        edits=settings.supervisor.edits if "edits" in uses else 0,
         constraints=settings.constraints,
     )
 

@@ -24,12 +24,14 @@ from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
+from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
+from tests.llm.made import settings as llm_settings
 
 NIGHTLY = pytest.mark.slow
 QUICK = (
@@ -242,6 +244,19 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
     assert len(steps) == 9
     assert len(seen) == probes + 2 * 7
     assert all(seen)
+
+
+@pytest.mark.parametrize(
+    ("search", "asked"), [("paper", {"rate", "tree"}), ("racing", {"tree"}), ("random", set())]
+)
+def test_the_model_is_asked_for_what_the_search_uses(search: str, asked: set[str]) -> None:
+    """Nothing is asked that the search does not take; where that is all, no run starts."""
+    context = run_context(composed("supervisor=llm", f"search={search}", *QUICK))
+    if not asked:
+        with pytest.raises(SupervisionError, match="nothing to ask the model for"):
+            Adviser(llm_settings(), context)
+    else:
+        assert set(Adviser(llm_settings(), context).parts) == asked
 
 
 def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:

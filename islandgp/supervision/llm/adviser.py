@@ -97,8 +97,18 @@ class Adviser:
     """Asks for a rate and for a tree, and puts the guidance together."""
 
     def __init__(self, settings: LLMSettings, context: RunContext) -> None:
-        """Reads the prompts. Raises SupervisionError for one that cannot be filled in."""
+        """Reads the prompts.
+
+        Raises:
+            SupervisionError: a prompt cannot be filled in, or there is nothing to ask for.
+        """
         self.settings, self.context = settings, context
+        if not self.parts:
+            raise SupervisionError(
+                "Expected a search that uses rates, trees or edits, and a supervisor with"
+                " one of them switched on, found nothing to ask the model for; set search=paper,"
+                " supervisor.inject=true or supervisor.edits=2, or take supervisor=baseline."
+            )
         self.exploit_from = settings.exploit_from or context.classes.milestones[-1]
         if self.exploit_from not in context.classes.milestones:
             raise SupervisionError(
