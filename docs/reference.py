@@ -96,7 +96,7 @@ def page(found: Iterable[Chapter]) -> str:
     """The reference as Markdown."""
     parts = [
         "# Configuration keys\n\nEvery key that a run takes, as `key=value` on the command line or"
-        " in a YAML file; [Running](running.md) tells how. `NAME` stands for a name of your own, or"
+        " in a YAML file; see [Running](running.md). `NAME` stands for a name of your own, or"
         " one that is there, and `N` for a place in a list, from 0. This page is made from the"
         " models that check the configuration and from the files in `conf`.\n"
     ]

@@ -1,4 +1,4 @@
-"""docs/running.md: its commands run, and what it names exists."""
+"""docs/running.md and the pages that it lists: commands run, and names exist."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from tests.running.commands import ROOT, finish, start
 from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST
 
-TEXT = (ROOT / "docs/running.md").read_text(encoding="utf-8")
+PAGES = ("running", "sweeps", "resuming", "results", "mlflow", "clusters")
+TEXT = "\n".join((ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in PAGES)
 TINY = [
     "experiment=smoke",
     "name=default",
@@ -84,7 +85,7 @@ def test_the_python_runs_as_it_stands(home: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_the_groups_of_columns_are_named() -> None:
     """What the page says of the frames' columns is what they have."""
-    part = TEXT.partition("## Results in Python")[2].partition("## MLflow")[0]
+    part = TEXT.partition("# Results in Python")[2].partition("# MLflow")[0]
     for kind, name in (("runs", n) for n in ("validation_mean", "champion_fitness", "fitness_max")):
         assert f"`{name}`" in part
         assert name in COLUMNS[kind]
