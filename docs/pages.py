@@ -83,8 +83,8 @@ def api() -> str:
         ),
         "`islandgp.__version__` is the version, as text.\n",
         "## A domain of your own\n",
-        "What a domain is made of, and the tests that every one has to pass; [A robot of your"
-        " own](domains.md) uses them step by step.\n",
+        "The classes of a domain and its contract tests; [A domain of your own](own_domain.md)"
+        " uses them step by step.\n",
         *(f"::: {module}\n    options:\n      show_root_heading: true\n" for module in MODULES),
     ]
     return "\n".join(lines)

@@ -6,7 +6,7 @@ runs the episodes of trees. The configuration names its class:
     domain: {name: maze, factory: "maze:Maze"}
 
 `islandgp.ticking` runs a simulator that is stepped, `islandgp.testing.domain_suite` checks a
-domain against this contract, and docs/domains.md builds one step by step.
+domain against this contract, and docs/own_domain.md builds one step by step.
 """
 
 from __future__ import annotations

@@ -146,7 +146,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     stop: Stop = Stop()
     search: SearchSettings = SearchSettings.model_validate(PAPERS)
     archive: ArchiveSettings = ArchiveSettings()
-    perturb: Perturbation | None = None  # worlds a little different: docs/domains.md
+    perturb: Perturbation | None = None  # worlds a little different: docs/perturbation.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings

@@ -127,7 +127,7 @@ def test_a_file_without_its_package_is_one_line(
 
 def test_a_counter_may_be_measured(here: Path) -> None:
     """The page's second domain measures a distance, and its ticks take half a second."""
-    page = (ROOT / "docs/domains.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/own_domain.md").read_text(encoding="utf-8")
     code = page.partition("```python\nfrom dataclasses")[2].partition("```")[0]
     (here / "measured.py").write_text(f"from dataclasses{code}", encoding="utf-8")
     settings = only_job(["domain=pick_place", "domain.factory=measured:Measured"], "conf").settings

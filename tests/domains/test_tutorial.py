@@ -1,4 +1,4 @@
-"""docs/domains.md: its code is that of the example, and each of its commands runs."""
+"""docs/own_domain.md: its code is that of the example, and each of its commands runs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.process
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
-PAGE = (ROOT / "docs" / "domains.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "own_domain.md").read_text(encoding="utf-8")
 MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace")
 """How the snippets begin that are not part of the example; test_outside runs the second."""
 CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does

@@ -110,7 +110,7 @@ def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
-    """docs/domains.md, each command of it, with the wheel alone."""
+    """docs/own_domain.md, each command of it, with the wheel alone."""
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     assert "First Placed One Robot" in follow(tmp_path, python, env)
 
