@@ -146,7 +146,7 @@ def measured_characters() -> dict[str, int]:
     for prompts in SETS:
         with TemporaryDirectory() as home, MessagesServer(answer=MockModel()) as server:
             words = [
-                "supervisor=llm", f"supervisor.policy.base_url={server.url}",
+                "supervisor=llm", "search=paper", f"supervisor.policy.base_url={server.url}",
                 f"supervisor.policy.prompts={prompts}", "gp.generations=8",
                 "gp.population=20", f"runs='{home}'", "tracking=off", "progress=off",
                 "evaluator=serial",
