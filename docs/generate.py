@@ -61,6 +61,7 @@ _WRITTEN = {
     "repeater": "`repeater 3 { x }`",
     "retry": "`retry 3 { x }`",
     **{kind: f"`{kind} 2.5 {{ x }}`" for kind in TIMED},
+    "recovery": "`recovery 3 { x y }`",
     "when": "`when KEY < 25 abort lower { x }`",
     "action": "its name",
 }

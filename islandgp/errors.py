@@ -32,9 +32,11 @@ class IslandError(Exception):
 class TreeError(IslandError):
     """A text is not a tree of the language.
 
-    `line` and `column` count from 1; `str()` gives the whole message with the
-    offending line and a caret below it.
+    `line` and `column` count from 1; `guess` is what was probably meant, or "". `str()` gives the
+    whole message with the offending line and a caret below it.
     """
+
+    guess = ""
 
     def __init__(self, message: str, *, line: int = 1, column: int = 1, source: str = "") -> None:
         super().__init__(message)

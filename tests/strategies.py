@@ -14,7 +14,8 @@ from islandgp.scoring.state import PopulationState
 from tests.made import CLASSES, state
 
 _KEYS = VOCABULARY.keys
-TURNS = ["inverter", "inverter", "force_success", "force_failure"]
+TURNS = ["inverter", "inverter", "force_success", "force_failure", "until_failure"]
+NAV2 = ("pipeline", "round_robin", "recovery", "every")  # kinds that only Nav2 has
 _FLAGS = [name for name, key in _KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
@@ -72,24 +73,30 @@ def nodes(
     max_repeats: int = REPEATS[1],
     timed: bool = True,
     reactive: bool = True,
+    nav2: bool = True,
 ) -> st.SearchStrategy[Node]:
     """Valid trees, about `max_leaves` leaves at most, of every kind of node.
 
-    `timed`: those that count seconds, too; `reactive`: reactive composites, too.
+    `timed`: those that count seconds, too; `reactive`: reactive composites, too; `nav2`: those of
+    NAV2, too.
     """
     guard = when_args(numbers() if thresholds is None else thresholds)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
     seconds = st.builds(SecondsArgs, st.sampled_from([0.5, 1.0, 2.0, 2.5]))
     kinds = ["selector", "sequence"] + ["reactive_selector", "reactive_sequence"] * reactive
+    kinds += ["pipeline", "round_robin"] * nav2
     count = st.builds(CountArgs, st.integers(REPEATS[0], max_repeats))
 
     def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
         one = st.tuples(child)
         several = st.lists(child, min_size=1, max_size=4).map(tuple)
         composite = st.sampled_from(kinds)
-        clocks = st.builds(Node, st.sampled_from(TIMED), seconds, one)
+        timed_kinds = st.sampled_from([kind for kind in TIMED if nav2 or kind not in NAV2])
+        clocks = st.builds(Node, timed_kinds, seconds, one)
+        recovery = st.builds(Node, st.just("recovery"), count, st.tuples(child, child))
         return st.one_of(
             *[clocks] * timed,
+            *[recovery] * nav2,
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),

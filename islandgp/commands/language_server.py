@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -13,11 +14,21 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
+from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.language import MAX_CHARACTERS, tree_errors
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
-from islandgp.bt.editor.assist import Word, meaning, offers, renamed, subtree_at
+from islandgp.bt.editor.assist import meaning, offers
 from islandgp.bt.editor.format import format_text
+from islandgp.bt.editor.names import (
+    Symbol,
+    defines,
+    definitions,
+    references,
+    renamed,
+    symbol_at,
+)
+from islandgp.bt.editor.words import Word
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.errors import IslandError, TreeError
 
@@ -30,6 +41,9 @@ SORTS: Final = {
     "subtree": types.CompletionItemKind.Class,
     "number": types.CompletionItemKind.Constant,
 }
+SYMBOLS: Final = {"subtree": types.SymbolKind.Function, "constant": types.SymbolKind.Constant}
+WORD_OR_SIGN: Final = re.compile(r"\w+|&+|\|+|.")
+REPLACEMENT: Final = re.compile(r"(use )?\w+|[<>=!]=?|[-{}\"]")  # guesses that are text of a tree
 
 Words = Callable[[str, str, Path], Vocabulary]
 """The vocabulary for a text, its name and its folder; raises IslandError."""
@@ -134,14 +148,14 @@ def formatting(server: Server, params: types.DocumentFormattingParams) -> list[t
 
 
 def prepare_rename(server: Server, params: types.PrepareRenameParams) -> types.Range | None:
-    """The name of a subtree at a place."""
+    """The name of a subtree, a constant or a parameter at a place."""
     document, at = server.place(params)
-    word = subtree_at(document.source, at)
-    return _range(document, word) if word else None
+    found = symbol_at(document.source, at)
+    return _range(document, found.word) if found else None
 
 
 def rename(server: Server, params: types.RenameParams) -> types.WorkspaceEdit:
-    """A subtree's name is changed wherever it stands."""
+    """The edits that rename a subtree, a constant or a parameter within its file."""
     document, at = server.place(params)
     try:
         places = renamed(document.source, at, params.new_name, _folder(document))
@@ -149,6 +163,94 @@ def rename(server: Server, params: types.RenameParams) -> types.WorkspaceEdit:
         raise JsonRpcInvalidParams(str(error)) from None
     edits = [types.TextEdit(_range(document, word), params.new_name) for word in places]
     return types.WorkspaceEdit(changes={document.uri: edits})
+
+
+def definition(server: Server, params: types.DefinitionParams) -> types.Location | None:
+    """Where the name at a place is defined, in its file or in one that it includes."""
+    document, at = server.place(params)
+    found = symbol_at(document.source, at)
+    if found is None:
+        return None
+    for each in _files(server, document, found.symbol):
+        if word := defines(each.source, found.symbol):
+            return types.Location(each.uri, _range(each, word))
+    return None
+
+
+def uses(server: Server, params: types.ReferenceParams) -> list[types.Location]:
+    """Where the name at a place stands in its file and in those that it includes."""
+    document, at = server.place(params)
+    found = symbol_at(document.source, at)
+    if found is None:
+        return []
+    files = _files(server, document, found.symbol)
+    own = None if params.context.include_declaration else found.symbol
+    return [
+        types.Location(each.uri, _range(each, word))
+        for each in files
+        for word in references(each.source, found.symbol)
+        if own is None or word != defines(each.source, own)
+    ]
+
+
+def symbols(server: Server, params: types.DocumentSymbolParams) -> list[types.DocumentSymbol]:
+    """The subtrees and constants that a file defines."""
+    document = server.document(params.text_document.uri)
+    return [
+        types.DocumentSymbol(
+            each.symbol.name,
+            SYMBOLS[each.symbol.kind],
+            _range(document, each.whole),
+            _range(document, each.word),
+        )
+        for each in definitions(document.source)
+        if each.whole
+    ]
+
+
+def code_actions(server: Server, params: types.CodeActionParams) -> list[types.CodeAction]:
+    """Replaces words in a range by what was probably meant."""
+    document = server.document(params.text_document.uri)
+    found: list[types.CodeAction] = []
+    for error in _found(document, server.words):
+        diagnostic = _diagnostic(error, document)
+        guess = error.get("guess", "")
+        overlap = (
+            diagnostic.range.start <= params.range.end
+            and params.range.start <= diagnostic.range.end
+        )
+        if overlap and REPLACEMENT.fullmatch(guess) and error["file"] == _name(document):
+            edit = _replacement(document, diagnostic.range.start, guess)
+            found.append(
+                types.CodeAction(
+                    f"Replace by {guess}",
+                    kind=types.CodeActionKind.QuickFix,
+                    diagnostics=[diagnostic],
+                    is_preferred=True,
+                    edit=types.WorkspaceEdit(changes={document.uri: [edit]}),
+                )
+            )
+    return found
+
+
+def _replacement(document: TextDocument, start: types.Position, guess: str) -> types.TextEdit:
+    """The edit that puts a guess in the place of the word or sign that begins at `start`."""
+    text, at = document.source, document.offset_at_position(start)
+    match = WORD_OR_SIGN.match(text, at)
+    end = match.end() if match else at
+    if guess[-1].isalnum():  # a word in place of a sign, as in `a&&b`
+        before = " " if at and text[at - 1].isalnum() else ""
+        after = " " if text[end : end + 1].isalnum() else ""
+        guess = f"{before}{guess}{after}"
+    return types.TextEdit(_range(document, Word(text[at:end], at, end)), guess)
+
+
+def _files(server: Server, document: TextDocument, symbol: Symbol) -> list[TextDocument]:
+    """A file and, for names that go beyond it, those that it includes."""
+    if symbol.kind == "parameter":
+        return [document]
+    included = mentioned(document.source, _folder(document))
+    return [document, *(server.document(path.as_uri()) for path, text in included.items() if text)]
 
 
 ANSWERS: Final[dict[str, Callable[..., Any]]] = {
@@ -160,6 +262,10 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
     types.TEXT_DOCUMENT_HOVER: hover,
     types.TEXT_DOCUMENT_FORMATTING: formatting,
     types.TEXT_DOCUMENT_PREPARE_RENAME: prepare_rename,
+    types.TEXT_DOCUMENT_DEFINITION: definition,
+    types.TEXT_DOCUMENT_REFERENCES: uses,
+    types.TEXT_DOCUMENT_DOCUMENT_SYMBOL: symbols,
+    types.TEXT_DOCUMENT_CODE_ACTION: code_actions,
 }
 """By request; renaming has an option of its own."""
 
@@ -170,10 +276,10 @@ def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
     try:
         vocabulary = words(text, name, folder)
         if errors := tree_errors(text, vocabulary, name=name, folder=folder):
-            return [plain_error(error, name) for error in errors]
+            return [{**plain_error(error, name), "guess": error.guess} for error in errors]
         _, findings = checked(text, vocabulary, name, folder, ANY_SIZE)
     except TreeError as error:
-        return [plain_error(error, name)]
+        return [{**plain_error(error, name), "guess": error.guess}]
     except IslandError as error:
         place = {"line": 1, "column": 1, "end": 1, "severity": "error", "code": "domain"}
         return [{"file": name, **place, "message": str(error)}]

@@ -198,7 +198,8 @@ def _front(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
 
 def _insert(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
     assert edit.branch is not None
-    if not path or kind_of(node_at(tree, path[:-1])).children[1] <= 1:
+    parent = node_at(tree, path[:-1]) if path else None
+    if parent is None or len(parent.children) >= kind_of(parent).children[1]:
         raise ValueError(
             "expected the place of a child of a selector, sequence or parallel, found"
             f" {edit.at[:60]!r}"

@@ -118,6 +118,8 @@ def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
     """A value of an action's argument, evenly from its range or its logarithm, or of its words."""
     if parameter.words:
         return parameter.words[rng.integers(len(parameter.words))]
+    if parameter.sort == "text":
+        return parameter.default
     low, high = parameter.low, parameter.high
     if parameter.logarithmic:
         return rounded(float(np.exp(rng.uniform(np.log(low), np.log(high)))), parameter)
@@ -216,7 +218,8 @@ def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
     """A random composite or decorator whose tree has at most `depth` >= 2 levels."""
     kind = weighted(rng, space.kinds)
     least, most = space.settings.children
-    n = 1 if KINDS[kind].children[1] == 1 else int(rng.integers(least, most + 1))
+    fewest, limit = KINDS[kind].children
+    n = limit if fewest == limit else int(rng.integers(least, most + 1))
     args = random_args(rng, kind, space)
     return Node(kind, args, tuple(grow(rng, space, depth - 1) for _ in range(n)))
 

@@ -206,7 +206,7 @@ def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: Mutatio
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
-    if old.children and KINDS[old.kind].children[1] > 1 and rng.random() < 0.5:
+    if old.children and len(old.children) < KINDS[old.kind].children[1] and rng.random() < 0.5:
         at = int(rng.integers(len(old.children) + 1))
         new = grow(rng, space, how.subtree_depth)
         return replace_at(
@@ -225,7 +225,7 @@ def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSett
         return tree
     i, old = inner[rng.integers(len(inner))]
     at = int(rng.integers(len(old.children)))
-    if len(old.children) > 1 and rng.random() < 0.5:
+    if len(old.children) > KINDS[old.kind].children[0] and rng.random() < 0.5:
         return replace_at(
             tree, i, old._replace(children=old.children[:at] + old.children[at + 1 :])
         )

@@ -17,6 +17,7 @@ from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_
 
 NO_DECORATORS = (
     "selector", "sequence", "parallel", "reactive_selector", "reactive_sequence", "action",
+    "pipeline", "round_robin", "recovery",
 )  # fmt: skip
 
 
@@ -28,14 +29,15 @@ class Live:
         self.place = next(places)
         self.children = [Live(child, places) for child in node.children]
         self.running = False
-        self.at = 0  # selector, sequence: the current branch
+        self.at = 0  # selector, sequence, pipeline, round_robin, recovery: the current branch
+        self.status = FAILURE  # in the last tick; of an aborted node RUNNING
         self.statuses: list[int] = []  # parallel: of each child
         self.successes = 0  # repeater
         self.failures = 0  # retry
         self.visited = False  # when: in this activation of its composite
         self.broken = False  # when: its condition failed while its child ran
         self.ticks = 0  # wait, timeout: since its start
-        self.free = 0  # cooldown: the first tick in which its child may start
+        self.free = 0  # cooldown, every: the first tick in which its child may start
 
 
 class Reference:
@@ -119,6 +121,7 @@ class Reference:
         else:
             status = getattr(self, kind)(live)
         live.running = status in (RUNNING, AGAIN)
+        live.status = RUNNING if live.running else status
         self.watch(live.place, status)
         return status
 
@@ -188,6 +191,64 @@ class Reference:
                 self.cut_short = self.cut_short or child.running
                 self.abort(child)
         return status
+
+    def every(self, live: Live) -> int:
+        if not live.running and live.status != SUCCESS:
+            live.free = 0
+        if not live.children[0].running and self.now < live.free:
+            return AGAIN
+        status = self.run(live.children[0])
+        if status == SUCCESS:
+            live.free = self.now + self.duration(live)
+        return status
+
+    def until_failure(self, live: Live) -> int:
+        status = self.run(live.children[0])
+        return AGAIN if status == SUCCESS else status
+
+    def pipeline(self, live: Live) -> int:
+        live.at = live.at if live.running else 0
+        for index, child in enumerate(live.children):
+            status = self.run(child)
+            if status == FAILURE:
+                break
+            if child.running and index >= live.at:
+                live.at = index
+                return status if index == 0 else AGAIN
+        for child in live.children:
+            self.cut_short |= child.running
+            self.abort(child)
+        return SUCCESS if status == SUCCESS or status in (RUNNING, AGAIN) else FAILURE
+
+    def round_robin(self, live: Live) -> int:
+        if not live.running:
+            live.failures = 0
+            if live.status == RUNNING:
+                live.at = 0
+        while True:
+            status = self.run(live.children[live.at])
+            if status in (RUNNING, AGAIN):
+                return status
+            live.at = (live.at + 1) % len(live.children)
+            if status == SUCCESS:
+                return SUCCESS
+            live.failures += 1
+            if live.failures == len(live.children):
+                live.at = 0
+                return FAILURE
+
+    def recovery(self, live: Live) -> int:
+        if not live.running:
+            live.at = live.successes = 0
+        child, remedy = live.children
+        while True:
+            status = self.run(remedy if live.at else child)
+            if live.at and status != SUCCESS:
+                return status
+            if not live.at and (status != FAILURE or live.successes == count_of(live.node)):
+                return status
+            live.successes += live.at
+            live.at = 1 - live.at
 
     def inverter(self, live: Live) -> int:
         status = self.run(live.children[0])

@@ -80,6 +80,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
     examples = {
         "action": "PatrolWaypoint",
         **{k: f"{k} 2 {{ PatrolWaypoint }}" for k in (*COUNTED, *TIMED)},
+        "recovery": "recovery 2 { PatrolWaypoint PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }
     parsed = parse(examples.get(kind, f"{kind} {{ PatrolWaypoint }}"))

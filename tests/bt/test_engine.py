@@ -232,6 +232,82 @@ def test_cooldown() -> None:
     assert [stage.tick(p=p)[0] for p in (1, 0, 1)] == ["A!", "", "A!"]  # an abort is no end
 
 
+def test_every() -> None:
+    """After a success its child starts so much later; after a failure or an abort at once."""
+    stage = Stage("every 3 { A }", A="SRSFS")
+    calls = [stage.tick() for _ in range(9)]
+    assert [c for c, _ in calls] == ["A!", "", "", "A!", "A", "", "", "A!", "A!"]
+    assert [s for _, s in calls[:3]] == [SUCCESS, AGAIN, AGAIN]
+    stage = Stage("when p { every 9 { A } }", "p", A="S")
+    assert [stage.tick(p=p)[0] for p in (1, 1, 0, 1)] == ["A!", "", "", "A!"]
+
+
+def test_until_failure() -> None:
+    """It repeats its child, one repetition a tick, until that fails."""
+    stage = Stage("until_failure { A }", A="SRSF")
+    assert [stage.tick() for _ in range(4)] == [
+        ("A!", AGAIN), ("A!", RUNNING), ("A", AGAIN), ("A!", FAILURE)
+    ]  # fmt: skip
+
+
+def test_pipeline_repeats_earlier_children() -> None:
+    """Children that ended start again before the running one is resumed."""
+    stage = Stage("pipeline { A B }", A="S", B="RS")
+    assert [stage.tick() for _ in range(2)] == [("A! B!", AGAIN), ("A! B", SUCCESS)]
+    assert Stage("pipeline { A B C }", A="S", B="F").tick() == ("A! B!", FAILURE)
+
+
+def test_pipeline_passes_running_children() -> None:
+    """A running child ends the tick only if no later child was reached before."""
+    stage = Stage("pipeline { A B }", A="RSRRS", B="R")
+    assert [stage.tick()[0] for _ in range(4)] == ["A!", "A B!", "A! B", "A B"]
+
+
+def test_pipeline_end_aborts() -> None:
+    """When it fails or succeeds, children that still run are aborted."""
+    stage = Stage("pipeline { A B }", A="SR", B="RS")
+    assert [stage.tick()[1] for _ in range(2)] == [AGAIN, SUCCESS]
+    assert stage.events == [(1, RUNNING), (2, SUCCESS), (1, ABORTED), (0, SUCCESS)]
+    assert stage.tick()[0] == "A!"
+
+
+def test_round_robin() -> None:
+    """It begins behind the child that succeeded last, and at the first one when all failed."""
+    stage = Stage("round_robin { A B C }", A="SF", B="FSF", C="SF")
+    assert [stage.tick() for _ in range(5)] == [
+        ("A!", SUCCESS), ("B! C!", SUCCESS), ("A! B!", SUCCESS), ("C! A! B!", FAILURE),
+        ("A! B! C!", FAILURE),
+    ]  # fmt: skip
+
+
+def test_round_robin_aborted() -> None:
+    """An abort while it runs sets it back to its first child."""
+    stage = Stage("when p { round_robin { A B } }", "p", A="S", B="R")
+    assert [stage.tick(p=p)[0] for p in (1, 1, 0, 1)] == ["A!", "B!", "", "A!"]
+
+
+def test_recovery() -> None:
+    """After a failure of its first child comes the second, then the first again, in one tick."""
+    stage = Stage("recovery 2 { A B }", A="RFRS", B="RS")
+    assert [stage.tick() for _ in range(4)] == [
+        ("A!", RUNNING), ("A B!", RUNNING), ("B A!", RUNNING), ("A", SUCCESS)
+    ]  # fmt: skip
+
+
+def test_recovery_fails() -> None:
+    """It fails with the second child, and after as many recoveries as it has."""
+    assert Stage("recovery 2 { A B }", A="F", B="F").tick() == ("A! B!", FAILURE)
+    assert Stage("recovery 2 { A B }", A="F", B="S").tick() == ("A! B! A! B! A!", FAILURE)
+
+
+@pytest.mark.parametrize("head", ["pipeline", "round_robin", "recovery 1"])
+def test_nav2_composites_observe_no_guard(head: str) -> None:
+    """A guard that turns true below one of them stops no later branch."""
+    stage = Stage(f"selector {{ {head} {{ when p abort lower {{ A }} B }} C }}", A="S", B="F")
+    stage.tick()
+    assert stage.tick(p=1)[0] == "C"
+
+
 def test_seconds_are_whole_ticks() -> None:
     """As many ticks as reach the time: 1.1 s are eleven of 0.1 s, without rounding errors."""
     assert [SecondsArgs(s).ticks(0.1) for s in (0.01, 0.3, 1.1, 1.11)] == [1, 3, 11, 12]

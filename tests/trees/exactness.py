@@ -28,7 +28,7 @@ from islandgp.bt.core.condition import (
     negate,
 )
 from islandgp.bt.core.engine import ABORTED
-from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES
+from islandgp.bt.core.kinds import ABORTS, KINDS, POLICIES
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     AGAIN,
@@ -91,11 +91,14 @@ def random_condition(rng: Random, terms: int) -> ConditionExpr:
     return Condition(key, rng.choice(OPERATORS), float(rng.randint(1, 3)))
 
 
+_COUNTED = ("repeater", "retry")
+
+
 def random_tree(rng: Random, levels: int) -> Node:
     """A tree rich in guards that interrupt; Hypothesis makes few of them."""
     kinds = ["action"] * 2 + ["selector", "when"] * 3 + ["sequence", "parallel", "inverter"]
     kinds += ["force_success", "force_failure"]
-    kind = rng.choice([*kinds, *COUNTED]) if levels > 1 else "action"
+    kind = rng.choice([*kinds, *_COUNTED]) if levels > 1 else "action"
     if kind == "action":
         return leaf("A")
     several = not KINDS[kind].decorates
@@ -107,7 +110,7 @@ def random_tree(rng: Random, levels: int) -> Node:
         )
     elif kind == "parallel":
         args = ParallelArgs(rng.choice([*POLICIES]), rng.choice([*POLICIES]))
-    elif kind in COUNTED:
+    elif kind in _COUNTED:
         args = CountArgs(rng.randint(1, 4))
     children = range(rng.randint(1, 4) if several else 1)
     return Node(kind, args, tuple(random_tree(rng, levels - 1) for _ in children))

@@ -34,7 +34,7 @@ from tests.viewer.episodes import recorded
 
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
-TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, timed=False)
+TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, timed=False, nav2=False)
 FEW = examples(
     max_examples=300, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )

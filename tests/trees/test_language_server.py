@@ -9,13 +9,15 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse
-from islandgp.bt.editor.assist import meaning, offers, renamed, subtrees
+from islandgp.bt.editor.assist import meaning, offers, subtrees
+from islandgp.bt.editor.names import definitions, references, renamed, symbol_at
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from tests.running.commands import ROOT
@@ -137,14 +139,135 @@ def test_rename() -> None:
         (TREE.index("go ="), "goes", "another subtree's"),
         (TREE.index("go ="), "when", "no word of the language"),
         (TREE.index("go ="), "a b", "found 'a b'"),
-        (TREE.index("PatrolWaypoint"), "run", "found none here"),
-        (2, "run", "found none here"),
+        (TREE.index("PatrolWaypoint"), "run", "found none"),
+        (2, "run", "found none"),
     ],
 )
 def test_names_that_cannot_be(offset: int, new: str, told: str) -> None:
     """What would make another tree is refused."""
     with pytest.raises(TreeError, match=told):
         renamed(TREE, offset, new, Path())
+
+
+NUMBERS = """constant low = 20
+constant least = low
+subtree far(n, m) = when batteryLevel > n { PatrolWaypoint }
+subtree go(low_, n) = repeater n { when batteryLevel < low_ { use far(n, low) } }
+when batteryLevel < low { use go(least, 3) }
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "places"),
+    [
+        ("low", 1, [(1, 9), (2, 17), (4, 73), (5, 20)]),
+        ("least", 5, [(2, 9), (5, 33)]),
+        ("n", 4, [(4, 17), (4, 31), (4, 70)]),
+        ("n", 3, [(3, 12), (3, 40)]),
+        ("far", 4, [(3, 8), (4, 66)]),
+    ],
+)
+def test_references_go_by_scope(name: str, line: int, places: list[tuple[int, int]]) -> None:
+    """A parameter belongs to its subtree; renaming all places leaves the tree as it is."""
+    begin = sum(map(len, NUMBERS.splitlines(keepends=True)[: line - 1]))
+    word = re.compile(rf"\b{name}\b").search(NUMBERS, begin)
+    assert word is not None
+    found = symbol_at(NUMBERS, word.start())
+    assert found is not None
+    words = references(NUMBERS, found.symbol)
+    starts = [NUMBERS[: each.start] for each in words]
+    assert [(each.count("\n") + 1, len(each) - each.rfind("\n") - 1) for each in starts] == places
+    text = NUMBERS
+    for each in reversed(renamed(NUMBERS, word.start(), "other", Path())):
+        text = f"{text[: each.start]}other{text[each.end :]}"
+    assert parse(text) == parse(NUMBERS)
+
+
+@pytest.mark.parametrize(
+    ("name", "new"), [("least", "low"), ("least", "low_"), ("m", "n"), ("m", "low"), ("go", "far")]
+)
+def test_names_that_are_taken(name: str, new: str) -> None:
+    """A constant keeps away from parameters, which would hide it."""
+    with pytest.raises(TreeError, match=f"found {new}, which is another"):
+        renamed(NUMBERS, re.search(rf"\b{name}\b", NUMBERS).start(), new, Path())  # type: ignore[union-attr]
+
+
+def test_definitions_reach_to_their_end() -> None:
+    """Of a subtree the body is part of it."""
+    whole = [each.whole for each in definitions(NUMBERS)]
+    assert [NUMBERS[w.start : w.end] for w in whole if w] == NUMBERS.splitlines()[:4]
+
+
+def test_any_text_has_names() -> None:
+    """A text may end anywhere."""
+    for end in range(len(NUMBERS)):
+        for each in definitions(NUMBERS[:end]):
+            assert references(NUMBERS[:end], each.symbol)
+
+
+@pytest.fixture(scope="module")
+def editor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Editor]:
+    """One server for the tests of its requests."""
+    with Editor(tmp_path_factory.mktemp("editor")) as opened:
+        yield opened
+
+
+def test_definition_and_references_across_files(editor: Editor) -> None:
+    """The place may be in an included file."""
+    (editor.folder / "lib.bt").write_text("# \N{ROBOT FACE}\nsubtree far = SeekCharger\n")
+    assert editor.open("top.bt", 'include "lib.bt"\nsequence { use far use far }\n') == []
+    place = {"start": {"line": 1, "character": 8}, "end": {"line": 1, "character": 11}}
+    there = {"uri": editor.uri("lib.bt"), "range": place}
+    assert editor.at("definition", "top.bt", 1, 16) == there
+    every = editor.at("references", "top.bt", 1, 16, context={"includeDeclaration": True})
+    assert [each["range"]["start"]["character"] for each in every] == [15, 23, 8]
+    uses = editor.at("references", "top.bt", 1, 16, context={"includeDeclaration": False})
+    assert uses == every[:2]
+    assert "this file defines" in editor.at("rename", "top.bt", 1, 16, newName="near")
+    assert editor.at("definition", "top.bt", 1, 2) is None
+    assert editor.at("references", "top.bt", 1, 2, context={"includeDeclaration": True}) == []
+
+
+def test_symbols_of_a_file(editor: Editor) -> None:
+    """Its subtrees and constants."""
+    editor.open("numbers.bt", NUMBERS)
+    document = {"uri": editor.uri("numbers.bt")}
+    found = editor.ask("textDocument/documentSymbol", textDocument=document)
+    kinds = [(each["name"], each["kind"]) for each in found]
+    assert kinds == [("low", 14), ("least", 14), ("far", 12), ("go", 12)]
+
+
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        ("selector { PatrolWaypont }", "selector { PatrolWaypoint }"),
+        ("when batteryLvl<5 { SeekCharger }", "when batteryLevel<5 { SeekCharger }"),
+        ("when foundGarbage&&lap<2 { SeekCharger }", "when foundGarbage and lap<2 { SeekCharger }"),
+        ("when !foundGarbage { SeekCharger }", "when not foundGarbage { SeekCharger }"),
+        ("when lap \N{LESS-THAN OR EQUAL TO} 2 { SeekCharger }", "when lap <= 2 { SeekCharger }"),
+        ("Fallback { SeekCharger }", "selector { SeekCharger }"),
+        ("SeekCharger;", None),  # the guess is a sentence
+        ("when lap < 2 { batteryLevel }", None),
+    ],
+)
+def test_a_suggestion_is_one_action_away(editor: Editor, text: str, changed: str | None) -> None:
+    """A misspelt word is replaced by what was probably meant, if that is a word or a sign."""
+    (wrong,) = editor.open("slip.bt", text)
+    document = {"uri": editor.uri("slip.bt")}
+    actions = editor.ask(
+        "textDocument/codeAction",
+        textDocument=document,
+        range=wrong["range"],
+        context={"diagnostics": [wrong]},
+    )
+    texts = []
+    for action in actions:
+        (edit,) = action["edit"]["changes"][document["uri"]]
+        start, end = (edit["range"][each]["character"] for each in ("start", "end"))
+        texts.append(f"{text[:start]}{edit['newText']}{text[end:]}")
+    assert texts == ([changed] if changed else [])
+    editor.tell("textDocument/didClose", textDocument=document)
+    assert editor.found("slip.bt") == []
 
 
 def test_an_editor_session(tmp_path: Path) -> None:

@@ -66,6 +66,9 @@ class _Finder:
     def inside(self, place: int, own: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
         node, (starts, resumes) = self._machine.nodes[place], own
+        if kind_of(node).opaque:
+            starts = self._sets.either(*own)
+            return [NodeBoards(starts, starts)] * len(self._machine.children[place])
         if kind_of(node).reactive:
             return [NodeBoards(each, each) for each in self._in_turn(place, own)[0]]
         if kind_of(node).hands_over is not None:
@@ -168,6 +171,8 @@ class _Finder:
         kind = kind_of(node)
         if node.action:
             return machine.fresh(place)
+        if kind.opaque:
+            return ANY_BOARD, ANY_BOARD, ANY_BOARD
         if kind.reactive:
             return self._in_turn(place, NodeBoards(ANY_BOARD, ANY_BOARD))[1]
         if kind.hands_over is not None:

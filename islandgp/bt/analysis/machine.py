@@ -53,7 +53,7 @@ class BranchMemory(NamedTuple):
 class RepeaterMemory(NamedTuple):
     """What a running repeater remembers."""
 
-    left: int  # ends of its child that count, still to come, >= 1
+    left: float  # ends of its child that count, still to come, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
@@ -194,7 +194,7 @@ class Machine:
         failure, success, running = self._and(self.holds[place], child)
         return self.sets.either(failure, self.fails[place]), success, running
 
-    def repetition(self, place: int, memory: Memory | None) -> tuple[int, Memory | None]:
+    def repetition(self, place: int, memory: Memory | None) -> tuple[float, Memory | None]:
         """The ends that a node still has to count, and the memory of its child."""
         if memory is None:
             return count_of(self.nodes[place]), None
@@ -216,6 +216,8 @@ class Machine:
             return int(FAILURE in can), int(SUCCESS in can), int(RUNNING in can)
         if node.guard:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
+        if kind.opaque:
+            return ANY_BOARD, ANY_BOARD, ANY_BOARD
         if kind.later:
             return NO_BOARD, NO_BOARD, ANY_BOARD
         if kind.counts is not None:

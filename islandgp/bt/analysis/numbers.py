@@ -120,9 +120,10 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) 
                 if arguments[str(key)].numeric:
                     purpose = argument_purpose(str(name), str(key))
                     yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
-        case kind, [_, word, child] if kind in COUNTED or kind in TIMED:
+        case kind, [_, word, *children] if kind in COUNTED or kind in TIMED:
             yield _Slot(kind, frozenset({COUNT if kind in COUNTED else SECONDS}), word)
-            yield from _slots(child, taken, words)
+            for child in children:
+                yield from _slots(child, taken, words)
         case "success" | "failure" as policy, [word] if word.type in ("NAME", "NUMBER"):
             yield _Slot(policy, frozenset({COUNT}), word)
         case _, parts:

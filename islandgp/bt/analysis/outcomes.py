@@ -20,6 +20,8 @@ def ends(node: Node, context: NodeContext) -> Ends:
     if node.guard and never(node.guard, context):
         return _FAILS
     kind = kind_of(node)
+    if kind.opaque:
+        return frozenset({FAILURE, SUCCESS})
     each = [ends(child, below(node, context, i)) for i, child in enumerate(node.children)]
     if kind.decorates:
         found = frozenset(kind.ends[end] for end in each[0])
@@ -64,7 +66,7 @@ def idle(node: Node, context: NodeContext) -> int | None:
     Such a node calls no action and stops no other node.
     """
     kind = kind_of(node)
-    if not kind.decorates:
+    if not kind.decorates or kind.opaque:
         return None
     if node.guard:
         if may_interrupt(node.guard, context):

@@ -108,7 +108,8 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     left = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
     if not left:
         return RuleResult(rule, "proven", "it follows from the guards")
-    if kind := next((n.kind for n in machine.nodes if n.kind in TIMED or kind_of(n).reactive), ""):
+    kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
+    if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
         why = f"neither proven nor refuted: of a tree with a {kind} only the guards are looked at"
         return RuleResult(rule, "unknown", why)
     machine.left = steps

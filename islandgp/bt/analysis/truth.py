@@ -212,6 +212,8 @@ def below(node: Node, context: NodeContext, index: int) -> NodeContext:
         return NodeContext(always, (*at_start, holds), observer, vocabulary)
     if kind.together:
         return NodeContext(always, at_start, None, vocabulary)
+    if kind.opaque:
+        return NodeContext(always, always, observer if kind.decorates else None, vocabulary)
     if kind.reactive:  # any child starts in any tick
         return NodeContext(always, always, None, vocabulary)
     if kind.counts is not None or kind.later:  # starts its child in later ticks

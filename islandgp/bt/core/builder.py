@@ -274,13 +274,15 @@ class Builder:
     def _value(self, action: _Token, key: _Token, token: _Token) -> Value:
         """The value of an argument; without a vocabulary any word is one."""
         words, known = self._vocabulary, token in self._values or token in self._constants
+        written = str(token).strip('"')
         if words is None:
-            return str(token) if token.type == "NAME" and not known else self._number(token)
+            numeric = token.type == "NUMBER" or (token.type == "NAME" and known)
+            return self._number(token) if numeric else written
         parameters = words.actions[action].arguments
         if key not in parameters:
             raise unknown_argument(self._source, key, action, parameters)
         parameter = parameters[key]
-        value = self._number(token) if parameter.numeric else str(token)
+        value = self._number(token) if parameter.numeric else written
         if parameter.numeric and self._defining and token in self._values:
             return value  # checked where the subtree is used
         if not fits(parameter, value):

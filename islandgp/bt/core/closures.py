@@ -106,9 +106,9 @@ def forced(child: Tick, end: int) -> Tick:
     return tick
 
 
-def repeater(child: Tick, count: int, counted: int) -> Tick:
+def repeater(child: Tick, count: float, counted: int) -> Tick:
     """One repetition a tick, until the child has ended `count` times with the status `counted`."""
-    left = 0  # such ends still to come
+    left = 0.0  # such ends still to come
     due = False  # the next tick starts a repetition
 
     def tick(fresh: bool) -> int:
@@ -165,6 +165,111 @@ def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
         if status < RUNNING:
             free = now() + ticks
         return status
+
+    return tick
+
+
+def every(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
+    """After a success of its child, the child starts again so many ticks later."""
+    due = 0  # the first tick in which the child may start
+    before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
+    started = False  # whether the child runs
+
+    def tick(fresh: bool) -> int:
+        nonlocal due, before, started
+        if fresh:
+            started = False
+            due = due if before == SUCCESS else 0
+        if not started and now() < due:
+            before = RUNNING
+            return AGAIN
+        before = child(not started)
+        started = before >= RUNNING
+        if before == SUCCESS:
+            due = now() + ticks
+        return before
+
+    return tick
+
+
+def pipeline(branches: list[Tick], places: list[int], stop: Stop) -> Tick:
+    """A sequence that begins with its first child in each tick and passes running ones.
+
+    It passes those before the child at which it stopped in the tick before.
+    """
+    running = [False] * len(branches)
+    furthest = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal furthest
+        if fresh:
+            running[:] = [False] * len(branches)
+            furthest = 0
+        status = SUCCESS
+        for at, branch in enumerate(branches):
+            status = branch(not running[at])
+            running[at] = status >= RUNNING
+            if status == FAILURE:
+                break
+            if running[at] and at >= furthest:
+                furthest = at
+                # The children before it that ended start again in the next tick.
+                return AGAIN if at else status
+        for at, left in enumerate(running):
+            if left:
+                stop(places[at], places[at + 1])
+        return status
+
+    return tick
+
+
+def round_robin(branches: list[Tick]) -> Tick:
+    """Tries its children in turn; begins behind the child that succeeded last."""
+    current = failed = 0
+    running = False  # at a start: it was aborted
+
+    def tick(fresh: bool) -> int:
+        nonlocal current, failed, running
+        if fresh:
+            failed = 0
+            current = 0 if running else current
+        while True:
+            status = branches[current](fresh)
+            running = status >= RUNNING
+            if running:
+                return status
+            current = (current + 1) % len(branches)
+            failed += status == FAILURE
+            if status == SUCCESS:
+                return status
+            if failed == len(branches):
+                current = 0
+                return status
+            fresh = True
+
+    return tick
+
+
+def recovery(child: Tick, remedy: Tick, count: float) -> Tick:
+    """Runs the remedy after a failure of the child and then the child again, `count` times."""
+    left = count
+    recovering = False
+
+    def tick(fresh: bool) -> int:
+        nonlocal left, recovering
+        if fresh:
+            left, recovering = count, False
+        while True:
+            if recovering:
+                status = remedy(fresh)
+                if status != SUCCESS:
+                    return status
+                left -= 1
+            else:
+                status = child(fresh)
+                if status != FAILURE or left == 0:
+                    return status
+            recovering, fresh = not recovering, True
 
     return tick
 

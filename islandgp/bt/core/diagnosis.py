@@ -205,9 +205,14 @@ def _unexpected_end(
     line, column = last.end_line or 1, last.end_column or 1
     message = "the text ends too early"
     if (brace := _unclosed(source, before)) is not None:
-        node = next(str(w) for w in reversed(before[:brace]) if w in _NODE_WORDS)
+        node = _parent(source, before)
         message += f": the brace of the {node} in line {before[brace].line} is not closed"
     return source.error(message, line, column, expected=expected)
+
+
+def _parent(source: Source, words: Sequence[Token]) -> str:
+    """The word of the node whose brace is open."""
+    return next(str(w) for w in reversed(words[: _unclosed(source, words)]) if w in _NODE_WORDS)
 
 
 def _unclosed(source: Source, words: Sequence[Token]) -> int | None:
@@ -242,7 +247,8 @@ def _unexpected_word(
     message = f"unexpected {shown(token)}"
     only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
     if only == {"RBRACE"}:
-        message += "; this node takes one child, so wrap several in a sequence or a selector"
+        takes = "two children" if _parent(source, before) == "recovery" else "one child"
+        message += f"; this node takes {takes}, so wrap several in a sequence or a selector"
     elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":

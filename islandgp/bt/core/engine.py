@@ -16,7 +16,7 @@ from typing import Final, TypeAlias
 from islandgp.bt.core import closures
 from islandgp.bt.core.closures import Observed, Stop, Tick
 from islandgp.bt.core.condition import Board, condition
-from islandgp.bt.core.kinds import KINDS, count_of, is_timed
+from islandgp.bt.core.kinds import KINDS, count_of, needs_each_tick
 from islandgp.bt.core.node import (
     AGAIN,
     RUNNING,
@@ -59,8 +59,8 @@ def compile_tree(
         places: the index of each key on the board, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and
             with ABORTED for each running node that is stopped. None costs nothing.
-        step_s: seconds from a tick to the next one, > 0. A tree with a wait, a timeout or a
-            cooldown needs it, and has to be ticked in each step.
+        step_s: seconds from a tick to the next one, > 0. A tree that counts seconds needs it.
+            One that `needs_each_tick` has to be ticked in each step.
 
     Returns:
         The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
@@ -74,7 +74,7 @@ def compile_tree(
     """
     compiler = _Compiler(actions, board, places, watch, step_s)
     root = compiler.compile(tree, None)
-    fresh, timed = True, is_timed(tree)
+    fresh, timed = True, needs_each_tick(tree)
 
     def tick() -> int:
         nonlocal fresh
@@ -187,6 +187,20 @@ class _Compiler:
         child = self.compile(node.children[0], observed)
         return closures.cooldown(child, ticks, lambda: self.now)
 
+    def _every(self, node: Node, observed: Observed | None) -> Tick:
+        ticks = self._ticks(node)
+        return closures.every(self.compile(node.children[0], observed), ticks, lambda: self.now)
+
+    def _pipeline(self, node: Node, _: Observed | None) -> Tick:
+        return closures.pipeline(*self._unobserved(node), self._cut_short)
+
+    def _round_robin(self, node: Node, _: Observed | None) -> Tick:
+        return closures.round_robin(self._unobserved(node)[0])
+
+    def _recovery(self, node: Node, _: Observed | None) -> Tick:
+        (child, remedy), _places = self._unobserved(node)
+        return closures.recovery(child, remedy, count_of(node))
+
     def _inverter(self, node: Node, observed: Observed | None) -> Tick:
         return closures.inverter(self.compile(node.children[0], observed))
 
@@ -244,9 +258,14 @@ _MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
     "wait": _Compiler._wait,
     "timeout": _Compiler._timeout,
     "cooldown": _Compiler._cooldown,
+    "every": _Compiler._every,
+    "pipeline": _Compiler._pipeline,
+    "round_robin": _Compiler._round_robin,
+    "recovery": _Compiler._recovery,
     "inverter": _Compiler._inverter,
     "repeater": _Compiler._repeater,
     "retry": _Compiler._repeater,
+    "until_failure": _Compiler._repeater,
     "force_success": _Compiler._forced,
     "force_failure": _Compiler._forced,
     "when": _Compiler._when,

@@ -7,9 +7,11 @@ nodes of other libraries, name kinds themselves. docs/semantics.md describes wha
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from math import inf
 from typing import Any, Final, NamedTuple
 
 from islandgp.bt.core.node import (
@@ -101,6 +103,10 @@ class NodeKind:
     """Of a decorator: it can fail although its child does not end."""
     later: bool = False
     """Of a decorator: its child starts in a later tick."""
+    opaque: bool = False
+    """Analyses take its children to start in any of its ticks, and it to end in any way."""
+    remembers_end: bool = False
+    """What it does depends on how it ended before."""
 
     paper: bool = True
     """One of the paper's node types, section 2.2.3; prompts describe these."""
@@ -250,6 +256,46 @@ KINDS: Final[dict[str, NodeKind]] = {
         may_fail=True,
         paper=False,
     ),
+    "pipeline": NodeKind(
+        meaning="runs its children as a sequence that repeats the earlier ones in each tick",
+        children=(1, ANY),
+        look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
+        opaque=True,
+        paper=False,
+    ),
+    "round_robin": NodeKind(
+        meaning="tries its children in turn, from the one behind that which succeeded last",
+        children=(1, ANY),
+        look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
+        opaque=True,
+        remembers_end=True,
+        paper=False,
+    ),
+    "recovery": NodeKind(
+        meaning="runs its first child; after a failure the second, then the first again",
+        children=(2, 2),
+        args=CountArgs,
+        arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=REPEATS),),
+        look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
+        opaque=True,
+        paper=False,
+    ),
+    "until_failure": NodeKind(
+        meaning="runs its child again and again until it fails",
+        children=(1, 1),
+        look=Look("\N{INFINITY}", "magenta", "#efe3f5", "#7f4fa3"),
+        counts=SUCCESS,
+        paper=False,
+    ),
+    "every": NodeKind(
+        meaning="after a success waits until so many seconds have passed",
+        children=(1, 1),
+        args=SecondsArgs,
+        arguments=(Argument("seconds", Sort.SECONDS, "after a success", range=SECONDS),),
+        look=Look("\N{WATCH}", "magenta", "#efe3f5", "#7f4fa3"),
+        opaque=True,
+        paper=False,
+    ),
     "when": NodeKind(
         meaning="runs its child while a condition holds",
         children=(1, 1),
@@ -282,6 +328,15 @@ INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0
 """The kinds of nodes with children."""
 
 
+NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+RESERVED: Final = frozenset((
+    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
+    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
+    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
+))  # fmt: skip
+"""Words of the grammar: no action or key can have such a name."""
+
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
 """The kinds whose word stands before a count."""
 
@@ -297,12 +352,11 @@ def kind_of(node: Node) -> NodeKind:
     return KINDS[node.kind]
 
 
-def is_timed(tree: Node) -> bool:
-    """Whether a tree has a node that counts seconds."""
-    return any(node.kind in TIMED for node in walk(tree))
+def needs_each_tick(tree: Node) -> bool:
+    """Whether a tree has a node that counts seconds, or that remembers how it ended."""
+    return any(node.kind in TIMED or kind_of(node).remembers_end for node in walk(tree))
 
 
-def count_of(node: Node) -> int:
-    """The count of a node whose kind counts."""
-    assert isinstance(node.args, CountArgs)
-    return int(node.args.times)
+def count_of(node: Node) -> float:
+    """The count of a node whose kind counts; infinite without an argument."""
+    return int(node.args.times) if isinstance(node.args, CountArgs) else inf

@@ -25,7 +25,7 @@ STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
 
 Value: TypeAlias = float | str
-"""What an argument of an action is: a number, or a word; a flag is `yes` or `no`."""
+"""What an argument of an action is: a number, a word or a text; a flag is `yes` or `no`."""
 
 
 class ActionArgs(NamedTuple):

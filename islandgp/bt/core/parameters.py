@@ -1,4 +1,4 @@
-"""Arguments of actions, as a domain declares them: numbers, whole numbers, words and flags.
+"""Arguments of actions, as a domain declares them: numbers, whole numbers, words, flags and texts.
 
     "MoveTo": Action("goes to a place", arguments={
         "goal": one_of("where to", ("dock", "door")),
@@ -29,7 +29,7 @@ class Parameter:
     """An argument of an action."""
 
     meaning: str  # one line
-    sort: Literal["number", "integer", "word", "flag"]
+    sort: Literal["number", "integer", "word", "flag", "text"]
     default: Value  # a number, or a word; of a flag "no" or "yes"
     low: float = 0.0  # of a number
     high: float = 1.0
@@ -80,6 +80,11 @@ def one_of(meaning: str, words: Collection[str], default: str | None = None) -> 
     return Parameter(meaning, "word", first if default is None else default, words=(*words,))
 
 
+def text(meaning: str, default: str = "") -> Parameter:
+    """A line of text without double quotes, such as a name of ROS; evolution never changes it."""
+    return Parameter(meaning, "text", default)
+
+
 def switch(meaning: str, *, default: bool = False) -> Parameter:
     """Yes or no."""
     return Parameter(meaning, "flag", NO_YES[default], words=NO_YES)
@@ -89,6 +94,8 @@ def value_range(parameter: Parameter) -> str:
     """The values that a parameter can have, in words: `0.1 to 1 m/s`, `dock | door`."""
     if parameter.words:
         return " | ".join(parameter.words)
+    if parameter.sort == "text":
+        return '"a text"'
     kind = "a whole number from " if parameter.sort == "integer" else ""
     return f"{kind}{parameter.low:g} to {parameter.high:g} {parameter.unit}".rstrip()
 
@@ -105,10 +112,17 @@ def described(meaning: str, parameters: Mapping[str, Parameter]) -> str:
     return "; ".join([meaning, *lines])
 
 
+def is_text(value: str) -> bool:
+    """Whether a tree can say it between double quotes."""
+    return value.isprintable() and '"' not in value
+
+
 def fits(parameter: Parameter, value: object) -> bool:
     """Whether a parameter can have a value."""
     if parameter.words:
         return value in parameter.words
+    if parameter.sort == "text":
+        return isinstance(value, str) and is_text(value)
     if isinstance(value, bool) or not isinstance(value, float | int):
         return False
     whole = parameter.sort == "number" or value == int(value)
@@ -158,7 +172,9 @@ def check_parameters(
     for name, each in parameters.items():
         at = f"the argument {name} of {where}"
         if not isinstance(each, Parameter):
-            raise DomainError(f"Expected real, whole, one_of or switch for {at}, found {each!r}.")
+            raise DomainError(
+                f"Expected real, whole, one_of, switch or text for {at}, found {each!r}."
+            )
         words = {name: "a name", **dict.fromkeys(each.words, "words")}
         for word in words:
             if not is_name(word):

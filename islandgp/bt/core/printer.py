@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any, Self
 
 from islandgp.bt.core.condition import Compound, ConditionExpr
-from islandgp.bt.core.kinds import KINDS, Argument, Sort
+from islandgp.bt.core.kinds import KINDS, NAME, RESERVED, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, names_of
 
 WIDTH = 80  # columns of a line
@@ -94,8 +94,15 @@ def head(node: Node) -> str:
 
 def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
     """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
-    given = (f"{name}: {v if isinstance(v, str) else number_text(v)}" for name, v in values)
+    given = (f"{name}: {_value_text(value)}" for name, value in values)
     return f"{action}({', '.join(given)})" if values else action
+
+
+def _value_text(value: Value) -> str:
+    """A number, or a word; what is no word stands in double quotes."""
+    if not isinstance(value, str):
+        return number_text(value)
+    return value if NAME.fullmatch(value) and value not in RESERVED else f'"{value}"'
 
 
 def _argument(argument: Argument, value: Any) -> str:

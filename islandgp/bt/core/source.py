@@ -56,7 +56,9 @@ class Source:
             parts.append(f"Expected {expected}.")
         if guess:
             parts.append(f"Did you mean {guess}?")
-        return kind("\n".join(parts), line=line, column=column, source=source)
+        error = kind("\n".join(parts), line=line, column=column, source=source)
+        error.guess = guess
+        return error
 
     def error_at(
         self,

@@ -7,7 +7,6 @@ nothing else declares an action or a key.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,19 +15,11 @@ from numbers import Real
 from typing import Final
 
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
-from islandgp.bt.core.kinds import INNER, KINDS
+from islandgp.bt.core.kinds import NAME as NAME
+from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
 from islandgp.bt.core.parameters import Parameter, check_parameters, leaf_of
 from islandgp.errors import DomainError
-
-NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-
-RESERVED: Final = frozenset((
-    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
-    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
-    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
-))  # fmt: skip
-"""Words of the grammar: no action or key can have such a name."""
 
 STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
 
@@ -96,7 +87,7 @@ def number(
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
 
 
-def _is_name(word: str) -> bool:
+def is_name(word: str) -> bool:
     """Whether a domain may give a word a meaning."""
     return NAME.fullmatch(word) is not None and word not in RESERVED
 
@@ -151,7 +142,7 @@ class Vocabulary:
     def __post_init__(self) -> None:
         """Refuses what the language cannot say."""
         for name in (self.domain, *self.actions, *self.keys):
-            if not _is_name(name):
+            if not is_name(name):
                 raise DomainError(
                     f"Expected a name of letters, digits and _ that is no word of the language,"
                     f" found {name!r} in the domain {self.domain!r}; rename it."
@@ -166,7 +157,7 @@ class Vocabulary:
         for name, action in self.actions.items():
             where = f"the action {name} of the domain {self.domain}"
             _must_be_known(action, where, self.keys)
-            check_parameters(action.arguments, where, _is_name)
+            check_parameters(action.arguments, where, is_name)
             for before in action.after:
                 if before not in self.actions or before == name:
                     raise DomainError(

@@ -1,4 +1,4 @@
-"""What an editor asks about a tree file while it is written: completions, meanings, names.
+"""What an editor asks about a tree file while it is written: completions and meanings.
 
 Places are offsets into the text as the editor has it. The text may be wrong anywhere.
 """
@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import mentioned
@@ -19,12 +19,10 @@ from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.bt.core.parameters import Parameter, signature, value_range
 from islandgp.bt.core.printer import condition_text
-from islandgp.bt.core.vocabulary import NAME, RESERVED, STATUSES, Action, Key, Vocabulary
-from islandgp.errors import TreeError
+from islandgp.bt.core.vocabulary import NAME, STATUSES, Action, Key, Vocabulary
+from islandgp.bt.editor.words import Word, words_of
 
 Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
-
-_WORD: Final = re.compile(r'#[^\n]*|"[^"\n]*"?|[A-Za-z_]\w*|-?\.?[0-9][0-9A-Za-z_.]*|[<>=!]=?|\S')
 
 MEANINGS: Final = {
     **{name: KINDS[name].meaning for name in INNER},
@@ -47,14 +45,6 @@ MEANINGS: Final = {
 """Words of the language, each with what it is for."""
 
 
-class Word(NamedTuple):
-    """A word of a text, comments and names of files included."""
-
-    text: str
-    start: int
-    end: int
-
-
 @dataclass(frozen=True, slots=True)
 class Offer:
     """A word that could stand at a place."""
@@ -62,11 +52,6 @@ class Offer:
     text: str
     sort: Sort
     detail: str  # one line: what it is
-
-
-def words_of(text: str) -> list[Word]:
-    """The words of any text."""
-    return [Word(m[0], m.start(), m.end()) for m in _WORD.finditer(text)]
 
 
 def offers(
@@ -228,37 +213,6 @@ def _defined(kind: str, text: str, folder: Path, *, own: bool = False) -> Iterat
             if word.text == kind and NAME.fullmatch(name.text):
                 line = source[name.start :].partition("\n")[0].partition("#")[0]
                 yield name.text, line.strip()
-
-
-def subtree_at(text: str, offset: int) -> Word | None:
-    """The name of a subtree that stands at a place, where it is defined or used."""
-    found = _at(text, offset)
-    return found[0] if found and found[1] in ("use", "subtree") else None
-
-
-def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
-    """The places where the subtree at a place is named, all of which `new` can replace.
-
-    Raises:
-        TreeError: there is no subtree, it stands in another file, or `new` cannot be its name.
-    """
-    name = subtree_at(text, offset)
-    if name is None:
-        raise TreeError("Expected the name of a subtree, found none here.")
-    if name.text not in dict(_defined("subtree", text, folder, own=True)):
-        raise TreeError(f"Expected a subtree of this file, found {name.text} in one it includes.")
-    if not NAME.fullmatch(new) or new in RESERVED:
-        raise TreeError(
-            f"Expected letters, digits and _ that are no word of the language, found {new!r}."
-        )
-    if new != name.text and new in subtrees(text, folder):
-        raise TreeError(f"Expected a new name, found {new}, which is another subtree's.")
-    found = [word for word in words_of(text) if word.text[0] != "#"]
-    return [
-        word
-        for before, word in pairwise(found)
-        if before.text in ("use", "subtree") and word.text == name.text
-    ]
 
 
 def _begin(text: str, offset: int) -> int:

@@ -31,10 +31,12 @@ from islandgp.bt.core.printer import condition_text, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
+    NAV2,
     OWN,
+    PLUGINS,
     Loss,
     TargetNode,
-    check_clocks,
+    check_kinds,
     guard_losses,
     own_nodes,
     parts,
@@ -70,6 +72,11 @@ NODES: Final[dict[str, NodeType]] = {
     "force_failure": NodeType("ForceFailure"),
     "delay": NodeType("Delay", ("delay_msec",)),
     "timeout": NodeType("Timeout", ("msec",)),
+    "keep_running": NodeType("KeepRunningUntilFailure"),
+    "rate_controller": NodeType("RateController", ("hz",)),
+    "pipeline": NodeType("PipelineSequence"),
+    "round_robin": NodeType("RoundRobin", ("wrap_around",)),
+    "recovery": NodeType("RecoveryNode", ("number_of_retries",)),
     "check": NodeType("ScriptCondition", ("code",)),
     "when": NodeType("When", ("condition", "abort"), "Decorator"),
     "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
@@ -120,7 +127,7 @@ def losses(tree: Node) -> list[Loss]:
     """What does not mean the same in a plain file, each kind once."""
     found = guard_losses(tree)
     for node in walk(tree):
-        if isinstance(node.args, CountArgs) and differs(node):
+        if isinstance(node.args, CountArgs) and node.kind not in NAV2 and differs(node):
             found.add(REPEAT)
         if isinstance(node.args, ParallelArgs) and len(node.children) > 1:
             success, failure = node.args.needed(len(node.children))
@@ -128,6 +135,8 @@ def losses(tree: Node) -> list[Loss]:
             found.add(POLICY if late else JUDGED)
         if isinstance(node.args, SecondsArgs):
             found.add(CLOCK)
+        if node.kind in NAV2:
+            found.add(PLUGINS)
         if node.guard and differs(node):
             found.add(EQUAL)
     return sorted(found)
@@ -162,10 +171,11 @@ def to_xml(
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.
 
     Raises:
-        DomainError: an action has the name of a node of the library, the tree has a cooldown, or
-            `step_s` is missing.
+        DomainError: an action has the name of a node of the library, the tree has a kind without
+            a node over there, or `step_s` is missing.
     """
-    check_clocks(tree, plain=plain, step_s=step_s, unfit=("cooldown",))
+    unfit = {"cooldown"} if plain else {"cooldown", *NAV2}
+    check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
     used = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(used):
         raise DomainError(
@@ -250,6 +260,10 @@ def _attributes(part: TargetNode, step_s: float | None) -> str:
         fails = min(fails, count - succeeds + 1) if part.args.success == "all" else fails
         succeeds = -1 if part.args.success == "all" else succeeds
         return f' success_count="{succeeds}" failure_count="{fails}"'
+    if part.kind == "round_robin":
+        return ' wrap_around="true"'
+    if part.kind == "rate_controller" and isinstance(part.args, SecondsArgs):
+        return f' hz="{number_text(float(f"{1 / part.args.seconds:.12g}"))}"'
     if isinstance(part.args, SecondsArgs):
         attributes, seconds = NODES[part.kind].attributes, part.args.seconds
         if len(attributes) == 1:

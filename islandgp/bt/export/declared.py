@@ -16,13 +16,16 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
+from islandgp.bt.core import parameters
 from islandgp.bt.core.builder import MAX_NUMBER
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, asked_in
 from islandgp.bt.core.parameters import Parameter, real, switch, whole
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary, condition_leaf
+from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary, condition_leaf, is_name
+from islandgp.bt.export.branching import PRECONDITIONS
+from islandgp.bt.export.nav2 import GATES
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json
@@ -31,8 +34,9 @@ UNNAMED: Final = "model"
 """The domain of a vocabulary from a TreeNodesModel, which names none."""
 
 _PORTS: Final = {"double": "number", "float": "number", "int": "integer", "bool": "flag"}
-"""What an argument is, by the type of its port; ports of other types cannot be read."""
-_SCRIPTS: Final = ("code", "condition")  # attributes that ask the blackboard
+"""What an argument is, by the type of its port; of any other type it is a text."""
+_IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
+_SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
 _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
 
 
@@ -65,9 +69,9 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
     models = [root] if root.tag == "TreeNodesModel" else root.children
     for model in models:
         for element in model.children if model.tag == "TreeNodesModel" else ():
-            if element.tag not in ("Action", "Condition"):
-                continue
             identity = element.attributes.get("ID", "")
+            if element.tag not in ("Action", "Condition") and identity not in GATES:
+                continue
             if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", identity) or identity in RESERVED:
                 raise DomainError(
                     f"{name}:{element.line}:{element.column}: expected an ID of letters, digits and"
@@ -76,15 +80,18 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
             ports = {
                 port.attributes.get("name", ""): _port(port)
                 for port in element.children
-                if port.tag == "input_port" and port.attributes.get("type") in _PORTS
+                if port.tag in _IN_AND_OUT and is_name(port.attributes.get("name", ""))
             }
             known = condition_leaf("") if element.tag == "Condition" else Action("")
             yield identity, replace(known, arguments=ports)
 
 
 def _port(port: Element) -> Parameter:
-    """A number or a flag; a port without a default has 0 or no."""
-    sort, default = _PORTS[port.attributes["type"]], port.attributes.get("default", "")
+    """A number, a flag or a text; a port without a default has 0, no or an empty text."""
+    sort = _PORTS.get(port.attributes.get("type", "")) if port.tag == "input_port" else None
+    default = port.attributes.get("default", "")
+    if sort is None:
+        return parameters.text("", default if parameters.is_text(default) else "")
     if sort == "flag":
         return switch("", default=default in ("true", "1"))
     number = float(default) if re.fullmatch(r"-?[0-9]{1,9}(\.[0-9]{1,9})?", default) else 0.0
@@ -114,6 +121,8 @@ def _scripts(element: Element) -> Iterator[str]:
     while waiting:
         each = waiting.pop()
         yield from (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
+        if each.tag.startswith("Switch"):
+            yield each.attributes.get("variable", "").strip("{}") + " =="
         waiting += each.children
 
 
@@ -124,7 +133,7 @@ class _Parameter(BaseModel, extra="forbid"):
     """An entry of `arguments`."""
 
     meaning: str = ""
-    sort: Literal["number", "integer", "word", "flag"]
+    sort: Literal["number", "integer", "word", "flag", "text"]
     default: FiniteFloat | str
     low: FiniteFloat = 0.0
     high: FiniteFloat = 1.0

@@ -9,85 +9,88 @@ place and a reason, never guessed.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.analysis.truth import hidden
-from islandgp.bt.core.condition import Compound, negate, opposite, terms
-from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, SECONDS
-from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse, parse_condition
-from islandgp.bt.core.node import (
-    CountArgs,
-    Node,
-    ParallelArgs,
-    Policy,
-    SecondsArgs,
-    Used,
-    Value,
-    guarded,
-)
-from islandgp.bt.core.parameters import fits, value_range
+from islandgp.bt.core.condition import ConditionExpr, terms
+from islandgp.bt.core.kinds import ABORTS, KINDS
+from islandgp.bt.core.language import parse, parse_condition
+from islandgp.bt.core.node import Node, Value, guarded
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
-from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
+from islandgp.bt.core.vocabulary import NAME, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
-from islandgp.bt.export.plan import CLOCK, Loss, fresh_name
+from islandgp.bt.export.branching import (
+    ASKED,
+    SKIPPED,
+    SKIPS,
+    TWICE,
+    Test,
+    answers_at_once,
+    if_then_else,
+    implies,
+    only_if,
+    switch,
+    unless,
+    while_do_else,
+)
+from islandgp.bt.export.nav2 import GATE, GATES, RATE, ROUND
+from islandgp.bt.export.plan import CLOCK, ORDER, Loss
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.export.xml_trees import trees_of
-from islandgp.errors import LimitError, TreeError
+from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, tag_of
+from islandgp.bt.export.xml_values import (
+    COUNTED,
+    TIMED,
+    count_args,
+    judged_args,
+    parallel_args,
+    period_args,
+    port_value,
+    seconds_args,
+)
+from islandgp.errors import TreeError
 
-_NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,9})?")
-_SIGNED: Final = re.compile(r"-?[0-9]{1,9}(\.[0-9]{1,9})?")
-_EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
-_RENAMED: Final = {"SubTreePlus": "SubTree", "RetryUntilSuccesful": "RetryUntilSuccessful"}
-"""Tags of version 3, with those of version 4."""
+_BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _NOTES: Final = ("_description", "_fullpath", "_uid")
 """Attributes that editors write, without a meaning for the tree."""
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap", "__autoremap"),
     **{node.tag: node.attributes for node in NODES.values()},
+    **{f"Switch{n}": ("variable", *(f"case_{i + 1}" for i in range(n))) for n in range(2, 7)},
 }
 _COMPOSITES: Final = {
     tag: "selector" if tag.endswith("Fallback") else "sequence"
     for tag in TAGS
-    if tag.endswith(("Fallback", "Sequence"))
+    if tag.endswith(("Fallback", "Sequence")) and tag != "PipelineSequence"
 }
+_SKIP_IN: Final = {
+    "Sequence": implies, "ReactiveSequence": implies, "SequenceWithMemory": implies,
+    "Fallback": only_if, "ReactiveFallback": only_if,
+}  # fmt: skip
+"""What a node that is skipped does to its composite, by its tag: it succeeds or it fails."""
 
-_DECORATORS: Final = {
+_PLAIN: Final = {
     "Inverter": "inverter",
     "ForceSuccess": "force_success",
     "ForceFailure": "force_failure",
+    "KeepRunningUntilFailure": "until_failure",
+    "PipelineSequence": "pipeline",
+    "RoundRobin": "round_robin",
+    "SequenceWithMemory": "sequence",
 }
-_COUNTED: Final = {
-    "Repeat": ("repeater", "num_cycles"),
-    "RepeatPerTick": ("repeater", "num_cycles"),
-    "RetryUntilSuccessful": ("retry", "num_attempts"),
-    "RetryPerTick": ("retry", "num_attempts"),
-}
+"""Tags of nodes that have no arguments here."""
+_BRANCHING: Final = ("IfThenElse", "WhileDoElse", *(f"Switch{n}" for n in range(2, 7)))
+_READ: Final = (*TAGS, *_PLAIN, *_BRANCHING)
 
-_TIMED: Final = {
-    "WaitTicks": ("wait", "seconds", 1),
-    "TimeoutTicks": ("timeout", "seconds", 1),
-    "Delay": ("wait", "delay_msec", 1000),
-    "Timeout": ("timeout", "msec", 1000),
-}
-"""By tag: our kind, the attribute, and how many of its units are a second."""
-
-SCOPE = Loss(
-    "scope",
-    'a SubTree without _autoremap="true" has a blackboard of its own, in which the keys of its'
-    " conditions are not set; here there is one blackboard",
+MEMORY = Loss(
+    "memory",
+    "SequenceWithMemory goes on with the child that failed when it starts again; a sequence begins"
+    " with its first child",
 )
-
-
-class Difference(NamedTuple):
-    """A loss, and where in the file it comes in first."""
-
-    line: int
-    column: int
-    loss: Loss
 
 
 class Imported(NamedTuple):
@@ -128,186 +131,165 @@ def read_tree(
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
 
-class _ReadSubtree(NamedTuple):
-    node: Node
-    nodes: int
-    levels: int
-    asks: bool  # the blackboard
+class _Importer(SubtreeReader):
+    """Reads the nodes of a file; how SubTrees are read, the base class has."""
 
-
-class _Importer:
-    """Reads each tree of a file once, however often it is used.
-
-    Sizes are counted with a SubTree as large as its tree, so that trees which double each other
-    are refused before they are expanded.
-    """
-
-    def __init__(
-        self, name: str, root: Element, vocabulary: Vocabulary, folder: Path | None
-    ) -> None:
-        self._name = name
-        self._keys: dict[str, str] = {}  # of the tree that is being read, with the blackboard's
-        self._vocabulary = vocabulary
-        self._root = root
-        self._trees = trees_of(root, name, folder)
-        self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
-        self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
-        self._open: list[str] = []  # trees that are being read
-        self._nodes = 0  # of the tree that is being read, so far
-        self._level = 0  # in it
-        self._levels = 0
-        self._asks = False
-        self.differences: dict[Loss, Difference] = {}
-
-    def tree(self, identity: str | None) -> Node:
-        """The tree of that ID; None: the main tree."""
-        if identity is not None:
-            return self._subtree(identity, self._root).node
-        asked = self._root.attributes.get("main_tree_to_execute", "")
-        if not asked and len(self._trees) > 1:
-            self._fail(
-                self._root,
-                "expected main_tree_to_execute, as there are several trees:"
-                f" {_listed(self._trees)}; add it, or choose one by --tree ID",
-            )
-        return self._subtree(asked or next(iter(self._trees)), self._root).node
-
-    def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
-        key = identity, frozenset(self._keys.items())
-        if key in self._read:
-            return self._read[key]
-        if identity not in self._trees:
-            self._fail(
-                user,
-                f"there is no <BehaviorTree ID={shown(identity)}>; there are"
-                f" {_listed(self._trees)}",
-            )
-        if identity in self._open:
-            self._fail(user, f"the tree {shown(identity)} contains itself")
-        if len(self._open) >= MAX_LEVELS:
-            self._fail(user, f"expected at most {MAX_LEVELS} SubTrees in each other")
-        tree, file = self._trees[identity]
-        name, self._name = self._name, file
-        if len(tree.children) != 1:
-            self._fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
-        self._open.append(identity)
-        outside = self._nodes, self._level, self._levels, self._asks
-        self._nodes = self._level = self._levels = 0
-        self._asks = False
-        node = self._node(tree.children[0])
-        self._open.pop()
-        self._name = name
-        if self._open:  # it is used, not the tree that is asked for
-            word = fresh_name(identity, self._names)
-            self._names.add(word)
-            node = Used.of(node, word)
-        self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self._asks)
-        self._nodes, self._level, self._levels, self._asks = outside
-        return self._read[key]
-
-    def _count(self, element: Element, nodes: int, levels: int) -> None:
-        """Takes in nodes below the present level."""
-        self._nodes += nodes
-        self._levels = max(self._levels, self._level + levels)
-        if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
-            raise LimitError(
-                f"{self._name}:{element.line}:{element.column}: expected a tree of at most"
-                f" {MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded",
-                line=element.line,
-                column=element.column,
-            )
-
-    def _node(self, element: Element) -> Node:
-        tag = _tag(element)
-        if tag == "SubTree":
-            return self._use(element)
-        self._count(element, 1, 1)
-        self._level += 1
-        node = self._inside(element, tag)
-        self._level -= 1
+    def preconditions(self, element: Element, names: Sequence[str]) -> Node:
+        """A node with the conditions that its attributes ask before it starts."""
+        parent = self.parents[-1] if self.parents else ""
+        rest = {k: v for k, v in element.attributes.items() if k not in names}
+        node = hidden(self.node(replace(element, attributes=rest)))
+        for name in reversed(names):
+            self.count(element, 2, 2)
+            test: Test = self._condition(element, name)
+            abort = "self" if name == "_while" else "none"
+            if name in SKIPS:
+                if parent not in _SKIP_IN:
+                    self.fail(element, f"{shown(name)} is read in a Sequence or a Fallback only")
+                self.differs(element, SKIPPED)
+                test = test if name == "_while" else unless(test)
+                node = _SKIP_IN[parent](test, node, abort)
+            else:
+                node = (only_if if name == "_failureIf" else implies)(unless(test), node, abort)
         return node
 
-    def _use(self, element: Element) -> Node:
-        remapped = {
-            key: self._keys.get(value[1:-1], value[1:-1])
-            for key, value in element.attributes.items()
-            if NAME.fullmatch(key) and value[:1] + value[-1:] == "{}"
-        }
-        self._check_attributes(element, "SubTree")
-        outside, self._keys = self._keys, {**self._keys, **remapped}
-        found = self._subtree(element.attributes.get("ID", ""), element)
-        self._keys = outside
-        self._count(element, found.nodes, found.levels)
-        self._asks |= found.asks
-        if found.asks and not remapped and _autoremap(element) not in ("true", "1"):
-            self._differs(element, SCOPE)
-        return found.node
-
-    def _inside(self, element: Element, tag: str) -> Node:
-        if tag not in TAGS and tag not in self._vocabulary.actions:
+    def inside(self, element: Element, tag: str) -> Node:
+        given = element.attributes
+        if tag not in _READ and tag not in self.vocabulary.actions:
             self._unknown(element, tag)
-        self._check_attributes(element, tag)
+        self.check_attributes(element, tag)
         if tag in ("Sequence", "Fallback"):
-            return self._with_memory(element, self._children(element))
+            return self._with_memory(element, self.children(element))
         if tag in ("ReactiveSequence", "ReactiveFallback"):
-            return self._reactive(element, self._children(element))
+            return self._reactive(element, self.children(element))
+        if tag in _PLAIN:
+            return self._plain(element, tag)
         if tag in _COMPOSITES:
-            return Node(_COMPOSITES[tag], (), self._nodes_of(element))
+            return Node(_COMPOSITES[tag], (), self.nodes_of(element))
+        if tag in _BRANCHING:
+            return self._branching(element, tag)
         if tag == "When":
             return self._own_guard(element)
         if tag == "JudgedParallel":
-            defaults = (("success", "all"), ("failure", "one"))
-            policies = [self._policy(element, *each) for each in defaults]
-            return Node("parallel", ParallelArgs(*policies), self._nodes_of(element))
-        if tag in _DECORATORS:
-            return Node(_DECORATORS[tag], (), (self._node(self._only_child(element)),))
-        if tag in _COUNTED:
+            return Node("parallel", judged_args(given), self.nodes_of(element))
+        if tag in COUNTED:
             return self._repeat(element, tag)
-        if tag in _TIMED:
-            return self._timed(element, tag)
+        if tag in TIMED:
+            kind, attribute, unit = TIMED[tag]
+            if unit != 1:
+                self.differs(element, CLOCK)
+            return Node(kind, seconds_args(given, attribute, unit), (self.child(element),))
+        if tag == "RateController":
+            self.differs(element, CLOCK)
+            if self.parents[-2:-1] != ["PipelineSequence"]:
+                self.differs(element, RATE)
+            return Node("every", period_args(given), (self.child(element),))
         if tag == "Parallel":
-            return self._parallel(element)
+            children = self.children(element)
+            if len(children) > 1:
+                self.differs(element, JUDGED)
+            return Node(
+                "parallel", parallel_args(given, len(children)), tuple(map(self.node, children))
+            )
         if tag == "ScriptCondition":
-            self._fail(
+            self.fail(
                 element,
                 "a condition must stand before something that it guards, in a Sequence or Fallback",
             )
+        if tag in GATES:
+            self.differs(element, GATE)
+            composite, leaf = GATES[tag], self._leaf(element, tag)
+            first = leaf if composite == "sequence" else Node("inverter", (), (leaf,))
+            self.count(element, 2, 3)
+            return Node(composite, (), (first, self.child(element)))
         if element.children:
-            self._fail(element, f"the action {tag} has no children")
+            self.fail(element, f"the action {tag} has no children")
         return self._leaf(element, tag)
+
+    def _plain(self, element: Element, tag: str) -> Node:
+        """A node without arguments."""
+        kind = _PLAIN[tag]
+        if tag == "RoundRobin" and element.attributes.get("wrap_around") not in ("true", "1"):
+            self.differs(element, ROUND)
+        if tag == "SequenceWithMemory":
+            self.differs(element, MEMORY)
+        one = KINDS[kind].decorates
+        return Node(kind, (), (self.child(element),) if one else self.nodes_of(element))
 
     def _leaf(self, element: Element, tag: str) -> Node:
         """A leaf; the values of its ports are arguments."""
-        parameters = self._vocabulary.action(tag).arguments
+        parameters = self.vocabulary.action(tag).arguments
         values: dict[str, Value] = {}
         for port, text in element.attributes.items():
             if port in parameters:
-                parameter = parameters[port]
-                word = {"true": "yes", "1": "yes", "false": "no", "0": "no"}.get(text, text)
-                numeric = parameter.numeric and _SIGNED.fullmatch(text)
-                values[port] = (
-                    float(text) if numeric else word if parameter.sort == "flag" else text
-                )
-                if not fits(parameter, values[port]):
-                    self._fail(
-                        element,
-                        f"expected {port} of {value_range(parameter)}, found {shown(text)}",
-                    )
-        return self._vocabulary.leaf(tag, values)
+                if parameters[port].sort == "text" and _BOARD.fullmatch(text):
+                    self.asks = True
+                    text = f"{{{self.keys.get(text[1:-1], text[1:-1])}}}"
+                values[port] = port_value(port, text, parameters[port])
+        return self.vocabulary.leaf(tag, values)
+
+    def _branching(self, element: Element, tag: str) -> Node:
+        """An IfThenElse, a WhileDoElse or a Switch."""
+        children = element.children
+        self.count(element, 4 * len(children), 6)
+        if tag.startswith("Switch"):
+            self.differs(element, ORDER)
+            cases = [self._case(element, i) for i in range(1, int(tag[-1]) + 1)]
+            if len(children) != len(cases) + 1:
+                self.fail(element, f"expected {len(cases) + 1} children in <{tag}>")
+            return switch(cases, [hidden(self.node(child)) for child in children])
+        if not 2 <= len(children) <= 3:
+            self.fail(element, f"expected two or three children in <{tag}>")
+        first, *rest = children
+        test: Test
+        if tag_of(first) == "ScriptCondition":
+            self.check_attributes(first, "ScriptCondition")
+            test = self._condition(first, "code")
+        else:
+            test = self.node(first)
+            if not answers_at_once(test, self.vocabulary):
+                self.fail(first, f"expected a condition as the first child of {tag}")
+            if len(rest) > 1:
+                self.differs(element, TWICE)
+        nodes = [hidden(self.node(child)) for child in rest]
+        if tag == "WhileDoElse":
+            self.differs(element, ORDER)
+            return while_do_else(test, nodes)
+        if len(rest) > 1:
+            self.differs(element, ASKED)
+        return if_then_else(test, nodes)
+
+    def _case(self, element: Element, number: int) -> ConditionExpr:
+        """The condition of a case of a Switch: its variable has the case's value."""
+        given = element.attributes
+        variable = given.get("variable", "").strip("{}")
+        code = f"{variable} == {given.get(f'case_{number}', '')}"
+        return self._condition(replace(element, attributes={"code": code}), "code")
+
+    def _condition(self, element: Element, attribute: str) -> ConditionExpr:
+        """The condition that an attribute asks in the library's script language."""
+        self.asks = True
+        try:
+            expr = read_condition(self._asked(element, attribute), self.vocabulary)
+        except ValueError as error:
+            self.fail(element, str(error))
+        if any(term.operator in ("==", "!=") for term in terms(expr)):
+            self.differs(element, EQUAL)
+        return expr
 
     def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
         """A condition guards all that stands behind it."""
-        kind = _COMPOSITES[_tag(element)]
+        kind = _COMPOSITES[tag_of(element)]
         parts: list[Node] = []
         for index, each in enumerate(elements[:-1]):
-            if _tag(each) == "ScriptCondition":
+            if tag_of(each) == "ScriptCondition":
                 parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
             # In that library no composite observes the guards of this branch.
-            parts.append(hidden(self._node(each)))
+            parts.append(hidden(self.node(each)))
         else:
             last = elements[-1]
-            node = self._node(last)
+            node = self.node(last)
             ours = last.attributes.get("name") == REST and node.kind == kind
             parts += node.children if ours and parts else (node,)  # as our own export nested it
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
@@ -315,175 +297,73 @@ class _Importer:
     def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:
         """A condition at the front guards the rest and checks itself."""
         first, *rest = elements
-        if _tag(first) == "ScriptCondition" and rest:
+        if tag_of(first) == "ScriptCondition" and rest:
             return self._guarding(first, element, rest, "self")
-        return Node(f"reactive_{_COMPOSITES[_tag(element)]}", (), tuple(map(self._node, elements)))
+        return Node(f"reactive_{_COMPOSITES[tag_of(element)]}", (), tuple(map(self.node, elements)))
 
     def _guarding(
         self, condition: Element, element: Element, behind: Sequence[Element], abort: str
     ) -> Node:
         """A condition in a composite, and all that stands behind it there."""
-        inverted = _COMPOSITES[_tag(element)] == "selector"
-        self._count(condition, 1, 1)
-        self._level += 1
+        inverted = _COMPOSITES[tag_of(element)] == "selector"
+        self.count(condition, 1, 1)
+        self.level += 1
         if len(behind) == 1:
-            inner = self._node(behind[0])
+            inner = self.node(behind[0])
         elif abort == "none":
             inner = self._with_memory(element, behind)
         else:
             inner = self._reactive(element, behind)
-        self._level -= 1
+        self.level -= 1
+        self.check_attributes(condition, "ScriptCondition")
+        expr = self._condition(condition, "code")
         # In that library no composite observes a guard behind a condition.
-        return self._guard(condition, hidden(inner), abort, inverted=inverted)
-
-    def _guard(self, element: Element, child: Node, abort: str, *, inverted: bool) -> Node:
-        """Runs its child where a condition holds; inverted: succeeds there, else runs the child."""
-        self._check_attributes(element, "ScriptCondition")
-        self._asks = True
-        try:
-            expr = read_condition(self._asked(element, "code"), self._vocabulary)
-        except ValueError as error:
-            self._fail(element, str(error))
-        if any(term.operator in ("==", "!=") for term in terms(expr)):
-            self._differs(element, EQUAL)
+        inner = hidden(inner)
         if not inverted:
-            return guarded(expr, child, abort)
-        against = negate(expr) if isinstance(expr, Compound) else opposite(expr)
-        guard = guarded(against, Node("inverter", (), (child,)), abort)
-        return Node("inverter", (), (guard,))
+            return guarded(expr, inner, abort)
+        return implies(unless(expr), inner, abort)
 
     def _asked(self, element: Element, attribute: str) -> str:
         """A condition's text with the keys of the blackboard."""
         text = element.attributes.get(attribute, "")
-        return NAME.sub(lambda word: self._keys.get(word[0], word[0]), text)
+        return NAME.sub(lambda word: self.keys.get(word[0], word[0]), text)
 
     def _own_guard(self, element: Element) -> Node:
-        self._asks = True
+        self.asks = True
         given = element.attributes
         abort = given.get("abort", "both")
         if abort not in ABORTS:
-            self._fail(
+            self.fail(
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            expr = parse_condition(self._asked(element, "condition"), self._vocabulary)
+            expr = parse_condition(self._asked(element, "condition"), self.vocabulary)
         except TreeError as error:
             said = [line.strip() for line in str(error).splitlines()]
-            self._fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
-        return guarded(expr, self._node(self._only_child(element)), abort)
+            self.fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
+        return guarded(expr, self.child(element), abort)
 
     def _repeat(self, element: Element, tag: str) -> Node:
-        kind, attribute = _COUNTED[tag]
-        count = element.attributes.get(attribute, "")
-        fewest, most = REPEATS
-        if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
-            self._fail(
-                element, f"expected {attribute} from {fewest} to {most}, found {shown(count)}"
-            )
-        if not tag.endswith("PerTick") and int(count) != 1:
-            self._differs(element, REPEAT)
-        return Node(kind, CountArgs(int(count)), (self._node(self._only_child(element)),))
+        kind, attribute = COUNTED[tag]
+        args = count_args(element.attributes, attribute, "1" if kind == "recovery" else "")
+        if kind == "recovery":
+            if len(element.children) != 2:
+                self.fail(element, f"expected two children, found {len(element.children)}")
+            return Node(kind, args, self.nodes_of(element))
+        if not tag.endswith("PerTick") and args.times != 1:
+            self.differs(element, REPEAT)
+        return Node(kind, args, (self.child(element),))
 
-    def _timed(self, element: Element, tag: str) -> Node:
-        kind, attribute, unit = _TIMED[tag]
-        text = element.attributes.get(attribute, "")
-        seconds = float(text) / unit if _NUMBER.fullmatch(text) else 0.0
-        least, most = SECONDS
-        if not least <= seconds <= most:
-            self._fail(
-                element,
-                f"expected {attribute} from {least * unit:g} to {most * unit:,}, found"
-                f" {shown(text)}",
-            )
-        if unit != 1:
-            self._differs(element, CLOCK)
-        return Node(kind, SecondsArgs(seconds), (self._node(self._only_child(element)),))
-
-    def _policy(self, element: Element, attribute: str, default: str) -> Policy:
-        found = element.attributes.get(attribute, default)
-        if found in POLICIES:
-            return found
-        if not (found.isdecimal() and len(found) < 10 and REPEATS[0] <= int(found) <= REPEATS[1]):
-            self._fail(element, f"expected {attribute} one, all or a number, found {shown(found)}")
-        return int(found)
-
-    def _parallel(self, element: Element) -> Node:
-        children = self._children(element)
-        count = len(children)
-        success = self._threshold(element, "success_count", "-1", count)
-        failure = self._threshold(element, "failure_count", "1", count)
-        # It fails when it can't succeed any more.
-        failure = min(failure, count - success + 1)
-        if len(children) > 1:
-            self._differs(element, JUDGED)
-        return Node(
-            "parallel",
-            ParallelArgs(_policy(success, count), _policy(failure, count)),
-            tuple(map(self._node, children)),
-        )
-
-    def _threshold(self, element: Element, attribute: str, default: str, count: int) -> int:
-        value = element.attributes.get(attribute, default)
-        number = int(value) if re.fullmatch(r"-?[0-9]{1,4}", value) else 0
-        number = max(0, count + number + 1) if number < 0 else number  # -1 is all
-        if not 1 <= number <= min(count, REPEATS[1]):
-            self._fail(
-                element, f"expected {attribute} 1 to {count}, or -1 for all, found {shown(value)}"
-            )
-        return number
-
-    def _nodes_of(self, element: Element) -> tuple[Node, ...]:
-        return tuple(map(self._node, self._children(element)))
-
-    def _children(self, element: Element) -> list[Element]:
-        if not element.children:
-            self._fail(element, f"expected children in <{element.tag}>")
-        return element.children
-
-    def _only_child(self, element: Element) -> Element:
-        if len(element.children) != 1:
-            self._fail(
-                element, f"expected one child in <{element.tag}>, found {len(element.children)}"
-            )
-        return element.children[0]
-
-    def _check_attributes(self, element: Element, tag: str) -> None:
+    def check_attributes(self, element: Element, tag: str) -> None:
         for attribute, value in element.attributes.items():
             if attribute in _NOTES or (tag == "SubTree" and value[:1] + value[-1:] == "{}"):
                 continue
-            ports = self._vocabulary.action(tag).arguments
+            ports = self.vocabulary.action(tag).arguments
             if attribute not in ("name", "ID", *ports, *_ATTRIBUTES.get(tag, ())):
-                self._fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
-
-    def _differs(self, element: Element, loss: Loss) -> None:
-        self.differences.setdefault(loss, Difference(element.line, element.column, loss))
+                self.fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        known = (*TAGS, "SubTree", *self._vocabulary.actions)
+        known = (*_READ, "SubTree", *self.vocabulary.actions)
         guess = closest(tag, known)
         hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
-        self._fail(element, f"the language has no node {shown(tag)}; {hint}")
-
-    def _fail(self, element: Element, message: str) -> NoReturn:
-        raise element.error(message, self._name)
-
-
-def _policy(number: int, count: int) -> Policy:
-    return "one" if number == 1 else "all" if number == count else number
-
-
-def _listed(names: Collection[str]) -> str:
-    """The first names of many."""
-    first = [shown(name) for name in list(names)[:10]]
-    return ", ".join(first) + (", ..." if len(names) > 10 else "")
-
-
-def _tag(element: Element) -> str:
-    """What node it is: <Action ID="X"/> is <X/>, and some had other names in version 3."""
-    if element.tag in _EXPLICIT:
-        return element.attributes.get("ID", element.tag)
-    return _RENAMED.get(element.tag, element.tag)
-
-
-def _autoremap(element: Element) -> str:
-    return element.attributes.get("_autoremap", element.attributes.get("__autoremap", ""))
+        self.fail(element, f"the language has no node {shown(tag)}; {hint}")

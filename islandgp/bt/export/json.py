@@ -24,6 +24,7 @@ from islandgp.bt.core.condition import (
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
 from islandgp.bt.core.node import Node, Value
+from islandgp.bt.core.parameters import is_text
 from islandgp.bt.core.source import closest
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.errors import LimitError, TreeError
@@ -212,6 +213,8 @@ class _JsonReader:
                     f" {found!r:.40}",
                 )
             return int(found) if found == int(found) and argument != "number" else float(found)
+        if argument == "word" and isinstance(found, str) and is_text(found):
+            return found
         words = WORDS.get(argument)
         if words is not None and found not in words:
             guess = closest(str(found), words)

@@ -32,10 +32,11 @@ from islandgp.bt.core.printer import condition_text, head, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
+    NAV2,
     OWN,
     Loss,
     TargetNode,
-    check_clocks,
+    check_kinds,
     guard_losses,
     own_nodes,
     parts,
@@ -87,7 +88,8 @@ def to_python(
 
     Each `Used` of the tree becomes a function of its own.
     """
-    check_clocks(tree, plain=plain, step_s=step_s, unfit=("cooldown",) if plain else ())
+    unfit = {"cooldown", *NAV2} if plain else NAV2
+    check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
     whole = plan(tree, None if plain else differs)
     if any(part.kind == "cooldown_ticks" for part in parts(whole)):
         whole = TargetNode("tick_counter", (), (whole,))
@@ -155,6 +157,7 @@ _AROUND: Final = {
     "reactive_sequence": "Sequence('sequence', memory=False, children=[",
     "tick_counter": "TickCounter('ticks', child=",
     "inverter": "Inverter('inverter', child=",
+    "keep_running": "SuccessIsRunning('until_failure', child=",
     "force_success": "FailureIsSuccess('force_success', child=",
     "force_failure": "SuccessIsFailure('force_failure', child=",
 }

@@ -18,7 +18,7 @@ from functools import partial
 from math import hypot
 
 from islandgp.bt.core.engine import compile_tree, thresholds
-from islandgp.bt.core.kinds import is_timed
+from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
@@ -184,7 +184,7 @@ def run_episode(
     )
     if sensors is not None:
         tick = _sensing(tick, island.board, seen, sensors)
-    timed = is_timed(tree)  # such a tree is ticked in every step
+    timed = needs_each_tick(tree)  # such a tree is ticked in every step
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:

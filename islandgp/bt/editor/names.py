@@ -1,0 +1,163 @@
+"""Names that a tree file gives: where they are defined and used, and their rename."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.includes import mentioned
+from islandgp.bt.core.kinds import COUNTED, INNER, TIMED
+from islandgp.bt.core.vocabulary import NAME, RESERVED
+from islandgp.bt.editor.words import Word, code_words
+from islandgp.errors import TreeError
+
+BEFORE_NUMBERS: Final = {*OPERATORS, *COUNTED, *TIMED, "success", "failure"}
+
+
+class Symbol(NamedTuple):
+    """A name with its namespace."""
+
+    kind: str  # subtree, constant or parameter
+    name: str
+    owner: str = ""  # of a parameter: its subtree
+
+
+class Occurrence(NamedTuple):
+    """A word that defines a symbol or refers to it."""
+
+    symbol: Symbol
+    word: Word
+    whole: Word | None = None  # of a definition of a subtree or a constant: all of it
+
+
+def occurrences(text: str) -> Iterator[Occurrence]:
+    """All names of subtrees, constants and parameters in a text, which may be wrong anywhere."""
+    words = code_words(text)
+    owner, parameters, body_end = "", set[str](), -1
+    at = 0
+    while at < len(words):
+        word, previous = words[at], words[at - 1].text if at else ""
+        if at > body_end:
+            owner, parameters = "", set()
+        if NAME.fullmatch(word.text) and previous in ("subtree", "constant"):
+            heading = at + 1
+            if previous == "subtree":
+                owner, heading = word.text, _closed(words, at + 1)
+                inside = [w for w in words[at + 1 : heading] if NAME.fullmatch(w.text)]
+                parameters = {each.text for each in inside}
+                body_end = _body_end(words, heading + 1)
+            last = words[min(body_end if previous == "subtree" else at + 2, len(words) - 1)]
+            whole = Word("", words[at - 1].start, last.end)
+            yield Occurrence(Symbol(previous, word.text), word, whole)
+            if previous == "subtree":
+                for each in inside:
+                    yield Occurrence(Symbol("parameter", each.text, owner), each)
+                at = heading
+                continue
+        elif previous == "use" and NAME.fullmatch(word.text):
+            yield Occurrence(Symbol("subtree", word.text), word)
+            for each in words[at + 1 : _closed(words, at + 1)]:
+                if NAME.fullmatch(each.text):
+                    yield Occurrence(_number(each.text, owner, parameters), each)
+        elif NAME.fullmatch(word.text) and _stands_for_number(words, at):
+            yield Occurrence(_number(word.text, owner, parameters), word)
+        at += 1
+
+
+def _number(name: str, owner: str, parameters: set[str]) -> Symbol:
+    return Symbol("parameter", name, owner) if name in parameters else Symbol("constant", name)
+
+
+def _stands_for_number(words: Sequence[Word], at: int) -> bool:
+    """True behind an operator, a count or a time, and as the value of a constant."""
+    if not at or words[at].text in RESERVED:
+        return False
+    named = at > 2 and words[at - 1].text == "=" and words[at - 3].text == "constant"
+    return named or words[at - 1].text in BEFORE_NUMBERS
+
+
+def _closed(words: Sequence[Word], at: int) -> int:
+    """The index behind the brackets that open there; `at` if none do."""
+    if at >= len(words) or words[at].text != "(":
+        return at
+    return next((i + 1 for i in range(at, len(words)) if words[i].text == ")"), len(words))
+
+
+def _body_end(words: Sequence[Word], at: int) -> int:
+    """The index of the last word of the node that begins there."""
+    if at >= len(words):
+        return len(words) - 1
+    if words[at].text not in INNER:  # an action or a use
+        return _closed(words, at + (2 if words[at].text == "use" else 1)) - 1
+    level = 0
+    for i in range(at, len(words)):
+        level += (words[i].text == "{") - (words[i].text == "}")
+        if words[i].text == "}" and level <= 0:
+            return i
+    return len(words) - 1
+
+
+def symbol_at(text: str, offset: int) -> Occurrence | None:
+    """The name at an offset."""
+    found = occurrences(text)
+    return next((each for each in found if each.word.start <= offset <= each.word.end), None)
+
+
+def definitions(text: str) -> list[Occurrence]:
+    """Subtrees and constants that a text defines."""
+    return [each for each in occurrences(text) if each.whole]
+
+
+def defines(text: str, symbol: Symbol) -> Word | None:
+    """The word that defines a symbol in a text."""
+    found = (each.word for each in occurrences(text) if each.symbol == symbol)
+    if symbol.kind == "parameter":
+        return next(found, None)  # parameters stand before their uses
+    return next((each.word for each in definitions(text) if each.symbol == symbol), None)
+
+
+def references(text: str, symbol: Symbol) -> list[Word]:
+    """The words of a text that name a symbol, its definition among them."""
+    return [each.word for each in occurrences(text) if each.symbol == symbol]
+
+
+def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
+    """The words that name the symbol at an offset, all of which `new` can replace.
+
+    Args:
+        text: the file.
+        offset: into the text.
+        new: name of a subtree, a constant or a parameter.
+        folder: of the file, for what it includes.
+
+    Raises:
+        TreeError: there is no such name, another file defines it, or `new` cannot take its place.
+    """
+    found = symbol_at(text, offset)
+    if found is None:
+        raise TreeError("Expected the name of a subtree, a constant or a parameter, found none.")
+    symbol = found.symbol
+    if defines(text, symbol) is None:
+        raise TreeError(
+            f"Expected a {symbol.kind} that this file defines, found {symbol.name}, which it does"
+            " not."
+        )
+    if not NAME.fullmatch(new) or new in RESERVED:
+        raise TreeError(
+            f"Expected letters, digits and _ that are no word of the language, found {new!r}."
+        )
+    if new != symbol.name and (taken := _taken(symbol, new, text, folder)):
+        raise TreeError(f"Expected a new name, found {new}, which is another {taken}'s.")
+    return references(text, symbol)
+
+
+def _taken(symbol: Symbol, new: str, text: str, folder: Path) -> str:
+    """The kind of the symbol that has a name already; "" if none has."""
+    kinds = ("subtree",) if symbol.kind == "subtree" else ("constant", "parameter")
+    for source in (text, *mentioned(text, folder).values()):
+        for each in occurrences(source):
+            if each.symbol.name == new and each.symbol.kind in kinds:
+                return each.symbol.kind
+    return ""

@@ -1,0 +1,97 @@
+"""Trees that run a node by a condition, as BehaviorTree.CPP's branching nodes and preconditions do.
+
+A `Test` is a condition of keys, or a tree of condition leaves that answers within its tick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, TypeAlias
+
+from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, negate, opposite
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import Node, guarded, walk
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.export.plan import Loss
+
+Test: TypeAlias = ConditionExpr | Node
+
+SKIPS: Final = ("_skipIf", "_while")
+PRECONDITIONS: Final = ("_failureIf", "_successIf", *SKIPS)
+"""Attributes, the one that is asked first in front."""
+
+ASKED = Loss(
+    "asked",
+    "IfThenElse asks its condition once; here it is asked again when the second child succeeds,"
+    " and the third runs if the condition then is false",
+)
+TWICE = Loss("twice", "a condition leaf in front of two branches is asked for each of them")
+SKIPPED = Loss(
+    "skipped",
+    "a node that a precondition skips is passed over, and so is its composite if all of its"
+    " children are; here it ends so that its composite goes on",
+)
+
+
+def only_if(test: Test, child: Node, abort: str) -> Node:
+    """A node that fails where the test does not hold; `abort` none or self."""
+    if isinstance(test, Condition | Compound):
+        return guarded(test, child, abort)
+    return Node("sequence" if abort == "none" else "reactive_sequence", (), (test, child))
+
+
+def implies(test: Test, child: Node, abort: str) -> Node:
+    """A node that succeeds where the test does not hold; `abort` none or self."""
+    if isinstance(test, Condition | Compound):
+        return _inverted(guarded(test, _inverted(child), abort))
+    return Node(
+        "selector" if abort == "none" else "reactive_selector", (), (_inverted(test), child)
+    )
+
+
+def unless(test: Test) -> Test:
+    """The test that holds where another one does not."""
+    if isinstance(test, Node):
+        return _inverted(test)
+    return negate(test) if isinstance(test, Compound) else opposite(test)
+
+
+def if_then_else(test: Test, children: Sequence[Node]) -> Node:
+    """A tree of an IfThenElse without its first child."""
+    if len(children) == 1:
+        return only_if(test, children[0], "none")
+    then, otherwise = children
+    parts = (implies(test, then, "none"), implies(unless(test), otherwise, "none"))
+    return Node("sequence", (), parts)
+
+
+def while_do_else(test: Test, children: Sequence[Node]) -> Node:
+    """A tree of a WhileDoElse without its first child."""
+    if len(children) == 1:
+        return only_if(test, children[0], "self")
+    then, otherwise = children
+    parts = (implies(test, then, "self"), implies(unless(test), otherwise, "self"))
+    return Node("reactive_sequence", (), parts)
+
+
+def switch(cases: Sequence[ConditionExpr], children: Sequence[Node]) -> Node:
+    """A tree that runs the child of the first case that holds, else the last child."""
+    *branches, node = children
+    for case, branch in reversed(list(zip(cases, branches, strict=True))):
+        node = while_do_else(case, (branch, node))
+    return node
+
+
+def answers_at_once(tree: Node, vocabulary: Vocabulary) -> bool:
+    """Whether a tree asks condition leaves and does nothing else."""
+    return all(
+        vocabulary.action(node.action).condition
+        if node.action
+        else kind_of(node).inverts or kind_of(node).hands_over is not None
+        for node in walk(tree)
+    )
+
+
+def _inverted(node: Node) -> Node:
+    """A node with success and failure exchanged."""
+    return node.children[0] if kind_of(node).inverts else Node("inverter", (), (node,))

@@ -1,0 +1,214 @@
+"""The trees of a BehaviorTree.CPP file in each other: SubTrees, their blackboards and sizes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple, NoReturn
+
+from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
+from islandgp.bt.core.node import Node, Used
+from islandgp.bt.core.source import shown
+from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
+from islandgp.bt.export.branching import PRECONDITIONS
+from islandgp.bt.export.plan import Loss, fresh_name
+from islandgp.bt.export.xml_reader import Element
+from islandgp.bt.export.xml_trees import trees_of
+from islandgp.errors import LimitError
+
+_EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
+_RENAMED: Final = {
+    "SubTreePlus": "SubTree",
+    "RetryUntilSuccesful": "RetryUntilSuccessful",
+    "SequenceStar": "SequenceWithMemory",
+}
+"""Tags of version 3, with those of version 4."""
+
+SCOPE = Loss(
+    "scope",
+    'a SubTree without _autoremap="true" has a blackboard of its own, in which the keys of its'
+    " conditions are not set; here there is one blackboard",
+)
+
+
+class Difference(NamedTuple):
+    """A loss, and where in the file it comes in first."""
+
+    line: int
+    column: int
+    loss: Loss
+
+
+class _ReadSubtree(NamedTuple):
+    node: Node
+    nodes: int
+    levels: int
+    asks: bool  # the blackboard
+
+
+class SubtreeReader(ABC):
+    """Reads each tree of a file once, however often it is used.
+
+    Sizes are counted with a SubTree as large as its tree, so that trees which double each other
+    are refused before they are expanded.
+    """
+
+    def __init__(
+        self, name: str, root: Element, vocabulary: Vocabulary, folder: Path | None
+    ) -> None:
+        self._name = name
+        self.keys: dict[str, str] = {}  # of the tree that is being read, with the blackboard's
+        self.vocabulary = vocabulary
+        self._root = root
+        self._trees = trees_of(root, name, folder)
+        self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
+        self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
+        self._open: list[str] = []  # trees that are being read
+        self._nodes = 0  # of the tree that is being read, so far
+        self.level = 0  # in it
+        self._levels = 0
+        self.asks = False
+        self.parents: list[str] = []  # tags of the nodes around
+        self.differences: dict[Loss, Difference] = {}
+
+    def tree(self, identity: str | None) -> Node:
+        """The tree of that ID; None: the main tree."""
+        if identity is not None:
+            return self._subtree(identity, self._root).node
+        asked = self._root.attributes.get("main_tree_to_execute", "")
+        if not asked and len(self._trees) > 1:
+            self.fail(
+                self._root,
+                "expected main_tree_to_execute, as there are several trees:"
+                f" {_listed(self._trees)}; add it, or choose one by --tree ID",
+            )
+        return self._subtree(asked or next(iter(self._trees)), self._root).node
+
+    def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
+        key = identity, frozenset(self.keys.items())
+        if key in self._read:
+            return self._read[key]
+        if identity not in self._trees:
+            self.fail(
+                user,
+                f"there is no <BehaviorTree ID={shown(identity)}>; there are"
+                f" {_listed(self._trees)}",
+            )
+        if identity in self._open:
+            self.fail(user, f"the tree {shown(identity)} contains itself")
+        if len(self._open) >= MAX_LEVELS:
+            self.fail(user, f"expected at most {MAX_LEVELS} SubTrees in each other")
+        tree, file = self._trees[identity]
+        name, self._name = self._name, file
+        if len(tree.children) != 1:
+            self.fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
+        self._open.append(identity)
+        outside = self._nodes, self.level, self._levels, self.asks, self.parents
+        self._nodes = self.level = self._levels = 0
+        self.asks, self.parents = False, []
+        node = self.node(tree.children[0])
+        self._open.pop()
+        self._name = name
+        if self._open:  # it is used, not the tree that is asked for
+            word = fresh_name(identity, self._names)
+            self._names.add(word)
+            node = Used.of(node, word)
+        self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self.asks)
+        self._nodes, self.level, self._levels, self.asks, self.parents = outside
+        return self._read[key]
+
+    def count(self, element: Element, nodes: int, levels: int) -> None:
+        """Takes in nodes below the present level."""
+        self._nodes += nodes
+        self._levels = max(self._levels, self.level + levels)
+        if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
+            raise LimitError(
+                f"{self._name}:{element.line}:{element.column}: expected a tree of at most"
+                f" {MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded",
+                line=element.line,
+                column=element.column,
+            )
+
+    def node(self, element: Element) -> Node:
+        tag = tag_of(element)
+        if conditions := [name for name in PRECONDITIONS if name in element.attributes]:
+            return self.preconditions(element, conditions)
+        if tag == "SubTree":
+            return self._use(element)
+        self.count(element, 1, 1)
+        self.level += 1
+        self.parents.append(tag)
+        try:
+            node = self.inside(element, tag)
+        except ValueError as error:  # of an attribute
+            self.fail(element, str(error))
+        self.parents.pop()
+        self.level -= 1
+        return node
+
+    def _use(self, element: Element) -> Node:
+        remapped = {
+            key: self.keys.get(value[1:-1], value[1:-1])
+            for key, value in element.attributes.items()
+            if NAME.fullmatch(key) and value[:1] + value[-1:] == "{}"
+        }
+        self.check_attributes(element, "SubTree")
+        outside, self.keys = self.keys, {**self.keys, **remapped}
+        found = self._subtree(element.attributes.get("ID", ""), element)
+        self.keys = outside
+        self.count(element, found.nodes, found.levels)
+        self.asks |= found.asks
+        if found.asks and not remapped and _autoremap(element) not in ("true", "1"):
+            self.differs(element, SCOPE)
+        return found.node
+
+    def nodes_of(self, element: Element) -> tuple[Node, ...]:
+        return tuple(map(self.node, self.children(element)))
+
+    def children(self, element: Element) -> list[Element]:
+        if not element.children:
+            self.fail(element, f"expected children in <{element.tag}>")
+        return element.children
+
+    def child(self, element: Element) -> Node:
+        if len(element.children) != 1:
+            self.fail(
+                element, f"expected one child in <{element.tag}>, found {len(element.children)}"
+            )
+        return self.node(element.children[0])
+
+    @abstractmethod
+    def inside(self, element: Element, tag: str) -> Node:
+        """A node that is no SubTree. ValueError: an attribute of it is wrong."""
+
+    @abstractmethod
+    def preconditions(self, element: Element, names: Sequence[str]) -> Node:
+        """A node with the conditions that these attributes ask before it starts."""
+
+    @abstractmethod
+    def check_attributes(self, element: Element, tag: str) -> None:
+        """Raises TreeError for an attribute that the language has nothing like."""
+
+    def differs(self, element: Element, loss: Loss) -> None:
+        self.differences.setdefault(loss, Difference(element.line, element.column, loss))
+
+    def fail(self, element: Element, message: str) -> NoReturn:
+        raise element.error(message, self._name)
+
+
+def _listed(names: Collection[str]) -> str:
+    """The first names of many."""
+    first = [shown(name) for name in list(names)[:10]]
+    return ", ".join(first) + (", ..." if len(names) > 10 else "")
+
+
+def tag_of(element: Element) -> str:
+    """What node it is: <Action ID="X"/> is <X/>, and some had other names in version 3."""
+    if element.tag in _EXPLICIT:
+        return element.attributes.get("ID", element.tag)
+    return _RENAMED.get(element.tag, element.tag)
+
+
+def _autoremap(element: Element) -> str:
+    return element.attributes.get("_autoremap", element.attributes.get("__autoremap", ""))

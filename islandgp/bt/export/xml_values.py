@@ -1,0 +1,114 @@
+"""The arguments of nodes from the attributes of XML elements.
+
+Each function raises ValueError with what was expected and found; the caller adds the place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Final
+
+from islandgp.bt.core.kinds import POLICIES, REPEATS, SECONDS
+from islandgp.bt.core.node import CountArgs, ParallelArgs, Policy, SecondsArgs, Value
+from islandgp.bt.core.parameters import Parameter, fits, value_range
+from islandgp.bt.core.source import shown
+
+Attributes = Mapping[str, str]
+
+COUNTED: Final = {
+    "Repeat": ("repeater", "num_cycles"),
+    "RepeatPerTick": ("repeater", "num_cycles"),
+    "RetryUntilSuccessful": ("retry", "num_attempts"),
+    "RetryPerTick": ("retry", "num_attempts"),
+    "RecoveryNode": ("recovery", "number_of_retries"),
+}
+"""By tag: our kind, and the attribute with the count."""
+
+TIMED: Final = {
+    "WaitTicks": ("wait", "seconds", 1),
+    "TimeoutTicks": ("timeout", "seconds", 1),
+    "Delay": ("wait", "delay_msec", 1000),
+    "Timeout": ("timeout", "msec", 1000),
+}
+"""By tag: our kind, the attribute, and how many of its units are a second."""
+
+_NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
+_FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
+
+
+def count_args(attributes: Attributes, attribute: str, default: str = "") -> CountArgs:
+    """A number of repetitions."""
+    count = attributes.get(attribute, default)
+    fewest, most = REPEATS
+    if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
+        raise ValueError(f"expected {attribute} from {fewest} to {most}, found {shown(count)}")
+    return CountArgs(int(count))
+
+
+def seconds_args(attributes: Attributes, attribute: str, unit: int) -> SecondsArgs:
+    """A time, from an attribute of which so many units are a second."""
+    text = attributes.get(attribute, "")
+    seconds = float(text) / unit if _NUMBER.fullmatch(text) else 0.0
+    least, most = SECONDS
+    if not least <= seconds <= most:
+        raise ValueError(
+            f"expected {attribute} from {least * unit:g} to {most * unit:,}, found {shown(text)}"
+        )
+    return SecondsArgs(seconds)
+
+
+def period_args(attributes: Attributes) -> SecondsArgs:
+    """The time between two starts of a RateController's child."""
+    text = attributes.get("hz", "10")
+    hz = float(text) if _NUMBER.fullmatch(text) else 0.0
+    least, most = SECONDS
+    if not 1 / most <= hz <= 1 / least:
+        raise ValueError(f"expected hz from {1 / most:f} to {1 / least:g}, found {shown(text)}")
+    return SecondsArgs(round(1 / hz, 6))
+
+
+def judged_args(attributes: Attributes) -> ParallelArgs:
+    """The policies of a JudgedParallel."""
+    policies: list[Policy] = []
+    for attribute, default in (("success", "all"), ("failure", "one")):
+        found = attributes.get(attribute, default)
+        if found in POLICIES:
+            policies.append(found)
+            continue
+        fewest, most = REPEATS
+        if not (found.isdecimal() and len(found) < 10 and fewest <= int(found) <= most):
+            raise ValueError(f"expected {attribute} one, all or a number, found {shown(found)}")
+        policies.append(int(found))
+    return ParallelArgs(*policies)
+
+
+def parallel_args(attributes: Attributes, count: int) -> ParallelArgs:
+    """The policies of a Parallel with so many children."""
+    success = _threshold(attributes, "success_count", "-1", count)
+    # It fails when it can't succeed any more.
+    failure = min(_threshold(attributes, "failure_count", "1", count), count - success + 1)
+    return ParallelArgs(_policy(success, count), _policy(failure, count))
+
+
+def _threshold(attributes: Attributes, attribute: str, default: str, count: int) -> int:
+    value = attributes.get(attribute, default)
+    number = int(value) if re.fullmatch(r"-?[0-9]{1,4}", value) else 0
+    number = max(0, count + number + 1) if number < 0 else number  # -1 is all
+    if not 1 <= number <= min(count, REPEATS[1]):
+        raise ValueError(f"expected {attribute} 1 to {count}, or -1 for all, found {shown(value)}")
+    return number
+
+
+def _policy(number: int, count: int) -> Policy:
+    return "one" if number == 1 else "all" if number == count else number
+
+
+def port_value(port: str, text: str, parameter: Parameter) -> Value:
+    """The value of an action's argument from that of its port."""
+    value: Value = _FLAGS.get(text, text) if parameter.sort == "flag" else text
+    if parameter.numeric and _NUMBER.fullmatch(text.removeprefix("-")):
+        value = float(text)
+    if not fits(parameter, value):
+        raise ValueError(f"expected {port} of {value_range(parameter)}, found {shown(text)}")
+    return value

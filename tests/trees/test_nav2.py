@@ -1,0 +1,185 @@
+"""Nav2's trees and the nodes that they need: what is read, what it means, what goes out again."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ActionArgs, Node, walk
+from islandgp.bt.core.parameters import text
+from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, flag, number
+from islandgp.bt.export import py_trees
+from islandgp.bt.export.behaviortree_cpp import losses, to_xml
+from islandgp.bt.export.declared import declared
+from islandgp.bt.export.import_cpp import Imported, read_tree
+from islandgp.bt.export.json import from_json, to_json
+from islandgp.errors import DomainError, TreeError
+from tests.running.commands import ROOT
+from tests.trees.nav2 import SHAPES, file_of
+
+WORDS = Vocabulary(
+    "robot",
+    {
+        "Go": Action("goes", arguments={"goal": text("where to")}),
+        "Stay": Action("stays"),
+        "Clear": Action("clears"),
+        "Free": condition_leaf("whether the way is free"),
+    },
+    {"low": flag("the battery is low"), "mode": number("what to do", 0, 9)},
+)
+
+
+def read(shape: str) -> Imported:
+    xml = file_of(shape)
+    return read_tree(xml, declared(xml, xml, name="model.xml"), name="tree.xml")
+
+
+def inside(xml: str) -> Imported:
+    """The tree of a file with that node."""
+    return read_tree(f'<root><BehaviorTree ID="M">{xml}</BehaviorTree></root>', WORDS)
+
+
+def table_of(found: Imported) -> str:
+    return ", ".join(sorted(d.loss.about for d in found.differences))
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_published_trees(name: str) -> None:
+    """Each is read with its ports, with the differences that docs/exports.md lists."""
+    found = read(SHAPES[name])
+    xml = file_of(SHAPES[name])
+    ports = sum(len(node.args.values) for node in walk(found.tree) if node.action)  # type: ignore[union-attr]
+    hidden = re.findall(r'(?:number_of_retries|num_attempts|hz)="', xml)
+    assert ports == len(re.findall(r'\w="', xml.split("<TreeNodesModel>")[0])) - 3 - len(hidden)
+    rows = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
+    assert f"| `{name}` | {table_of(found) or 'none'} |" in rows
+    words = declared(xml, xml, name="model.xml")
+    assert parse(found.text, words) == found.tree
+    assert from_json(to_json(found.tree), words) == found.tree
+
+
+@pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "Controller " not in s])
+def test_published_trees_come_back(name: str) -> None:
+    """A plain file of such a tree, but for its decorators that are leaves here, comes back."""
+    found = read(SHAPES[name])
+    xml = file_of(SHAPES[name])
+    words = declared(xml, xml, name="model.xml")
+    assert read_tree(to_xml(found.tree, words, plain=True), words).tree == found.tree
+
+
+def ticks(tree: Node, count: int, **scripts: str) -> list[tuple[list[str], int]]:
+    """The leaves that each tick calls, and its status; a script's last letter goes on."""
+    letters = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
+    coming = {name: list(script) for name, script in scripts.items()}
+    called: list[str] = []
+
+    def leaf_of(args: ActionArgs) -> object:
+        def act(fresh: bool) -> int:  # noqa: ARG001
+            called.append(args.name)
+            left = coming.get(args.name, ["S"])
+            return letters[left.pop(0) if len(left) > 1 else left[0]]
+
+        return act
+
+    tick = compile_tree(tree, leaf_of, [], {}, step_s=0.5)  # type: ignore[arg-type]
+    found = []
+    for _ in range(count):
+        status = tick()
+        found.append(([*called], status))
+        called.clear()
+    return found
+
+
+def test_a_published_tree_runs() -> None:
+    """Planning goes on once a second while the robot drives; a failure brings a recovery."""
+    tree = read(SHAPES["navigate_to_pose_w_replanning_and_recovery"]).tree
+    found = ticks(tree, 5, FollowPath="R")
+    planned = ["ComputePathToPose" in calls for calls, _ in found]
+    assert planned == [True, False, True, False, True]
+    assert all(status >= RUNNING for _, status in found)
+    ((calls, _),) = ticks(tree, 1, FollowPath="FR")
+    assert calls[-4:] == [
+        "FollowPath", "WouldAControllerRecoveryHelp", "ClearEntireCostmap", "FollowPath"
+    ]  # fmt: skip
+
+
+BRANCHES = {
+    "<IfThenElse><Free/><Go/></IfThenElse>": ("sequence { Free Go }", ""),
+    "<IfThenElse><Free/><Go/><Stay/></IfThenElse>": (
+        "sequence { selector { inverter { Free } Go } selector { Free Stay } }", "asked, twice"),
+    '<WhileDoElse><ScriptCondition code="low"/><Go/><Stay/></WhileDoElse>': (
+        "reactive_sequence { inverter { when low abort self { inverter { Go } } }"
+        " inverter { when not low abort self { inverter { Stay } } } }", "order"),
+    '<Switch2 variable="{mode}" case_1="1" case_2="2"><Go/><Stay/><Clear/></Switch2>': (
+        "reactive_sequence { inverter { when mode == 1 abort self { inverter { Go } } }"
+        " inverter { when mode != 1 abort self { inverter { reactive_sequence {"
+        " inverter { when mode == 2 abort self { inverter { Stay } } }"
+        " inverter { when mode != 2 abort self { inverter { Clear } } } } } } } }",
+        "equal, order"),
+    '<Sequence><Go _failureIf="low"/><Stay/></Sequence>': (
+        "sequence { when not low abort none { Go } Stay }", ""),
+    '<Sequence><Go _successIf="low"/><Stay/></Sequence>': (
+        "sequence { inverter { when not low abort none { inverter { Go } } } Stay }", ""),
+    '<Fallback><Go _skipIf="low"/><Stay/></Fallback>': (
+        "selector { when not low abort none { Go } Stay }", "skipped"),
+    '<Sequence><Go _while="low"/><Stay/></Sequence>': (
+        "sequence { inverter { when low abort self { inverter { Go } } } Stay }", "skipped"),
+    "<KeepRunningUntilFailure><Go/></KeepRunningUntilFailure>": ("until_failure { Go }", ""),
+    '<RoundRobin wrap_around="true"><Go/><Stay/></RoundRobin>': ("round_robin { Go Stay }", ""),
+    '<Go goal="map frame/dock 1"/>': ('Go(goal: "map frame/dock 1")', ""),
+    '<Go goal="selector"/>': ('Go(goal: "selector")', ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("xml", BRANCHES)
+def test_branching_nodes(xml: str) -> None:
+    """Branching nodes and preconditions become guards, with what is not quite the same."""
+    tree, differences = BRANCHES[xml]
+    found = inside(xml)
+    assert (found.tree, table_of(found)) == (parse(tree, WORDS), differences)
+    assert parse(to_text(found.tree)) == found.tree  # without a vocabulary as well
+
+
+REFUSED = {
+    "<IfThenElse><Go/><Stay/></IfThenElse>": "a condition as the first child of IfThenElse",
+    "<WhileDoElse><Free/></WhileDoElse>": "two or three children",
+    '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "mode is a number",
+    '<Go _skipIf="low"/>': "'_skipIf' is read in a Sequence or a Fallback only",
+    '<Go _onSuccess="x := 1"/>': "nothing like '_onSuccess' of Go",
+    '<RecoveryNode number_of_retries="2"><Go/></RecoveryNode>': "expected two children, found 1",
+    '<RateController hz="0"><Go/></RateController>': "expected hz from",
+    "<NonblockingSequence><Go/></NonblockingSequence>": "no node 'NonblockingSequence'",
+    "<Go goal='a \"b\"'/>": 'expected goal of "a text"',
+}
+
+
+@pytest.mark.parametrize("xml", REFUSED)
+def test_refused_nodes(xml: str) -> None:
+    """What has no equal here is refused with its place and the reason."""
+    with pytest.raises(TreeError, match=r"^<xml>:1:\d+: ") as caught:
+        inside(xml)
+    assert REFUSED[xml] in str(caught.value)
+
+
+def test_ports_of_remapped_subtrees() -> None:
+    """A port that names an entry of a SubTree's blackboard names the entry that it is mapped to."""
+    xml = (
+        '<root main_tree_to_execute="A"><BehaviorTree ID="A"><SubTree ID="B" goal="{dock}"/>'
+        '</BehaviorTree><BehaviorTree ID="B"><Go goal="{goal}"/></BehaviorTree></root>'
+    )
+    assert read_tree(xml, WORDS).tree == parse('Go(goal: "{dock}")', WORDS)
+
+
+@pytest.mark.parametrize("head", ["every 2", "pipeline", "round_robin", "recovery 2"])
+def test_nodes_of_nav2_go_out_plain_only(head: str) -> None:
+    """Only a plain XML file has them, and says that they are Nav2's."""
+    tree = parse(f"{head} {{ Go {'Stay' if head == 'recovery 2' else ''} }}", WORDS)
+    with pytest.raises(DomainError, match="export it as plain XML"):
+        to_xml(tree, WORDS, step_s=0.1)
+    with pytest.raises(DomainError, match="in another form"):
+        py_trees.to_python(tree, WORDS, plain=True)
+    assert "nav2" in {loss.about for loss in losses(tree)}
+    assert read_tree(to_xml(tree, WORDS, plain=True), WORDS).tree == tree
