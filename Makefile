@@ -68,7 +68,10 @@ gateways:        ## LiteLLM's proxy and llmock in build/gateways, for slow tests
 axe:             ## axe-core in build/axe, for a slow test of the replay page
 	npm install --silent --no-audit --no-fund --prefix build/axe axe-core@4.14.1
 
-vscode:          ## VS Code's packer and its engine for grammars in build/vscode, for slow tests
+vscode:          ## pack the extension for VS Code: build/islandgp-bt.vsix
+	$(PYTHON) editors/pack.py
+
+vscode-tools:    ## VS Code's packer and its engine for grammars in build/vscode, for slow tests
 	npm install --silent --no-audit --no-fund --prefix build/vscode @vscode/vsce@3.9.2 \
 	  vscode-textmate@9.3.2 vscode-oniguruma@2.0.1
 
@@ -125,4 +128,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode bench demo-llm study ablations study-worlds comparators docs ui clean
+.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-worlds comparators docs ui clean

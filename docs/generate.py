@@ -225,6 +225,7 @@ def results_table(found: Mapping[str, float]) -> str:
 _A_NAME = r"[A-Za-z_]\w*"
 _KEYWORD, _FUNCTION = "keyword.declaration", "entity.name.function"
 _OTHER, _ASSIGNS = "variable.other", "keyword.operator.assignment"
+_KEY = "variable.language"
 
 
 def _rule(match: str, *names: str) -> dict[str, Any]:
@@ -257,18 +258,21 @@ def textmate() -> str:
         _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
         _rule(rf"\b({'|'.join([*COUNTED, *TIMED])})\s+({_A_NAME})", "keyword.control", _OTHER),
         _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
+        _rule(rf"\b(when)\s+(?!not\b)({_A_NAME})", "keyword.control", _KEY),
+        _rule(rf"\b(and|or|not)\s+(?!not\b)({_A_NAME})", "keyword.operator.logical", _KEY),
+        _rule(rf"\(\s*(?!not\b)({_A_NAME})(?!\w|\s*:)", _KEY),
+        _rule(rf"\b({_A_NAME})\s*:\s*({_A_NAME})", "variable.parameter", "constant.language"),
+        _rule(rf"\b({_A_NAME})\s*:", "variable.parameter"),
         {"name": "keyword.control", "match": _any_of(INNER)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
-        {"name": "support.function", "match": _any_of(VOCABULARY.actions)},
-        {"name": "variable.language", "match": _any_of(VOCABULARY.keys)},
         {
             "name": "keyword.operator.comparison",
             "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
         },
         {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
-        {"name": "invalid.illegal", "match": r"[A-Za-z_]\w*"},
+        {"name": "support.function", "match": _A_NAME},
     ]
     grammar = {
         "name": "islandgp behaviour tree",

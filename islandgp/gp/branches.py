@@ -280,7 +280,7 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
 def fine(value: float, key: Key) -> float:
     """The value within the key's range, in as few digits as about range / FINE needs."""
     digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
-    unit = min(digit, key.step)
+    unit = 1.0 if key.whole else min(digit, key.step)
     nearest = round(round(value / unit) * unit, 9)
     return min(key.high, max(key.low, nearest)) + 0.0  # no -0
 

@@ -10,7 +10,7 @@ the paired differences in worlds that neither drew nor raced.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import count, islice
 from math import ceil, log
@@ -64,7 +64,7 @@ class Threshold:
     def at(self, offset: float) -> float:
         """The value at an offset from the written one, in ranges of the key, rounded."""
         low, high = self.bounds
-        within = number("", low, high, self.key.step)
+        within = replace(self.key, low=low, high=high)
         return fine(self.number.value + offset * (self.key.high - self.key.low), within)
 
 
@@ -191,6 +191,7 @@ def thresholds_of(
         if high - low < LEAST_RANGE:  # also where keys have no range in common
             continue
         common = number("", low, high, min(key.step for key in keys))
+        common = replace(common, whole=any(key.whole for key in keys))
         most = min((key.most for key in keys if key.most is not None), default=MAX_NUMBER)
         found.append(Threshold(each, common, _bounds(each.value, common, most)))
     return found

@@ -495,6 +495,8 @@ class _Seen(Observer):
         for (name, key), value in zip(keys.items(), board, strict=True):
             if key.flag and value not in (0, 1):
                 return f"Expected 0 or 1 of the flag {name}, found {value}"
+            if key.whole and value != int(value):
+                return f"Expected a whole number of {name}, found {value}"
             if not key.flag and not value >= key.low:
                 return f"Expected {name} >= {key.low}, found {value}"
             if not key.flag and key.most is not None and not value <= key.most:

@@ -12,7 +12,7 @@ from islandgp.bt.analysis import boards
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, BoardSets
 from islandgp.bt.core.condition import Condition, ConditionExpr, condition, conjoin, opposite
 from islandgp.bt.core.language import parse_condition
-from islandgp.bt.core.vocabulary import Key, flag, number
+from islandgp.bt.core.vocabulary import Key, Vocabulary, flag, integer, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.strategies import conditions, few_boards, few_numbers
 
@@ -22,6 +22,25 @@ PLACES = VOCABULARY.places
 def island(text: str) -> ConditionExpr:
     """A condition of the island."""
     return parse_condition(text, VOCABULARY)
+
+
+@pytest.mark.parametrize(
+    ("text", "holds"),
+    [
+        ("n > 3 and n < 4", []),
+        ("n > 3 and n <= 4", [4]),
+        ("n >= 2 and n != 2 and n < 4", [3]),
+        ("n == 0 or n > 8", [0, 9]),
+    ],
+)
+def test_sets_of_whole_numbers(text: str, holds: list[int]) -> None:
+    """Nothing lies between two whole numbers; each number that a condition allows is in its set."""
+    words = Vocabulary("d", {}, {"n": integer("how many", 0, 9, most=9)})
+    sets = BoardSets(words.keys)
+    found = sets.of(parse_condition(text, words))
+    assert [n for n in range(10) if sets.has(found, [n])] == holds
+    assert (found == NO_BOARD) == (not holds)
+    assert (sets.pick(found) in [[n] for n in holds]) == bool(holds)
 
 
 @settings(deadline=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from math import inf, nan
 
 import pytest
@@ -18,10 +19,12 @@ from islandgp.bt.core.vocabulary import (
     Key,
     Vocabulary,
     flag,
+    integer,
     number,
 )
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.errors import DomainError, UnknownNameError
+from islandgp.errors import DomainError, TreeError, UnknownNameError
+from islandgp.gp.branches import fine
 
 MAZE = Vocabulary(
     domain="maze",
@@ -121,3 +124,15 @@ def test_an_entry_of_another_type_is_refused() -> None:
     """A text in place of an action, as one writes it by mistake."""
     with pytest.raises(DomainError, match=r"Expected Action\(\.\.\.\) for the action Step of the"):
         Vocabulary("maze", {"Step": "goes a step"}, {})  # type: ignore[dict-item] # the mistake
+
+
+def test_whole_numbers() -> None:
+    """An integer key is compared with whole numbers only, has no noise, and evolves on them."""
+    key = integer("how many", 0, 9, most=9)
+    words = Vocabulary("d", {"Go": Action("goes")}, {"n": key})
+    assert parse("when n < 3 { Go }", words).guard is not None
+    with pytest.raises(TreeError, match=r"n is a whole number, it can't be compared with '2\.5'"):
+        parse("when n < 2.5 { Go }", words)
+    assert fine(3.4, key) == 3.0
+    with pytest.raises(DomainError, match="Expected whole numbers as low, high, step and most"):
+        Vocabulary("d", {}, {"n": replace(key, high=2.5)})

@@ -405,9 +405,47 @@ def test_values_beyond_the_range_are_cut() -> None:
     assert len({speed for speed in speeds if -0.3 < speed < 0.3}) > 1
 
 
+def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
+    """The sum is that of the keys' values in each tick, and is cut to its own range."""
+    config = plain("domain=cartpole")
+    seen = config["world"]["observations"]
+    parts = [*seen][:3]
+    for name in parts:
+        seen[name]["range"] = [-1e3, 1e3]
+    weights = dict(zip(parts, (0.5, -2, 1), strict=True))
+    seen["mixed"] = {"sum": weights, "range": [-1e3, 1e3], "meaning": "a sum"}
+    seen["least"] = {"sum": weights, "range": [-0.01, 1e3], "meaning": "a sum that is cut"}
+    domain = read_settings(config).make_domain()
+    boards, words = _Boards(), domain.schema.vocabulary
+    domain.run_episode(parse("PushRight", words), 0, {}, boards)
+    at = words.places
+    sums = [board[at["mixed"]] for board in boards.seen]
+    assert sums == pytest.approx(
+        [sum(weights[name] * board[at[name]] for name in weights) for board in boards.seen]
+    )
+    assert [board[at["least"]] for board in boards.seen] == [max(-0.01, each) for each in sums]
+    assert min(sums) < -0.01 < max(sums)
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
+        (
+            ("domain=lunarlander", "+world.observations.lean.at=3"),
+            "world.observations.lean: expected at, or sum with the weights",
+        ),
+        (
+            ("domain=cartpole", "++world.observations.mixed={meaning: none}"),
+            "world.observations.mixed: expected at, or sum with the weights",
+        ),
+        (
+            ("domain=lunarlander", "+world.observations.lean.sum.hight=1"),
+            "world.observations.lean.sum: expected some of position, height, drift",
+        ),
+        (
+            ("domain=lunarlander", "+world.observations.lean.sum.sink=1"),
+            "world.observations.lean.sum: expected some of position, height, drift",
+        ),
         (("domain=cartpole", "world.environment=CartPool-v1"), "world.environment: expected one"),
         (("domain=cartpole", "world.actions.PushLeft.do=7"), "world.actions.PushLeft.do: expected"),
         (("domain=cartpole", "world.observations.speed.at=9"), "world.observations.speed.at: exp"),

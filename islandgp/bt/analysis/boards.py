@@ -140,6 +140,8 @@ class BoardSets:
             "not": (((x, 1),), (yes, no)),
         }[expr.operator]
         place = self.places[expr.key]
+        if self._keys[place].whole:  # above 3 is the same as from 4 on
+            cuts = tuple((x + 1, 0) if above and x % 1 == 0 else (x, above) for _, above in cuts)
         low, high = self._ranges[place]
         while cuts and cuts[0] <= low:
             cuts, parts = cuts[1:], parts[1:]

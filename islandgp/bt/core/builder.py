@@ -362,7 +362,7 @@ class Builder:
                 self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
             if form == "flag":
                 return Condition(str(parts[0]), "is", 0.0)
-            return Condition(str(parts[0]), str(parts[1]), self._number(parts[2]))
+            return Condition(str(parts[0]), str(parts[1]), self._threshold(parts[0], parts[2]))
         self._bounded(_first_word(tree), level)
         inside = [self._asked(part, level + 1) for part in parts]
         if form == "negation":
@@ -370,6 +370,18 @@ class Builder:
         if form == "brackets":
             return inside[0]
         return conjoin("and" if form == "conjunction" else "or", inside)
+
+    def _threshold(self, name: _Token, token: _Token) -> float:
+        """What a key is compared with."""
+        value = self._number(token)
+        whole = self._vocabulary is not None and self._vocabulary.keys[name].whole
+        if whole and value != int(value):
+            raise self._source.error_at(
+                token,
+                f"{name} is a whole number, it can't be compared with {shown(token)}",
+                expected="a number without decimals",
+            )
+        return value
 
     def _bounded(self, at: _Token, level: int) -> None:
         if self._terms > MAX_TERMS or level > MAX_NESTED:

@@ -67,6 +67,7 @@ class Key:
     step: float = 1.0  # distance between two thresholds of random trees, > 0
     most: float | None = None  # greatest value in any world; None: there is no such value
     noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
+    whole: bool = False  # a number that has no decimals: so has what it is compared with
 
 
 def flag(meaning: str) -> Key:
@@ -85,6 +86,11 @@ def number(
 ) -> Key:
     """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
+
+
+def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | None = None) -> Key:
+    """A key that is a whole number, compared with whole numbers only; else as `number`."""
+    return Key(meaning, flag=False, low=low, high=high, step=step, most=most, whole=True)
 
 
 def is_name(word: str) -> bool:
@@ -176,6 +182,11 @@ class Vocabulary:
                 raise DomainError(
                     f"Expected finite low < high and step > 0 for the key {name} of the domain"
                     f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
+                )
+            if key.whole and (key.flag or key.noise or any(bound % 1 for bound in bounds)):
+                raise DomainError(
+                    f"Expected whole numbers as low, high, step and most of the key {name} of the"
+                    f" domain {self.domain}, and no noise, found {', '.join(map(repr, bounds))}."
                 )
             if not 0 <= key.noise < inf or (key.flag and key.noise):
                 raise DomainError(

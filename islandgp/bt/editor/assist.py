@@ -168,7 +168,7 @@ def _about_action(name: str, action: Action) -> str:
 def _about_key(name: str, key: Key) -> str:
     how = f"`when {name}`" if key.flag else f"`when {name} < {key.low + key.step:g}`"
     most = "" if key.most is None else f" to {key.most:g}"
-    bounds = "" if key.flag else f"\n\nA number, from {key.low:g}{most}."
+    bounds = "" if key.flag else f"\n\nA {'whole ' * key.whole}number, from {key.low:g}{most}."
     return f"**{name}**: {key.meaning}{bounds}\n\nAsked with {how}."
 
 

@@ -183,6 +183,7 @@ class _Key(BaseModel, extra="forbid"):
     step: FiniteFloat = 1.0
     most: FiniteFloat | None = None
     noise: FiniteFloat = 0.0
+    whole: bool = False
 
     def key(self) -> Key:
         given = self.model_fields_set

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
-from math import inf, isfinite
-from typing import Any, ClassVar, Final, Self
+from math import fsum, inf, isfinite
+from typing import Any, ClassVar, Final, Self, TypeAlias
 
 from pydantic import BaseModel
 
@@ -17,10 +17,12 @@ from islandgp.bt.core.vocabulary import Key
 from islandgp.domain import Scene, png
 from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium import world as settings
-from islandgp.domains.gymnasium.spaces import Spaces
+from islandgp.domains.gymnasium.spaces import Read, Spaces
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Leaf, Stepped, must_be_values, once_a_thread
+
+Observations: TypeAlias = Mapping[str, settings.Observation]
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
@@ -120,10 +122,10 @@ class _Episode:
         self.env, self.log = env, log
         self.shrink, self.frame_every = world.shrink, world.frame_every
         self.total, self.steps = 0.0, 0
-        self._read, self._act = spaces.read, spaces.act
+        ats = _places(world.observations, spaces)
+        self._read, self._act = _reader(world.observations, spaces, ats), spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
         self._step, self._steps_matter = env.step, log.matters("step")
-        ats = {name: spaces.places[seen.at] for name, seen in world.observations.items()}
         places = {name: i for i, name in enumerate(settings.OWN)}  # before the observation's
         places |= {name: at + len(places) for name, at in ats.items()}
         self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
@@ -213,11 +215,31 @@ class _Episode:
         return Scene(self._picture.bounds)
 
 
+def _places(observations: Observations, spaces: Spaces) -> dict[str, int]:
+    """By name of an observation, its index among an episode's numbers; sums are the last ones."""
+    ats = {n: spaces.places[o.at] for n, o in observations.items() if o.at is not None}
+    sums = (name for name, observation in observations.items() if observation.sum)
+    return ats | {name: at for at, name in enumerate(sums, spaces.observed)}
+
+
+def _reader(observations: Observations, spaces: Spaces, ats: Mapping[str, int]) -> Read:
+    """Reads the numbers of an observation, and the sums that the configuration has."""
+    sums = [[(ats[n], w) for n, w in o.sum.items()] for o in observations.values() if o.sum]
+    if not sums:
+        return spaces.read
+
+    def read(observation: Any) -> list[float]:
+        values = spaces.read(observation)
+        return values + [fsum(weight * values[at] for at, weight in parts) for parts in sums]
+
+    return read
+
+
 def _check(world: settings.GymnasiumWorld, env: Any) -> None:
     """Raises ConfigError where the environment has not what the configuration names."""
     spaces = Spaces.of(env, world.environment)
     for name, observation in world.observations.items():
-        if observation.at not in spaces.places:
+        if observation.at is not None and observation.at not in spaces.places:
             raise ConfigError(
                 f"world.observations.{name}.at: expected {spaces.named()}, as"
                 f" {world.environment} observes {spaces.observed} numbers, found"

@@ -24,9 +24,12 @@ OWN: Final = {
 
 
 class Observation(BaseModel, frozen=True, extra="forbid"):
-    """A number of the observation as a key."""
+    """A number of the observation, or a weighted sum of some, as a key."""
 
-    at: Annotated[int, Field(ge=0)] | str  # its place in the observation; of a Dict `key.place`
+    at: Annotated[int, Field(ge=0)] | str | None = None
+    """Its place in the observation; in a Dict, `key.place`."""
+    sum: dict[Word, FiniteFloat] = Field(default_factory=dict)
+    """In place of `at`: the weights of other observations, whose values are added up."""
     meaning: str  # one line, with the unit
     flag: bool = False  # yes or no: above one half or not
     range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
@@ -37,6 +40,9 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     def _rising(self) -> Self:
         if self.range[0] >= self.range[1]:
             raise ValueError(f"range: expected two rising numbers, found {list(self.range)}")
+        if (self.at is None) is not bool(self.sum):
+            both = "both" if self.sum else "neither"
+            raise ValueError(f"expected at, or sum with the weights of observations, found {both}")
         return self
 
     def key(self) -> Key:
@@ -128,6 +134,17 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
             if isinstance(choice.do, int) and choice.arguments:
                 raise ValueError(
                     f"actions.{name}: expected a list as do beside arguments, found {choice.do}"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _sums_of_observations(self) -> Self:
+        known = [name for name, observation in self.observations.items() if not observation.sum]
+        for name, observation in self.observations.items():
+            if wrong := [part for part in observation.sum if part not in known]:
+                raise ValueError(
+                    f"observations.{name}.sum: expected some of {', '.join(known)}, found"
+                    f" {wrong[0]!r}"
                 )
         return self
 

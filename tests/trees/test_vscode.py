@@ -1,0 +1,100 @@
+"""The extension for VS Code: its package, and its client with the real language server."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from zipfile import ZipFile
+
+import pytest
+
+from tests.running.commands import ROOT
+from tests.trees.editor import CODE
+
+FOLDER = ROOT / "editors" / "vscode"
+HARNESS = Path(__file__).with_name("vscode.js")
+needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
+
+
+def test_the_package_holds_all_files(tmp_path: Path) -> None:
+    """`make vscode` packs the same bytes again; each file that package.json names is inside."""
+    pack = runpy.run_path(str(ROOT / "editors" / "pack.py"))["pack"]
+    packed = [tmp_path / name for name in ("a.vsix", "b.vsix")]
+    for file in packed:
+        pack(file)
+    assert packed[0].read_bytes() == packed[1].read_bytes()
+    with ZipFile(packed[0]) as archive:
+        about = json.loads(archive.read("extension/package.json"))
+        made = about["contributes"]
+        inside = (
+            about["main"],
+            made["languages"][0]["configuration"],
+            made["grammars"][0]["path"],
+            "./connection.js",
+        )
+        assert {f"extension/{file.removeprefix('./')}" for file in inside} <= {*archive.namelist()}
+        manifest = ElementTree.fromstring(archive.read("extension.vsixmanifest"))
+        ElementTree.fromstring(archive.read("[Content_Types].xml"))
+    identity = next(each for each in manifest.iter() if each.tag.endswith("}Identity"))
+    assert identity.attrib["Version"] == about["version"]
+
+
+def test_a_folder_cannot_choose_the_command() -> None:
+    """The command is a setting of the machine, and untrusted folders start no server."""
+    about = json.loads((FOLDER / "package.json").read_text(encoding="utf-8"))
+    assert about["contributes"]["configuration"]["properties"]["islandgp.command"]["scope"] == (
+        "machine"
+    )
+    assert about["capabilities"]["untrustedWorkspaces"]["supported"] is False
+
+
+def client(folder: Path, *command: str) -> dict[str, list[Any]]:
+    """What the extension gives VS Code, by request."""
+    done = subprocess.run(
+        ["node", str(HARNESS), str(FOLDER), *command],
+        cwd=folder,
+        capture_output=True,
+        check=True,
+        encoding="utf-8",
+        timeout=100,
+    )
+    found: dict[str, list[Any]] = {}
+    for line in done.stdout.splitlines():
+        what, value = json.loads(line)
+        found.setdefault(what, []).append(value)
+    return found
+
+
+@needs_node
+@pytest.mark.process
+def test_the_client_asks_the_server(tmp_path: Path) -> None:
+    """Each provider gives VS Code what the server answers."""
+    found = client(tmp_path, sys.executable, "-c", CODE, "language-server")
+    wrong, right = found["diagnostics"]
+    assert "Did you mean PatrolWaypoint?" in wrong[0]
+    assert right == []
+    assert found["actions"] == [["Replace by PatrolWaypoint"]]
+    assert found["definition"] == [{"line": 0, "character": 8}]
+    assert found["references"] == [2]
+    assert found["symbols"] == [[["go", 11]]]  # VS Code's number of a function
+    assert found["hover"][0].startswith("**SeekCharger**")
+    assert found["completion"] == [["go"]]
+    assert found["prepare"] == [{"line": 1, "character": 15}]
+    assert found["rename"] == [2]
+    assert "no word of the language" in found["refused"][0]
+    assert found["format"][0].startswith("subtree go = SeekCharger\n\nsequence")
+    assert found["errors"] == [[]]
+
+
+@needs_node
+@pytest.mark.process
+def test_a_server_that_cannot_start_is_named(tmp_path: Path) -> None:
+    """The message has the command."""
+    (told,) = client(tmp_path, str(tmp_path / "islandgp"), "language-server")["error"]
+    assert "islandgp language-server ended: spawn" in told[0]
