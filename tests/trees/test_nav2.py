@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from random import Random
+from typing import Any
 
 import pytest
 
@@ -19,6 +22,7 @@ from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import DomainError, TreeError
 from tests.running.commands import ROOT
 from tests.trees.nav2 import SHAPES, file_of
+from tests.trees.targets import Script, Trace, ours
 
 WORDS = Vocabulary(
     "robot",
@@ -108,6 +112,8 @@ def test_a_published_tree_runs() -> None:
 
 BRANCHES = {
     "<IfThenElse><Free/><Go/></IfThenElse>": ("sequence { Free Go }", ""),
+    '<IfThenElse><ScriptCondition code="low"/><Go/></IfThenElse>': (
+        "when low abort none { Go }", ""),
     "<IfThenElse><Free/><Go/><Stay/></IfThenElse>": (
         "sequence { selector { inverter { Free } Go } selector { Free Stay } }", "asked, twice"),
     '<WhileDoElse><ScriptCondition code="low"/><Go/><Stay/></WhileDoElse>': (
@@ -141,6 +147,45 @@ def test_branching_nodes(xml: str) -> None:
     found = inside(xml)
     assert (found.tree, table_of(found)) == (parse(tree, WORDS), differences)
     assert parse(to_text(found.tree)) == found.tree  # without a vocabulary as well
+
+
+def in_the_library(xml: str, boards: Sequence[Sequence[float]], results: Sequence[int]) -> Trace:
+    """What the real library does with a file, but for halts, which its binding does not report."""
+    cpp: Any = pytest.importorskip("behaviortreepy", reason="extra `btcpp` is not installed")
+    script = Script(results)
+    statuses = (cpp.NodeStatus.FAILURE, cpp.NodeStatus.SUCCESS, cpp.NodeStatus.RUNNING)
+    factory = cpp.BehaviorTreeFactory()
+    for name in ("Go", "Stay", "Clear"):
+        factory.register_simple_stateful_action(
+            name,
+            lambda _, name=name: statuses[script.call(name, True)],
+            lambda _, name=name: statuses[script.call(name, False)],
+        )
+    tree = factory.create_tree_from_text(xml)
+    board = tree.root_blackboard()
+    trace = []
+    for low, mode in boards:
+        board.set_bool("low", bool(low))
+        board.set_string("mode", f"{mode:.0f}")  # of a Switch, texts are compared
+        trace.append(script.take(tree.tick_exactly_once().name))
+    return trace
+
+
+@pytest.mark.parametrize(
+    "xml",
+    [x for x in BRANCHES if "goal" not in x and "Free" not in x and "RoundRobin" not in x],
+)
+def test_branching_in_the_library(xml: str) -> None:
+    """The tree that is read starts and resumes the leaves as the real library does."""
+    rng = Random(1)
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="M">{xml}</BehaviorTree></root>'
+    tree = inside(xml).tree
+    for _ in range(30):
+        results = [rng.choice([FAILURE, SUCCESS, RUNNING, RUNNING]) for _ in range(60)]
+        boards = [[float(rng.randint(0, 1)), float(rng.randint(0, 3))] for _ in range(20)]
+        mine = ours(tree, boards, results, WORDS.places)
+        called = [" ".join(w for w in tick.split() if w[0] != "-") for tick in mine]
+        assert called == in_the_library(text, boards, results)
 
 
 REFUSED = {
