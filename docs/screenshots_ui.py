@@ -1,4 +1,4 @@
-"""Takes the pictures of the MLflow pages anew. Needs Chromium and some minutes.
+"""Take the pictures of the MLflow pages. Needs Chromium and some minutes.
 
 python docs/screenshots_ui.py [FOLDER]
 
@@ -26,6 +26,10 @@ from tests.viewer.browser import Browser, chromium  # noqa: E402
 SWEEP = ("supervisor=baseline,expert", "seed=range(5)", "-m")
 PORT = 5077
 SIZE = (1500, 940)
+HIDE_PATH = """[...document.querySelectorAll("*")]
+  .filter(e => !e.children.length && e.innerText?.includes("/mlartifacts/"))
+  .forEach(e => { e.style.visibility = "hidden" })"""
+"""The artifact's path on the machine that takes the picture."""
 
 
 def main() -> None:
@@ -88,6 +92,7 @@ def _shoot(browser: Browser, address: str, word: str, file: Path) -> None:
         sleep(1)
     sleep(3)  # it fetches and draws the rest by itself
     browser.run("document.querySelector('button[aria-label=Close]')?.click()")  # the assistant
+    browser.run(HIDE_PATH)
     sleep(3)
     picture = browser.call("Page.captureScreenshot", format="png")["data"]
     file.parent.mkdir(exist_ok=True)

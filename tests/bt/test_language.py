@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.bt.core import language
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
 from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, depth, leaf, size
 from islandgp.bt.core.printer import WIDTH, number_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.errors import LimitError, TreeError
+from islandgp.errors import ConfigError, LimitError, TreeError
 from tests.profiles import examples
 from tests.strategies import nodes
 
@@ -328,3 +329,10 @@ def test_lark_is_imported_when_a_text_is_parsed() -> None:
     """Importing the language costs no start-up time: lark comes with the first text."""
     code = "import sys, islandgp.bt.core.language; sys.exit('lark' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_another_lark_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The package lark-parser writes an old parser into the folder of lark."""
+    monkeypatch.setattr("lark.__version__", "0.12.0")
+    with pytest.raises(ConfigError, match="pip uninstall -y lark-parser"):
+        language._parser.__wrapped__()

@@ -24,7 +24,7 @@ from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.source import Source, shown
 from islandgp.bt.core.source import plain as plain
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import LimitError, OtherDomainError, TreeError
+from islandgp.errors import ConfigError, LimitError, OtherDomainError, TreeError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -236,8 +236,14 @@ def words(text: str) -> Iterator[Token]:
 
 @cache
 def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
-    from lark import Lark
+    from lark import Lark, __version__
 
+    if __version__.startswith("0."):
+        raise ConfigError(
+            f"Expected lark 1.3 or later, found {__version__}: the package lark-parser, which ROS 2"
+            " brings, has overwritten it; pip uninstall -y lark-parser, then"
+            " pip install --force-reinstall --no-deps 'lark<2'."
+        )
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     # The basic lexer knows every word everywhere; a contextual one would read
     # `selfish` as `self` and `ish` where only abort rules are expected.
