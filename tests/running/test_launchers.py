@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
+from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra._internal.utils import get_args_parser
 
 from islandgp.config.compose import planned
@@ -13,15 +16,17 @@ from islandgp.config.naming import command_line
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
 from islandgp.sweep.job import workers_of
-from tests.running.commands import ROOT, finish, group_members, start
+from tests.running.commands import ROOT, fake, finish, group_members, start
 
 pytestmark = pytest.mark.process
 
 WORDS = (
     "supervisor=baseline",
     "experiment=smoke",
-    "gp.population=8",
-    "gp.generations=4",
+    "gp.population=4",
+    "gp.tournament=2",
+    "gp.generations=2",
+    "world.episode.length=20",
     "tracking=off",
     "progress=plain",
     "seed=0,1",
@@ -81,6 +86,27 @@ def test_clusters_give_the_same_records(
     assert records(tmp_path / "other") == records(tmp_path / "basic")
 
 
+def test_a_launcher_that_breaks_down_is_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It gets the jobs that are left."""
+    launch, given = BasicLauncher.launch, []
+
+    def breaks(launcher: BasicLauncher, jobs: Sequence[Sequence[str]], first: int) -> Any:
+        given.append(len(jobs))
+        done = launch(launcher, jobs[:1] if len(given) == 1 else jobs, first)
+        if len(given) == 1:
+            raise OSError("a worker was killed")
+        return done
+
+    monkeypatch.setattr(BasicLauncher, "launch", breaks)
+    monkeypatch.chdir(tmp_path)
+    assert main([*WORDS, *fake("Instant")]) == 0
+    assert "the launcher broke down (a worker was killed)" in capsys.readouterr().err
+    assert len(records(tmp_path)) == given[0] == 2
+
+
+@pytest.mark.slow
 def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Path) -> None:
     """joblib gives up when a worker is killed; the launcher is started again for the rest."""
     flag = tmp_path / "flag"
