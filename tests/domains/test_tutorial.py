@@ -106,10 +106,8 @@ def run(
         sys.modules["pick_place"] = known
 
 
-def test_the_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_run(tmp_path: Path) -> None:
     """From check to compare, on small runs, in a folder with a blank in its name."""
-    monkeypatch.setattr(single_behaviours, "ROUNDS", 4)
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
     assert "irst Finished Robot" in follow(tmp_path, here, *SMALL)
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.running.app import main
 from tests.running.commands import (
     ROOT,
     TINY,
@@ -120,9 +119,7 @@ def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
     assert_all_end(process.pid)
 
 
-def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """Exit code 130, no process left, run KILLED; then FINISHED, in the same MLflow run."""
     process = start(tmp_path, *SLOW)
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
@@ -133,8 +130,8 @@ def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(
     assert group_members(process.pid) == []
     (stopped,) = tracked(store(tmp_path))
     assert stopped.status == "KILLED"
-    monkeypatch.chdir(tmp_path)
-    assert main(SLOW) == 0
+    code, said = finish(start(tmp_path, *SLOW))
+    assert code == 0, said
     (finished,) = tracked(store(tmp_path))
     assert (finished.id, finished.status) == (stopped.id, "FINISHED")
     assert finished.points["fitness/max"][0][0] == 0

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
-from hydra._internal.core_plugins.basic_launcher import BasicLauncher
 from hydra._internal.utils import get_args_parser
 
 from islandgp.config.compose import planned
@@ -16,7 +13,7 @@ from islandgp.config.naming import command_line
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
 from islandgp.sweep.job import workers_of
-from tests.running.commands import ROOT, fake, finish, group_members, start
+from tests.running.commands import ROOT, finish, group_members, start
 
 pytestmark = pytest.mark.process
 
@@ -84,26 +81,6 @@ def test_clusters_give_the_same_records(
     alone(tmp_path / "basic", monkeypatch)
     sweep(tmp_path / "other", *words)
     assert records(tmp_path / "other") == records(tmp_path / "basic")
-
-
-def test_a_launcher_that_breaks_down_is_started_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It gets the jobs that are left."""
-    launch, given = BasicLauncher.launch, []
-
-    def breaks(launcher: BasicLauncher, jobs: Sequence[Sequence[str]], first: int) -> Any:
-        given.append(len(jobs))
-        done = launch(launcher, jobs[:1] if len(given) == 1 else jobs, first)
-        if len(given) == 1:
-            raise OSError("a worker was killed")
-        return done
-
-    monkeypatch.setattr(BasicLauncher, "launch", breaks)
-    monkeypatch.chdir(tmp_path)
-    assert main([*WORDS, *fake("Instant")]) == 0
-    assert "the launcher broke down (a worker was killed)" in capsys.readouterr().err
-    assert len(records(tmp_path)) == given[0] == 2
 
 
 @pytest.mark.slow
