@@ -25,7 +25,7 @@ EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "own_domain.md").read_text(encoding="utf-8")
 MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace")
 """How the snippets begin that are not part of the example; test_outside runs the second."""
-SMALL = ("gp.population=6", "gp.generations=3")
+SMALL = ("gp.population=6", "gp.generations=4")
 QUICK = ("tracking=off", "progress=off", "evaluator=serial")
 
 
