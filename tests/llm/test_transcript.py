@@ -134,7 +134,7 @@ def test_a_changed_line_is_told(tmp_path: Path, old: str, new: str) -> None:
     edited(path, old, new)
     with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as caught:
         Transcript(path)
-    assert "its checksum differs; put the original back" in str(caught.value)
+    assert "its checksum differs; restore the original" in str(caught.value)
 
 
 def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from tests.running.commands import TINY, fake
 from tests.running.supervisors import Answers
 
 TREE = parse("PatrolWaypoint")
-MINE = "Expected from the supervisor tests.running.supervisors:Answers"
+MINE = "Expected tests.running.supervisors:Answers.advise to return"
 
 WRONG: list[tuple[Any, str]] = [
     # an answer, and what the line says of it
