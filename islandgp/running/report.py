@@ -16,9 +16,9 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import title
 
 MOSTLY_FALLBACK: Final = (
-    "expected the language model to supervise, found that the fallback gave more of the answers"
+    "expected the language model to supervise, found that the fallback gave more of the guidance"
     " than supervisor.policy.most_fallback allows: this is a run of the fallback. The record's"
-    " notes tell why; mend that and run again with resume=never, or raise most_fallback."
+    " notes have the reasons; correct them and run again with resume=never, or raise most_fallback."
 )
 
 
