@@ -52,7 +52,7 @@ COMMANDS: Final = {
         "open the page of a run, which grows while the run goes on", "runs/default/expert-seed0"
     ),
     "best": CommandInfo(
-        "find the best tree of a run again, and tell what it is worth in unseen worlds",
+        "select the best tree of a run again and evaluate it in unseen worlds",
         "runs/default/expert-seed0 -o best.bt",
     ),
     "compare": CommandInfo(
@@ -60,7 +60,7 @@ COMMANDS: Final = {
         "--arm expert=supervisor=expert --arm baseline=supervisor=baseline",
     ),
     "estimate": CommandInfo(
-        "tell what supervision by a language model will cost", "supervisor=llm"
+        "estimate the costs of supervision by a language model", "supervisor=llm"
     ),
     "distill": CommandInfo(
         "fit a small offline policy to the decisions of past runs", "runs/default -o policy.json"

@@ -9,7 +9,7 @@ from typing import Any, Final
 HIDDEN: Final = "***"
 
 FREE: Final = frozenset({"extra_body", "extra_headers"})
-"""Keys of a configuration below which a server's own fields stand."""
+"""Keys of a configuration with fields of a server below them."""
 
 ANYWHERE: Final = frozenset(
     {"apikey", "authorization", "bearer", "cookie", "credential", "credentials", "passwd"}

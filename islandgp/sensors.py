@@ -1,7 +1,7 @@
 """Sensors of perturbed worlds: what the tree sees is noisy, and late.
 
-A domain declares how much noise its numbers have (`Key.noise`) and by how many ticks its blackboard
-may be late (`Schema.delay`); configuration says how much of both there is (`perturb`).
+A domain declares the most noise of its numbers (`Key.noise`) and the longest delay of its
+blackboard in ticks (`Schema.delay`); the configuration sets the amount of both (`perturb`).
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class UnseenWorlds:
-    """The worlds that tell what trees are worth."""
+    """Test worlds for the final evaluation of trees."""
 
     stage: int  # of the curriculum, from 0
     worlds: tuple[int, ...]  # world seeds
@@ -65,7 +65,7 @@ class UnseenWorlds:
     type=click.IntRange(2, 10_000),
     default=100,
     show_default=True,
-    help="Test worlds that tell what the trees are worth.",
+    help="Number of test worlds in which the best trees are evaluated.",
 )
 @click.option(
     "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one for each core."

@@ -93,7 +93,7 @@ def checked(
 
 
 def plain_error(error: TreeError, name: str) -> dict[str, Any]:
-    """An error as JSON values; of an included file it tells that file."""
+    """An error as JSON values; `file` is the included file if the error is there."""
     first, *rest = str(error).splitlines()
     placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
     file, message = placed.groups() if placed else (name, first)

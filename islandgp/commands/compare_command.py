@@ -143,9 +143,9 @@ def command(
         files = write(report, study, folder)
     except OSError as error:
         raise unusable(folder, error) from error
-    said = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
-    said += [f"note: {note}" for note in study.notes]
-    click.echo("\n".join([*said, *_results(report)]))
+    notes = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
+    notes += [f"note: {note}" for note in study.notes]
+    click.echo("\n".join([*notes, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
@@ -190,7 +190,7 @@ def _select(
 def _results(report: ComparisonReport) -> list[str]:
     """The primary endpoint, the claims and further questions in lines for a terminal.
 
-    Where no paper makes claims, the first pair's comparisons stand there.
+    Without a publication the claims are replaced by the comparisons of the first pair.
     """
     lines: list[str] = []
     for table in report.tables:

@@ -119,7 +119,10 @@ def folder_of(file: str) -> Path:
 
 
 def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
-    """The tree in a file, in these words or of whatever domain. Raises TreeError, IslandError."""
+    """The tree in a file. Without a vocabulary any names are accepted.
+
+    Raises TreeError or IslandError.
+    """
     return parse(read_text(file), vocabulary, name=called(file), folder=folder_of(file))
 
 

@@ -111,7 +111,7 @@ def closed(server: Server, params: types.DidCloseTextDocumentParams) -> None:
 
 
 def completion(server: Server, params: types.CompletionParams) -> list[types.CompletionItem]:
-    """What may stand at a place."""
+    """Completions at a position."""
     document, at = server.place(params)
     if len(document.source) > MAX_CHARACTERS:
         return []
@@ -287,7 +287,7 @@ def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
 
 
 def _diagnostic(found: dict[str, Any], document: TextDocument) -> types.Diagnostic:
-    """Of an error in an included file, the message names its place, and it stands at the top."""
+    """The diagnostic of an error; one in an included file is shown at the top with its place."""
     line, message = found["line"] - 1, found["message"]
     columns = [found["column"] - 1, found["end"] - 1]
     if found["file"] != _name(document):

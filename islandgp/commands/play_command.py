@@ -168,7 +168,7 @@ def _print_comparison(
     robust: Sequence[Sequence[float]],
     settings: Settings,
 ) -> None:
-    """A row for each tree; where names leave no room for numbers, they stand above the table."""
+    """Prints one row per tree; long names are printed above the table."""
     rows = _comparison(points, robust)
     worlds = len(points[0])
     won = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]

@@ -290,7 +290,7 @@ def _launcher(hydra: DictConfig) -> str:
 
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:
-    """Raises ConfigError for callbacks: Hydra would run whatever code a command names there."""
+    """Raises ConfigError for callbacks, as Hydra would run any code that a command names there."""
     others = {k: v for k, v in (hydra.callbacks or {}).items() if (k, v) not in CALLBACKS.items()}
     if others:
         first = f"hydra.callbacks.{next(iter(others))}"

@@ -48,7 +48,7 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
 
 
 def _safe(name: str) -> str:
-    """The name as a folder's, as `run_folder` says."""
+    """The name as a folder's name; see `run_folder`."""
     safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
     if safe == name and len(name) <= LONGEST:
         return name

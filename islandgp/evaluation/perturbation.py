@@ -1,7 +1,7 @@
 """Perturbed worlds: settings drawn from ranges, noisy and late sensors.
 
-A tree is robust where it earns as much in worlds that are a little different. The perturbation of a
-world is a function of the world's seed alone, whatever process the episode runs in.
+A tree is robust if it earns as much in slightly different worlds. The perturbation of a world is a
+function of the world's seed alone.
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ def update_behaviour_archive(
 ) -> dict[str, BehaviourBest]:
     """The archive with this generation's best of each behaviour, where they are better.
 
-    Stages of the curriculum have scales of their own: what shows a behaviour in a later one
-    replaces the best of an earlier one, whatever their fitness.
+    Stages of the curriculum have different scales, so an individual of a later stage replaces one
+    of an earlier stage regardless of fitness.
     """
     kept = dict(archive)
     for e in population:

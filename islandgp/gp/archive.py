@@ -1,10 +1,10 @@
 """An archive of elites: the best tree of each cell of a grid over counters (MAP-Elites).
 
-Every run keeps one, whatever its search: it watches, and changes no population. Mouret and
-Clune 2015, arXiv 1504.04909; coverage and QD score: Pugh, Soros and Stanley 2016, doi
-10.3389/frobt.2016.00040. An elite's value is the mean of its episodes, and with `again` above 0
-a challenger and the elite are evaluated in further worlds first, as one lucky episode would
-otherwise keep a cell for ever (Flageat and Cully 2020, arXiv 2003.13530).
+Every run has one, with any search; it does not affect the population. Mouret and Clune 2015, arXiv
+1504.04909; coverage and QD score: Pugh, Soros and Stanley 2016, doi 10.3389/frobt.2016.00040. An
+elite's value is the mean of its episodes. With `again` above 0 a challenger and the elite are
+evaluated in further worlds first, because a single lucky episode would otherwise hold a cell
+forever (Flageat and Cully 2020, arXiv 2003.13530).
 """
 
 from __future__ import annotations

@@ -229,10 +229,10 @@ def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 
 def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
-    """One number of the tree's conditions, or all of them, moved a little.
+    """Perturbs one number of the tree's conditions, or all of them.
 
-    The standard deviation is drawn anew each time, log-uniform from `number_sd` / 20 to
-    `number_sd`, as a share of the key's range. Numbers leave the grid of random thresholds.
+    The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
+    `number_sd`, as a share of the key's range. Numbers may leave the grid of random thresholds.
     """
     places = numbers_of(tree, space)
     if not places:

@@ -32,7 +32,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     tournament: int = Field(ge=1)  # individuals that a selection compares
     crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
-    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
+    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor advises another one
     founders: bool = False  # the library's trees for its targets open the initial population
     mutate_elites: bool  # mutation hits elites and the injected tree too
     max_depth: int = Field(ge=2, le=50)

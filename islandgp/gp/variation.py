@@ -165,7 +165,7 @@ def _parameter(
 def _other_argument(
     rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
 ) -> Node:
-    """A leaf with one of its arguments moved, or drawn anew."""
+    """A leaf with one of its arguments perturbed, or replaced by a random value."""
     arguments = space.vocabulary.action(args.name).arguments
     values = written(args, arguments)
     key = list(arguments)[rng.integers(len(arguments))]

@@ -79,13 +79,9 @@ class RunFolder:
         self._left: Stamp = None  # of generations.jsonl, after the last generation
 
     def open(self, config: str, about: RunMetadata) -> None:
-        """Locks the folder for this process and writes about.json and config.yaml.
+        """Locks the folder for this process and writes about.json and config.yaml (YAML text).
 
         The files of a finished run are not changed.
-
-        Args:
-            config: the resolved configuration, as YAML.
-            about: the content of about.json.
 
         Raises:
             BusyError: another process is writing to the folder.
@@ -205,16 +201,10 @@ class RunFolder:
                 pass
 
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
-        """Prepares the folder for continuing the run.
+        """The state to continue from; None: the run starts at generation 0.
 
         Records after the checkpoint are cut off. If the newest checkpoint or the record before it
-        is damaged, the one before is used.
-
-        Args:
-            warn: called with one line for each damaged file.
-
-        Returns:
-            The state to continue from; None: the run starts at generation 0.
+        is damaged, the one before is used. `warn` is called with one line for each damaged file.
 
         Raises:
             RunError: the run is finished, no checkpoint is sound, records before it are

@@ -78,7 +78,7 @@ class LibraryCost:
 def run_context(
     settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
 ) -> RunContext:
-    """What a run gives to its supervisor, which need not work out what the search does not take."""
+    """The arguments of a supervisor's `make`; parts that the search does not use are off."""
     cost, uses = cost or LibraryCost(), settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain

@@ -62,15 +62,15 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
 
 
 class Classes(BaseModel, frozen=True, extra="forbid"):
-    """How individuals are told apart."""
+    """Behaviours, specialist classes and tiers of individuals."""
 
     behaviours: dict[Name, str] = Field(min_length=1)  # the counter of each
     specialists: Specialists
     tiers: dict[Name, Tier] = Field(min_length=1)  # best first
     milestones: tuple[Name, ...] = Field(min_length=1)
-    """Tiers that runs are judged by, the easiest first: their first robots are told."""
+    """Tiers by which runs are compared, the easiest first; their first robots are reported."""
     agent: str = Field(default="Robot", min_length=1, max_length=40)
-    """What an individual is called in titles, such as Robot or Lander; its plural has an s."""
+    """Term for an individual in titles, such as Robot or Lander; its plural has an s."""
     hardest: tuple[Name, ...] = ()
     """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
     it. Behaviours that are not named follow, the last one first."""

@@ -20,11 +20,11 @@ class Band(BaseModel, frozen=True, extra="forbid"):
 class Reward(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 3: what one event earns by its amount. Penalties are negative."""
 
-    component: str  # of the fitness, that the points belong to
-    base: FiniteFloat = 0  # points, whatever the amount
-    per_unit: FiniteFloat = 0  # points for each unit of the amount
-    bands: tuple[Band, ...] = ()  # by rising level; the first that holds replaces the two above
-    over: FiniteFloat | None = None  # an amount up to this earns nothing
+    component: str  # of the fitness, to which the points are added
+    base: FiniteFloat = 0  # points per event
+    per_unit: FiniteFloat = 0  # points per unit of the amount
+    bands: tuple[Band, ...] = ()  # by rising level; the first that applies replaces the two above
+    over: FiniteFloat | None = None  # amounts up to this earn nothing
 
     @model_validator(mode="after")
     def _rising(self) -> Reward:

@@ -53,7 +53,7 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
 
 
 def digest(tree: Node) -> str:
-    """12 hexadecimal digits that tell trees apart."""
+    """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
     return sha256(to_text(tree).encode()).hexdigest()[:12]
 
 

@@ -52,8 +52,8 @@ class RacingSettings(BreedingSettings, frozen=True):
     specialists: float = Field(ge=0, le=1)
     """Share of mothers chosen by lexicase selection over the last generation's episodes.
 
-    A tree that is far better than all others in one world has children then, whatever it earns
-    in the others. Without effect where an individual has one episode.
+    Lexicase selection favours trees that are best in some world even if they are poor in others.
+    No effect with one episode per individual.
     """
 
 

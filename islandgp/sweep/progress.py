@@ -159,13 +159,13 @@ class Watch:
     def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
         """The jobs at each look, and those that have ended since the look before."""
         start = self.look()
-        told = {run.path for run in start.runs() if run.finished()}
+        reported = {run.path for run in start.runs() if run.finished()}
         yield start, []
         over = False
         while not over:
             over = self._over.wait(PERIOD)
             start = self.look()
             runs = (run for run in start.runs() if run.finished() or start.failed(run))
-            ended = [run for run in runs if run.path not in told]
-            told.update(run.path for run in ended)
+            ended = [run for run in runs if run.path not in reported]
+            reported.update(run.path for run in ended)
             yield start, ended

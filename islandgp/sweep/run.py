@@ -77,7 +77,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
 
 
 def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bool) -> int:
-    """Sends what the tracking store lacks, tells the results; returns the exit code."""
+    """Sends missing records to the tracking store and prints the results; returns the exit code."""
     try:
         _send(entries, settings)
     except KeyboardInterrupt:

@@ -35,7 +35,7 @@ def lineage_section(view: RunView) -> Iterator[str]:
 
 
 def _chain(found: Lineage) -> str:
-    """What can be said of all steps."""
+    """A paragraph on the lineage as a whole."""
     steps = found.steps
     if not steps:
         return "The records of its generation are missing."
@@ -50,8 +50,8 @@ def _chain(found: Lineage) -> str:
     if not found.whole:
         text += " What was before the first of them is not known."
     return text + (
-        " A gain is to the parent in the same worlds where it says so; else the worlds differ, and"
-        " part of it is luck." * any(s.gain is not None for s in steps)
+        " Gains marked as such are against the parent in the same worlds; for the others the worlds"
+        " differ, so part of the gain is luck." * any(s.gain is not None for s in steps)
     )
 
 

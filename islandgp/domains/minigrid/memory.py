@@ -40,7 +40,7 @@ class Memory:
         return 1 << (y + VIEW) * self.stride + x + VIEW
 
     def fill(self, free: int, transparent: int) -> None:
-        """Says which places can be walked on, and which can be seen through."""
+        """Sets the cells that can be walked on and those that can be seen through, as bits."""
         self.free = free
         everything = (1 << self.stride * self._tall) - 1
         self._opaque = everything & ~transparent

@@ -169,7 +169,7 @@ class LiveCalls:
             answer, before = None, number
 
     def _forgotten(self, call: Call, answer: Reply | Failure) -> bool:
-        """True if a recorded failure is not used again but tried anew by a resumed run.
+        """True if a resumed run does not use a recorded failure but makes the call again.
 
         This applies to failures that stopped a run or kept it from starting.
         """
