@@ -19,7 +19,7 @@ from islandgp.running.stopping import as_ctrl_c
 
 
 class CommandInfo(NamedTuple):
-    """What the list of commands and a command's help show."""
+    """Summary and example of a command, for the list of commands and its help."""
 
     help: str  # one line
     example: str  # the words behind the command in the example of its help

@@ -299,7 +299,7 @@ def doubled_ranks(values: Any) -> Any:
 
 
 def sums_of_splits(ranks: Any, n: int) -> Any:
-    """How many choices of `n` of the ranks have each sum, from 0."""
+    """Number of choices of `n` of the ranks with each sum, from 0."""
     ways = np.zeros((n + 1, int(ranks.sum()) + 1))  # ranks chosen x their sum
     ways[0, 0] = 1
     for rank in ranks:
@@ -308,7 +308,7 @@ def sums_of_splits(ranks: Any, n: int) -> Any:
 
 
 def sums_of_subsets(weights: Any) -> Any:
-    """How many subsets of whole numbers >= 0 have each sum, from 0."""
+    """Number of subsets of whole numbers >= 0 with each sum, from 0."""
     ways = np.zeros(int(weights.sum()) + 1)
     ways[0] = 1
     for weight in weights:

@@ -152,7 +152,7 @@ def command(
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:
-    """Where MLflow is, as a run started here would have it. Raises TrackingError."""
+    """The MLflow store that a run started here would use. Raises TrackingError."""
     from islandgp.tracking.place import place_from
 
     file = resource("conf") / "tracking" / "mlflow.yaml"

@@ -55,7 +55,7 @@ def command(shell: str | None) -> None:
 
 
 def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
-    """What an override may go on with, after the `words` before it; [] where Hydra knows nothing.
+    """Completions of an override, after the `words` before it; [] if Hydra has none.
 
     Bash takes `key=value` for three words: then only the value is completed.
     """

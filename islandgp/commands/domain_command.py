@@ -201,7 +201,7 @@ def _check(
 
 @dataclass(frozen=True, slots=True)
 class OwnTrees:
-    """What was found."""
+    """Trees for the check of a domain."""
 
     trees: tuple[Node, ...]
     left_out: tuple[str, ...]  # a line for each file, and for a library, that cannot be read

@@ -299,7 +299,7 @@ def _print(
 def _columns(
     outcomes: Sequence[Outcome], schema: Schema, settings: Settings, perturbed: Sequence[float]
 ) -> list[Column]:
-    """What happened in each world, a row each."""
+    """The columns of a table with one row per world."""
     from islandgp.scoring.classes import specialist, tiers
 
     classes = settings.classes

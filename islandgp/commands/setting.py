@@ -58,7 +58,7 @@ _VOCABULARY_OPTION: Final = click.option(
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What a command's options say of the domain."""
+    """The options of a command that choose the domain."""
 
     overrides: tuple[str, ...]
     config_dir: str | None

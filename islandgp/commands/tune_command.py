@@ -126,7 +126,7 @@ def _episodes(
 
 
 def _report_plan(settings: NumberSettings, numbers: int) -> None:
-    """What the search may cost. Raises ConfigError where the episodes are too few."""
+    """The budget of the search. Raises ConfigError if there are too few episodes."""
     plan = settings.plan(numbers)
     click.echo(
         f"{numbers} {'number' if numbers == 1 else 'numbers'} to tune in at most"

@@ -49,7 +49,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         return found
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """What the perturbed world of a seed changes in a world's settings, as plain values."""
+        """The changed settings of a seed's perturbed world, as plain values."""
         rng = stream(seed, Stream.PERTURBATION)
         values: dict[str, float] = {}
         for name, (least, most) in sorted(self.world.items()):

@@ -94,7 +94,7 @@ def _run(job: Job) -> Outcome:
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
-    """How many processes, and how long they may take."""
+    """Number of processes and time limits."""
 
     workers: int = Field(ge=0, le=1024)  # 0: one for each core
     episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never

@@ -1,4 +1,4 @@
-"""Who makes up the next population: Table 1 (section 2.3).
+"""Composition of the next population: Table 1 (section 2.3).
 
 The slots are filled in a fixed order: elites, behavioural elites, resurrected,
 the supervisor's tree and random ones for diversity, and tournament children for
@@ -55,7 +55,7 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
 
 
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
-    """How many diversity slots: more when diversity is low, within Table 1's two ranges."""
+    """Number of diversity slots: more if diversity is low, within the two ranges of Table 1."""
     least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
     few, many = (scaled(n, allocation, population) for n in allocation.tournament)
     enough, low = allocation.diversity_targets

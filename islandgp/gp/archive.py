@@ -211,7 +211,7 @@ class _Trial:
     challenger_breaks: bool
 
     def winner(self) -> Elite | None:
-        """Who has the cell; None: both break a constraint."""
+        """The elite of the cell after a challenge; None: both violate a constraint."""
         if self.challenger_breaks:
             return None if self.elite_breaks else self.elite
         if self.elite_breaks or _beats(self.challenger, self.elite):
@@ -240,7 +240,7 @@ def _trials(
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:
-    """Whether the challenger has a later stage, or a higher mean in the same one."""
+    """True if the challenger has a later stage, or a higher mean in the same stage."""
     return (challenger.stage, challenger.mean) > (elite.stage, elite.mean)
 
 

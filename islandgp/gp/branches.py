@@ -218,7 +218,7 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 
 def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
-    """What an action declares that it needs to start and to succeed."""
+    """The conditions that an action declares in `to_start` and `to_succeed`."""
     known = space.vocabulary.action(action)
     return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))
 
@@ -246,7 +246,7 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 
 
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
-    """Where a tree holds numbers: (index of the node, index of the term or of the argument)."""
+    """Places of numbers in a tree: (index of the node, index of the term or of the argument)."""
     keys = space.vocabulary.keys
     found: list[tuple[int, int]] = []
     for i, node in enumerate(walk(tree)):

@@ -61,7 +61,7 @@ class Edit:
 
 @dataclass(frozen=True, slots=True)
 class EditKind:
-    """What a kind of edit needs and does."""
+    """A kind of edit: its fields and its function."""
 
     needs: str  # the field of `Edit` that it takes besides `of`, `at` and `reason`
     meaning: str  # one line for people and prompts

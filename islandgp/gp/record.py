@@ -1,4 +1,4 @@
-"""What a run leaves behind for each generation, and what it needs to go on.
+"""The record of a generation, and the state that a run continues from.
 
 Both are plain values without times or machine names: the same seed gives the
 same bytes. Costs are kept apart for that reason.
@@ -157,7 +157,7 @@ class RunState:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a generation took. Not part of the record: it differs from machine to machine."""
+    """Costs of a generation. Not part of the record, as they differ between machines."""
 
     evaluation: float  # s
     supervision: float  # s spent waiting for guidance

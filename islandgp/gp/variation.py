@@ -50,7 +50,7 @@ TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes som
 
 
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
-    """Which mutations there are, and how strong."""
+    """Mutation operators with their weights and strengths."""
 
     operators: dict[str, float]  # weight of each of MUTATIONS, or of a "module:function"
     subtree_depth: int = Field(ge=1)  # most levels of a new subtree

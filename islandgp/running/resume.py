@@ -64,7 +64,7 @@ def start_digest(settings: Settings) -> str:
 
 
 def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """Whether the archive differs from the one that the run began with. Raises RunError."""
+    """True if the archive differs from the one that the run began with. Raises RunError."""
     try:
         return start_digest(settings) != before
     except RunError:
@@ -161,7 +161,7 @@ def _commit(checkout: Path) -> str:
 
 
 def _git(checkout: Path, *words: str) -> str:
-    """What a git command prints; "" if it fails."""
+    """The output of a git command; "" if it fails."""
     try:
         found = subprocess.run(
             ["git", "--no-optional-locks", *words],

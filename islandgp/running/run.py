@@ -57,7 +57,7 @@ Judge = Callable[[int, float], None]
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a finished run ended."""
+    """Result of a finished run."""
 
     text: str  # summary for the console
     mostly_fallback: bool  # the fallback's share exceeds `most_fallback`

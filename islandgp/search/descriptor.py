@@ -52,7 +52,7 @@ Descriptor = tuple[Annotated[str, AfterValidator(_readable)], ...]
 
 
 def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
-    """What a descriptor's settings say; the behaviours' counters where they say nothing."""
+    """The dimensions by the settings; by default the behaviours' counters."""
     return tuple(dimension(text) for text in texts or dict.fromkeys(classes.behaviours.values()))
 
 

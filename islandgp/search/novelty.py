@@ -33,7 +33,7 @@ Places = tuple[tuple[float, ...], ...]
 
 
 class NoveltySettings(BreedingSettings, frozen=True):
-    """What novelty is, and who becomes a parent."""
+    """Settings of the novelty and of the selection of parents."""
 
     descriptor: Descriptor
     """Counters, or COUNTER/WIDTH for a linear scale; none: the behaviours' counters."""

@@ -100,7 +100,7 @@ def _alike(arms: Sequence[Arm]) -> Iterator[str]:
 
 
 def _cuts(arms: Sequence[Arm]) -> list[str]:
-    """Which arms lose generations, since no measure may look further than the shortest run."""
+    """Notes on arms that lose generations, because all runs are cut to the shortest one."""
     horizon = min(arm.generations for arm in arms)
     longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
     return [

@@ -1,4 +1,4 @@
-"""When a tier first emerged (section 3.4, Table 11), and runs in which it never did.
+"""Emergence of a tier (section 3.4, Table 11), with censored runs.
 
 A run without one is censored at its last generation. It is neither left out nor given a made-up
 value. For the rank test it ranks after the last generation, which is all that ranks need.

@@ -114,7 +114,7 @@ def median_life(found: Sequence[Newcomer], generations: int) -> int | None:
 
 
 class Descent(StrEnum):
-    """Where the first individual of a tier came from."""
+    """Origin of the first individual of a tier."""
 
     INJECTED = "an injected tree, as it was given"
     MUTATED = "an injected tree, mutated"
@@ -125,7 +125,7 @@ class Descent(StrEnum):
 
 
 def descent_of_first(run: Run, tier: str) -> Descent:
-    """Where the first individual of a tier came from; the fittest, if there are several."""
+    """Origin of the first individual of a tier; of several, the fittest one."""
     heirs = with_injected_ancestor(run)
     for record in run.records:
         reached = [i for i in record.individuals if tier in i.tiers]

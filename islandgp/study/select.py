@@ -1,4 +1,4 @@
-"""Which runs make an arm: `key=value` pairs over the configuration, or a sweep's name.
+"""Selection of an arm's runs by `key=value` pairs of the configuration, or by a sweep's name.
 
 `find` lists run folders, and `read` loads the records of one.
 """

@@ -126,7 +126,7 @@ _SHORT: Final = {
 
 
 def kind(test: Tested) -> str:
-    """Which kind of p-value it is, in a word or two."""
+    """The kind of a p-value, in a word or two."""
     return _SHORT.get(test.kind, "asymptotic")
 
 

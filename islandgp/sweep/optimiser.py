@@ -131,7 +131,7 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
 
 
 def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
-    """What a sweeper has written into RESULTS, for people.
+    """The results of a sweeper (RESULTS) as text.
 
     Args:
         results: Hydra's form: best_params and best_value, or solutions with params and values.

@@ -1,4 +1,4 @@
-"""How far a sweep is, in one line: read from its folders, so that no launcher matters."""
+"""Progress of a sweep in one line, read from its folders and so independent of the launcher."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Start:
         return (self.run(named) for named in self.jobs)
 
     def failed(self, run: RunFolder) -> bool:
-        """Whether a job has failed since. The file system's clock may differ from this one's."""
+        """True if a job has failed since the start."""
         file = _error_file(run)
         return file is not None and file != self.errors.get(str(run.path))
 

@@ -178,7 +178,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
 
 
 def _begun(start: Start) -> list[int]:
-    """When each job was last begun, ns since 1970; 0 if never."""
+    """Time of each job's last start, ns since 1970; 0 if it was never started."""
     files = (run.path / "about.json" for run in start.runs())
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
 

@@ -322,5 +322,5 @@ def _make(file: Path) -> bool:
 
 
 def there(file: Path) -> bool:
-    """Whether there is a SQLite file with anything in it."""
+    """True if there is a SQLite file that is not empty."""
     return file.exists() and file.stat().st_size > 0

@@ -22,7 +22,7 @@ MOST_FRAMES: Final = 4_000_000  # most bytes of PNG in a page; further frames ar
 
 
 def encode(recording: Recording, *, title: str) -> dict[str, Any]:
-    """What the page's script reads; `page/data.js` is its counterpart."""
+    """Encodes a recording for the page's script; `page/data.js` decodes it."""
     schema = recording.schema
     components = [*schema.components]
     return {
@@ -160,7 +160,7 @@ class _Scene:
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
-        """What the page's script draws."""
+        """The scene data for the page's script."""
         film = self.film
         found = {
             "width": round(self.width / self.unit, 3),

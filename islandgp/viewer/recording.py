@@ -227,7 +227,7 @@ class Camera:
         self._there = there
 
     def film(self, ticks: int, schema: Schema) -> SceneTrack:
-        """What was seen in an episode of so many ticks. Raises DomainError."""
+        """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
         left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._there.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         film = SceneTrack(

@@ -1,4 +1,4 @@
-"""What each node of a tree did in an episode, drawn on the tree, with the decisions in order."""
+"""The trace of a tree's episode: counts at each node, and the actions in order."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ActionSpan:
 
 
 def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
-    """What the actions started from a tick on, in order of their start.
+    """The spans of actions that start at a tick or later, in order of their start.
 
     Each is found when it is asked for: large trees can have millions of them.
     """

@@ -58,7 +58,7 @@ def points_at(recording: Recording, tick: int) -> float:
 
 
 def frame(recording: Recording, tick: int) -> Group:
-    """What is shown at a tick."""
+    """The display of a tick."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel

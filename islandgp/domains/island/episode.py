@@ -132,7 +132,7 @@ def _notice(island: State, x: float, y: float) -> None:
 
 
 class Ending(StrEnum):
-    """Why an episode ended."""
+    """Reason for the end of an episode."""
 
     TIME = "time"  # 420 s are over
     STAGNATION = "stagnation"  # no better fitness for 120 s (180 s with a low battery)
@@ -142,7 +142,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What happened in an episode."""
+    """The outcome of an episode."""
 
     events: tuple[tuple[int, IslandEvent, float], ...]  # (step, event, amount), in order
     steps: int  # simulated steps, >= 1
@@ -306,7 +306,7 @@ def _account(island: State, steps: int) -> None:
 
 
 def _ending(island: State) -> Ending:
-    """Why the episode is over."""
+    """The reason for the end of the episode."""
     if island.robot.battery <= 0:
         island.log(IslandEvent.SHUTDOWN, 1)
         return Ending.SHUTDOWN

@@ -129,7 +129,7 @@ class IslandRobot:
 
     @property
     def room(self) -> int:
-        """How many items more it can carry."""
+        """Number of further items that it can carry."""
         return self.settings.capacity - self.load
 
     def drive_to(self, x: float, y: float, reach: float, lead: float = inf) -> None:

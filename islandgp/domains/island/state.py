@@ -18,7 +18,7 @@ from islandgp.domains.island.world import FAR, EpisodeSettings, IslandWorld
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """When an episode ends, in steps (section 2.2.2)."""
+    """Limits of an episode in steps (section 2.2.2)."""
 
     length: int
     stagnation: int

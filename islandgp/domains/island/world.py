@@ -70,7 +70,7 @@ class ObstacleSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
-    """When an episode ends."""
+    """Limits of an episode."""
 
     step: Positive  # s a tick and a step of the physics
     length: Positive  # s at most
@@ -118,7 +118,7 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def cells(self) -> int:
-        """How many cells the ground has."""
+        """Number of cells of the ground."""
         return ceil(self.side / self.cell) ** 2
 
     @model_validator(mode="after")

@@ -50,7 +50,7 @@ def environment(level: str) -> Any:
 
 
 def mission(level: str, seed: int) -> str:
-    """What the robot is to do in a level, in MiniGrid's words."""
+    """The mission of a level, in MiniGrid's terms."""
     env = environment(level)
     env.reset(seed=seed)
     return str(env.mission)
@@ -221,7 +221,7 @@ class GridRobot:
         yield
 
     def _ahead(self) -> Any:
-        """What is in front, or None."""
+        """The thing in front of the robot, or None."""
         x, y = self.env.agent_pos
         dx, dy = STEPS[self.env.agent_dir]
         return self.env.grid.get(x + dx, y + dy)

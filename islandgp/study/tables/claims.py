@@ -131,7 +131,7 @@ def test_cells(f: Finding) -> Row:
 
 
 def test_name(f: Finding) -> str:
-    """Which test belongs to the difference."""
+    """The name of the test of a difference."""
     if f.paired is None:
         return "Mann-Whitney U"
     return f"signed-rank, {f.paired.pairs} pairs"

@@ -357,7 +357,7 @@ class Adviser:
         )
 
     def _run_values(self, state: PopulationState) -> RunValues:
-        """What prompts show of the run so far; worked out once a generation."""
+        """The prompts' values on the run so far; computed once per generation."""
         if self._last is None or self._last[0] is not state:
             found = NO_VALUES
             if self.uses_history:
@@ -379,7 +379,7 @@ def kind_of(part: str) -> str:
 
 
 def _source(missing: int, asked: int) -> str:
-    """Who the guidance comes from, in the record's words."""
+    """The source of the guidance, as in the record."""
     if missing == 0:
         return "llm"
     return "fallback" if missing == asked else "llm and fallback"

@@ -229,7 +229,7 @@ def _example(name: str, library: Library) -> str:
 
 
 def urgency(state: PopulationState, rare: float) -> str:
-    """How urgent each behaviour is, the most urgent first (section 2.4.6).
+    """The urgency of each behaviour in words, the most urgent first (section 2.4.6).
 
     `rare` is the share of the population below which a behaviour counts as rare.
     """
