@@ -42,7 +42,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     show_default=True,
     help="Folder of the runs.",
 )
-@click.option("--name", default=None, help="Look at the runs of this sweep only.")
+@click.option("--name", default=None, help="Use only the runs of this sweep.")
 @click.option(
     "-o",
     "--out",
@@ -68,9 +68,9 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     "margins",
     multiple=True,
     metavar="MEASURE=VALUE",
-    help="Difference up to which arms count as alike.",
+    help="Largest difference at which arms count as equivalent.",
 )
-@click.option("--force", is_flag=True, help="Compare arms that are not comparable, and say so.")
+@click.option("--force", is_flag=True, help="Compare arms that are not comparable, with a warning.")
 @click.option(
     "--worlds",
     type=click.IntRange(0, 10_000),
@@ -89,7 +89,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     default=0,
     help="Processes for the unseen worlds and the controls.  [default: one for each core]",
 )
-@click.option("--mlflow/--no-mlflow", default=True, help="Keep the report as an MLflow run.")
+@click.option("--mlflow/--no-mlflow", default=True, help="Log the report as an MLflow run.")
 @click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
 @click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")
 @with_trust_options

@@ -54,7 +54,12 @@ MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
 )
 @click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch; default: 0.")
-@click.option("--speed", type=NotNegative(), default=10.0, help="Of --watch; 0: without waiting.")
+@click.option(
+    "--speed",
+    type=NotNegative(),
+    default=10.0,
+    help="Speed of --watch, as a factor; 0: without waiting.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_rerun_option
 @with_domain_options

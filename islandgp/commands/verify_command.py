@@ -138,7 +138,7 @@ def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
 def command(folders: tuple[Path, ...]) -> None:
     """Compare the runs in FOLDERS (default: runs) with their checksums.
 
-    A folder is a run's, a sweep's, or one that holds them. Exit code 1 when a run is
+    Each folder is a run's, a sweep's, or one above them. Exit code 1 when a run is
     damaged.
     """
     damaged = False

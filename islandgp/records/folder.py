@@ -90,8 +90,8 @@ class RunFolder:
         with usable(self.path):
             must_have_no_links(self.path)
             busy = BusyError(
-                f"Expected to be the only process that writes to {self.path}, found another run"
-                " there; wait for it, or give this one another name=..."
+                f"Expected to be the only process that writes to {self.path}, found another run at"
+                " work there; wait for it, or give this one another name=..."
             )
             take(self._lock, self.path, busy)
             for name in OWN:

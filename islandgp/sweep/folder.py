@@ -49,7 +49,7 @@ class SweepFile:
     jobs: tuple[SweepJob, ...]
 
     def arm(self, job: SweepJob) -> str:
-        """The name of a job's arm: its supervisor and the overrides that are not common to all jobs."""
+        """Name of a job's arm: its supervisor, and the overrides that are not common to all."""
         everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
         own = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
         return " ".join([job.supervisor, *sorted(own)])

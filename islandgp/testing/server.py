@@ -114,8 +114,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._fail(fault, request, key)
             return
         if "temperature" in request and not owner.temperature:
-            message = "temperature: Extra inputs are not permitted"
-            self._send(400, _error("invalid_request_error", message))
+            error = _error("invalid_request_error", "temperature: Extra inputs are not permitted")
+            self._send(400, error)
             return
         message = _message(request, *self._text(request, fault))
         if not owner.usage:
@@ -139,8 +139,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _fail(self, fault: Fault, request: Mapping[str, Any], key: str) -> None:
         body = json.dumps(_message(request, json.dumps(self.server.owner.answer(request)))).encode()
         if fault in _ERRORS:
-            status, kind, message, headers = _ERRORS[fault]
-            self._send(status, _error(kind, message.format(key=key)), headers)
+            status, kind, text, headers = _ERRORS[fault]
+            self._send(status, _error(kind, text.format(key=key)), headers)
             return
         if fault in _BODIES:
             self._send(200, {**_message(request, ""), **_BODIES[fault]})

@@ -248,7 +248,7 @@ def load_alone() -> None:
     quiet()
     hidden = [name for name in UNNEEDED if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type] # None: not to be had
-    gc.disable()  # imported objects are not garbage
+    gc.disable()  # imported objects stay in use
     try:
         import_module("mlflow.tracking")  # not an import statement, which would be unused
         import_module("mlflow.store.tracking.sqlalchemy_store")

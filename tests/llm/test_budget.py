@@ -496,7 +496,7 @@ def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> 
     if loss in changed:
         file.write_bytes(changed[loss])
     again, client = supervisor(answering(), folder=tmp_path)
-    with pytest.raises(SupervisionError, match=r"Expected the 7 requests that .* begin again") as e:
+    with pytest.raises(SupervisionError, match=r"Expected the 7 requests .* start again at 0") as e:
         again.start()
     assert "Restore the transcript, or start the run again with resume=never" in str(e.value)
     assert client.requests == []

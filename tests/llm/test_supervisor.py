@@ -721,7 +721,7 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
         ((), ""),
         (
             ("cache=true",),
-            "from 4,096 tokens on; too short, or nearly so, are mutation_rate (about",
+            "at least 4,096 tokens; too short or nearly too short: mutation_rate (about",
         ),
         (("cache=true", "model=claude-haiku-5-5"), ""),
         (("cache=true", "model=mine"), ""),

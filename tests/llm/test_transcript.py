@@ -191,7 +191,7 @@ def test_without_a_folder_nothing_is_written() -> None:
 
 def test_finding_one(tmp_path: Path) -> None:
     """By the run's folder or by the file; nothing there is told with a remedy."""
-    with pytest.raises(SupervisionError, match="supervisor=llm leaves one"):
+    with pytest.raises(SupervisionError, match="supervisor=llm writes one"):
         find_transcript(tmp_path)
     (tmp_path / NAME).touch()
     assert find_transcript(tmp_path) == find_transcript(tmp_path / NAME) == tmp_path / NAME

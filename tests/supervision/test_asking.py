@@ -125,6 +125,6 @@ def test_the_command_says_it_in_one_line(
     said = capsys.readouterr().err
     assert "Traceback" not in said
     assert (
-        "from the supervisor tests.running.supervisors:TooMuch a Guidance whose mutation_rate"
+        "Expected tests.running.supervisors:TooMuch.advise to return a Guidance whose mutation_rate"
         in said
     )

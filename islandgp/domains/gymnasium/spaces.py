@@ -58,7 +58,7 @@ class Spaces:
 
 
 def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
-    """A function that reads an observation, and the path of each of its numbers, "" if it has none."""
+    """A function that reads an observation, and the paths of its numbers ("" if they have none)."""
     kind = type(space).__name__
     if kind == "Discrete":
         return lambda found: [float(found)], [""]
