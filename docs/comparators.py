@@ -4,8 +4,8 @@
     python docs/comparators.py --random-trees [--worlds A,B]
 
 Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
-writes docs/comparators/: raw scores, a table, profiles. It can be stopped and started again at
-any time: a run that is unfinished goes on, and a score that is in scores/WORLD.json is kept.
+writes docs/comparators/: raw scores, tables, profiles, curves. It can be stopped and started again
+at any time: a run that is unfinished goes on, and a score that is in scores/WORLD.json is kept.
 Several processes can work side by side, each on other worlds.
 """
 
@@ -21,14 +21,20 @@ from statistics import fmean
 from time import process_time
 from typing import Any, Final
 
+import numpy as np
+
 import islandgp
 from islandgp.bt.core.language import to_text
+from islandgp.records.folder import RunFolder
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import Brood, new_generation
 from islandgp.seeding import Streams
+from islandgp.statistics import Interval, benjamini_hochberg, paired_difference, paired_test
+from islandgp.study.figures.drawing import look
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.profiles import Scores, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
+from islandgp.viewer.history import read_history
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 FOLDER: Final = ROOT / "docs" / "comparators"
@@ -37,6 +43,8 @@ UNSEEN: Final = range(200_000, 200_100)  # of worlds
 RANDOM: Final = 400  # random trees of each kind
 UNSEEN_OF_RANDOM: Final = range(300_000, 300_000 + RANDOM)  # a world for each of them
 REFERENCE: Final = "random"
+FEWEST: Final = 10  # seeds of an arm that is compared
+POINTS: Final = 20  # of a curve
 QUIET: Final = ("tracking=off", "progress=off", "evaluator=serial")
 
 ARMS: Final[dict[str, tuple[str, ...]]] = {
@@ -55,6 +63,16 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "racing, editor": ("search=racing", "supervisor=editor"),
     "compose": ("search=compose", "supervisor=baseline"),
 }
+PAIRS: Final = (
+    ("racing", "random"),
+    ("racing", "paper"),
+    ("racing", "hill"),
+    ("racing, expert", "compose"),
+    ("racing, library", "compose"),
+    ("racing, expert", "racing"),
+)
+"""Differences that the second table has, beside that from the tree written by hand."""
+
 WITH_LIBRARY: Final = (
     "paper, expert",
     "paper, editor",
@@ -113,17 +131,30 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
     """A run, made where it is missing, and its best robot's mean in unseen worlds."""
     world, began = WORLDS[name], process_time()
     words = (*world.words, *ARMS[arm], f"name=comparators-{name}", f"seed={seed}", *QUIET)
-    (row,) = islandgp.run(*words, config_dir=world.config_dir).runs.to_dict("records")
+    results = islandgp.run(*words, config_dir=world.config_dir)
+    (row,) = results.runs.to_dict("records")
     experiment = islandgp.compose(*words, config_dir=world.config_dir)
     outcomes = experiment.evaluate(str(row["tree"]), UNSEEN)
     counters = {key: fmean(o.counters[key] for o in outcomes) for key in outcomes[0].counters}
     return {
         "score": fmean(o.fitness for o in outcomes),
         "counters": counters,
+        "curve": curve_of(Path(str(row["run"]))),
         "tree": row["tree"],
         "seconds": row["seconds"],
         "main_process_cpu_s": round(process_time() - began, 3),
     }
+
+
+def curve_of(folder: Path) -> list[tuple[int, float]]:
+    """Episodes so far, and the highest fitness in training so far, POINTS times at most."""
+    history = read_history(RunFolder(folder))
+    points = [
+        (round(n), round(top, 3)) for n, top in zip(history.episodes, history.top, strict=True)
+    ]
+    return [
+        points[i] for i in sorted({*np.linspace(0, len(points) - 1, POINTS).round().astype(int)})
+    ]
 
 
 def by_hand(name: str) -> float:
@@ -156,20 +187,31 @@ def write_raw(name: str, raw: dict[str, Any]) -> None:
     temporary.replace(file)
 
 
+def seeds_of(raw: dict[str, Any], arms: Iterable[str]) -> dict[str, list[str]]:
+    """The arms of a world that have FEWEST seeds, with the seeds that all of these have."""
+    known = {arm: {*raw["arms"][arm]} for arm in arms if len(raw["arms"].get(arm, ())) >= FEWEST}
+    common = sorted(set.intersection(*known.values())) if known else []
+    return dict.fromkeys(known, common)
+
+
 def report() -> None:
-    """The table and the profiles of the seeds that every arm of a world has."""
+    """The table, the profiles and the curves; arms with fewer than FEWEST seeds only as means."""
+    raws = {name: read_raw(name) for name in WORLDS}
     scores: dict[str, dict[str, list[float]]] = {}
-    by_hand_of: dict[str, float] = {}
+    few = []
     for name, world in WORLDS.items():
-        raw = read_raw(name)
-        arms = {arm: raw["arms"][arm] for arm in arms_of(world) if arm in raw["arms"]}
-        common = set.intersection(*map(set, arms.values())) if arms else set()
-        if common:
-            by_hand_of[name] = raw["by_hand"]
+        arms = raws[name]["arms"]
+        compared = seeds_of(raws[name], arms_of(world))
+        if compared:
             scores[name] = {
-                arm: [found[seed]["score"] for seed in sorted(common)]
-                for arm, found in arms.items()
+                arm: [arms[arm][seed]["score"] for seed in seeds] for arm, seeds in compared.items()
             }
+        few += [
+            f"- {name}, {arm}: {fmean(run['score'] for run in arms[arm].values()):,.1f}"
+            f" ({len(arms[arm])} seeds)"
+            for arm in arms_of(world)
+            if arms.get(arm) and arm not in compared
+        ]
     table: Scores = scores
     rows = summarise(table, reference=REFERENCE, paired=True)
     found = score_table(rows, title="Best robots in unseen worlds, by search")
@@ -180,11 +222,75 @@ def report() -> None:
         "",
         *found.notes,
         "",
-        *(f"- {name} by hand: {value:,.1f}" for name, value in by_hand_of.items()),
+        *differences({name: raws[name] for name in scores}),
+        *(
+            ["", f"Arms with fewer than {FEWEST} seeds, which are not compared:", "", *few]
+            if few
+            else []
+        ),
     ]
     (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
     profile_picture(table, label="Mean in unseen worlds").save(FOLDER)
+    draw_curves({name: raws[name] for name in scores})
+
+
+def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """The table of the differences of PAIRS, and of each arm from the tree written by hand."""
+    rows: list[tuple[str, str, int, Interval, float]] = []
+    for name, raw in raws.items():
+        seeds = seeds_of(raw, arms_of(WORLDS[name]))
+        known = {arm: [raw["arms"][arm][seed]["score"] for seed in seeds[arm]] for arm in seeds}
+        by_hand = {arm: [raw["by_hand"]] * len(scores) for arm, scores in known.items()}
+        pairs = [(a, b, known[a], known[b]) for a, b in PAIRS if a in known and b in known]
+        pairs += [(arm, "by hand", known[arm], by_hand[arm]) for arm in known if arm != REFERENCE]
+        for first, second, own, other in pairs:
+            test = paired_test(own, other)
+            words = f"{name}: {first} - {second}"
+            rows.append(
+                (words, f"{fmean(own):,.1f}", len(own), paired_difference(own, other), test.p)
+            )
+    adjusted = benjamini_hochberg([row[-1] for row in rows])
+    yield "| difference | mean of the first | runs | mean difference [95 %] | p | p BH |"
+    yield "|---|---:|---:|---:|---:|---:|"
+    for (words, mean, n, found, p), p_bh in zip(rows, adjusted, strict=True):
+        interval = f"{found.estimate:,.1f} [{found.low:,.1f}, {found.high:,.1f}]"
+        yield f"| {words} | {mean} | {n} | {interval} | {p:.2g} | {p_bh:.2g} |"
+    hands = ", ".join(f"{name} {raw['by_hand']:,.1f}" for name, raw in raws.items())
+    yield ""
+    yield (
+        "p: Wilcoxon's signed-rank test over seeds, two-sided; p BH: adjusted for all rows. Trees"
+        " written by hand are no runs: they are compared by their means in the same worlds"
+        f" ({hands})."
+    )
+
+
+def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
+    """Highest fitness in training so far against episodes: the mean over runs, a panel a world."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 2.9 * len(raws)), layout="constrained")
+    places = {arm: place for place, arm in enumerate(ARMS)}
+    for axes, (name, raw) in zip(
+        figure.subplots(len(raws), 1, squeeze=False).flat, raws.items(), strict=True
+    ):
+        for arm, seeds in seeds_of(raw, arms_of(WORLDS[name])).items():
+            runs = [
+                np.array(raw["arms"][arm][seed].get("curve") or [(0, np.nan)]) for seed in seeds
+            ]
+            runs = [run for run in runs if len(run) > 1]
+            if runs:
+                at = np.linspace(max(r[0, 0] for r in runs), min(r[-1, 0] for r in runs), POINTS)
+                mean = np.mean([np.interp(at, run[:, 0], run[:, 1]) for run in runs], axis=0)
+                how = look(places[arm])
+                axes.plot(
+                    at, mean, color=how.colour, linestyle=how.line, label=f"{arm} ({len(runs)})"
+                )
+        axes.axhline(raw["by_hand"], color="black", linestyle=":", label="by hand, unseen worlds")
+        axes.set(title=name, xlabel="episodes", ylabel="highest fitness so far")
+        axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, frameon=False)
+    figure.savefig(FOLDER / "curves.svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(FOLDER / "curves.png", dpi=150, metadata={"Software": None})
 
 
 def random_trees(names: Sequence[str]) -> None:

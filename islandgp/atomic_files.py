@@ -26,10 +26,7 @@ def usable(folder: Path) -> Iterator[None]:
 
 
 def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> None:
-    """The whole file or the old one, whatever happens in between; who may read it stays.
-
-    The old file stays as `previous`, if that is given.
-    """
+    """Replaces a file atomically and keeps its permissions; the old file is kept as `previous`."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:

@@ -34,7 +34,7 @@ from islandgp.text_files import read_text_file
 
 
 class NodeStatus(IntEnum):
-    """How a node ended a tick."""
+    """Status of a node after a tick."""
 
     FAILURE = FAILURE
     SUCCESS = SUCCESS

@@ -19,7 +19,7 @@ from islandgp.running.stopping import as_ctrl_c
 
 
 class CommandInfo(NamedTuple):
-    """What the list of commands and a command's help show."""
+    """Summary and example of a command, for the list of commands and its help."""
 
     help: str  # one line
     example: str  # the words behind the command in the example of its help
@@ -27,19 +27,19 @@ class CommandInfo(NamedTuple):
 
 COMMANDS: Final = {
     "run": CommandInfo("evolve trees: the same as python -m islandgp", "experiment=smoke"),
-    "check": CommandInfo("look for errors and doubtful places in tree files", "tree.bt"),
+    "check": CommandInfo("report errors and warnings for tree files", "tree.bt"),
     "verify-tree": CommandInfo(
         "prove or refute rules such as never ACTION while CONDITION",
         'tree.bt "never Drive while energy < 10"',
     ),
-    "fmt": CommandInfo("bring tree files into the canonical form", "tree.bt"),
+    "fmt": CommandInfo("format tree files", "tree.bt"),
     "show": CommandInfo("draw a tree", "tree.bt"),
     "simplify": CommandInfo("shorten a tree without changing what it does", "tree.bt"),
     "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
     "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
     "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),
     "tune": CommandInfo("find better numbers for a tree", "tree.bt"),
-    "trace": CommandInfo("see which nodes of a tree did what in one episode", "tree.bt"),
+    "trace": CommandInfo("run a tree in one world and show the ticks of each node", "tree.bt"),
     "replay": CommandInfo(
         "write an episode as a page to watch in a browser", "tree.bt -o tree.html"
     ),
@@ -49,10 +49,10 @@ COMMANDS: Final = {
     "import": CommandInfo("turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
     "ros2": CommandInfo("tick a tree as a node of ROS 2", "tree.bt --map robot.yaml"),
     "watch": CommandInfo(
-        "open the page of a run, which grows while the run goes on", "runs/default/expert-seed0"
+        "open the page of a run, which is updated during the run", "runs/default/expert-seed0"
     ),
     "best": CommandInfo(
-        "find the best tree of a run again, and tell what it is worth in unseen worlds",
+        "select the best tree of a run again and evaluate it in unseen worlds",
         "runs/default/expert-seed0 -o best.bt",
     ),
     "compare": CommandInfo(
@@ -60,21 +60,19 @@ COMMANDS: Final = {
         "--arm expert=supervisor=expert --arm baseline=supervisor=baseline",
     ),
     "estimate": CommandInfo(
-        "tell what supervision by a language model will cost", "supervisor=llm"
+        "estimate the costs of supervision by a language model", "supervisor=llm"
     ),
     "distill": CommandInfo(
         "fit a small offline policy to the decisions of past runs", "runs/default -o policy.json"
     ),
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
-    "sync": CommandInfo(
-        "send records to the tracking server that it has not got yet", "runs/default"
-    ),
+    "sync": CommandInfo("send missing records to the tracking server", "runs/default"),
     "examples": CommandInfo("list the example trees, or print one", "all_rounder"),
     "language-server": CommandInfo(
-        "serve editors: errors, completion, meanings, format, rename", ""
+        "serve editors: errors, completion, hover, formatting, renaming", ""
     ),
     "completion": CommandInfo(
-        "print the line that makes a shell complete commands and overrides", "bash"
+        "print the shell code for completion of commands and overrides", "bash"
     ),
     "ui": CommandInfo("start the MLflow UI and print the address of the right page", "--open"),
 }

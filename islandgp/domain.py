@@ -45,7 +45,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """How things of one kind are drawn."""
+    """Appearance of things of one kind."""
 
     meaning: str  # for the legend
     sign: str  # one letter, for terminals

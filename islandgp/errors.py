@@ -8,11 +8,11 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |-- ConfigError        the configuration is wrong (one line per error)
 |-- DomainError        a domain's declaration is wrong
 |   `-- TimeLimitError an episode takes longer than it may (names the action)
-|-- PartError          the user's own class, which configuration names, failed (with traceback)
+|-- PartError          a class of the user, named in the configuration, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
 |-- SupervisionError   a supervisor cannot do its work
 |-- RunError           a run's folder, checkpoint or record cannot be used
-|   |-- BusyError      another process is at work there
+|   |-- BusyError      another process is using it
 |   `-- UntrustedError a run's folder names code or a server that the user's configuration does not
 |-- TrackingError      a tracking store cannot be used
 `-- StudyError         runs cannot be compared
@@ -62,7 +62,7 @@ class DomainError(IslandError):
 
 
 class TimeLimitError(DomainError):
-    """An episode took longer than it may; `found` is what was still running, and where."""
+    """An episode exceeded its time limit; `found` is the code that was running, with its place."""
 
     def __init__(self, found: str, seconds: float) -> None:
         super().__init__(
@@ -79,11 +79,11 @@ LONGER: Final = (
 
 
 class OtherDomainError(TreeError, DomainError):
-    """A text says that it is for a domain that is not the one at work, or is not configured."""
+    """A tree's text names another domain than the configured one, or an unknown domain."""
 
 
 class PartError(IslandError):
-    """A class of the user's own failed; its cause is what that raised, to be shown as well."""
+    """A class of the user raised an exception, which is its cause and is shown as well."""
 
 
 class EvaluationError(IslandError):
@@ -99,7 +99,7 @@ class RunError(IslandError):
 
 
 class BusyError(RunError):
-    """Another process is at work in a run's folder."""
+    """Another process is using a run's folder."""
 
 
 class UntrustedError(RunError):

@@ -60,7 +60,7 @@ class GeneratorSteps:
 
 
 def status_of(found: object, name: str, leaf: object, *, condition: bool = False) -> int:
-    """What the leaf of an action, or of a condition, returned, as a status.
+    """The status for the value returned by the leaf of an action or a condition.
 
     Raises:
         DomainError: it is no status, or a condition is RUNNING.
@@ -80,14 +80,14 @@ _ANY_END: Final = ("True, False or RUNNING", "action")
 
 
 def is_number(value: object) -> bool:
-    """Whether a value is a finite number: not text, and no array."""
+    """True if a value is a finite number; False for texts and arrays."""
     if isinstance(value, float | int):  # the usual ones, quickly
         return isfinite(value)
     return isinstance(value, Real) and isfinite(value)
 
 
 def is_flag(value: object) -> bool:
-    """Whether it is a truth value of NumPy's, which is none of Python's numbers."""
+    """True if a value is a NumPy bool, which is not one of Python's numbers."""
     return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
 
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 HIDDEN: Final = "***"
 
 FREE: Final = frozenset({"extra_body", "extra_headers"})
-"""Keys of a configuration below which a server's own fields stand."""
+"""Keys of a configuration with fields of a server below them."""
 
 ANYWHERE: Final = frozenset(
     {"apikey", "authorization", "bearer", "cookie", "credential", "credentials", "passwd"}
@@ -20,7 +20,7 @@ AT_THE_END: Final = frozenset({"auth", "key", "token"})
 
 
 def names_secret(key: str) -> bool:
-    """Whether a field of a server's own is a secret by its name."""
+    """True if the name of a server's field is that of a secret."""
     apart = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key).lower()
     words = re.findall(r"[a-z0-9]+", apart)
     return bool(words) and (not ANYWHERE.isdisjoint(words) or words[-1] in AT_THE_END)

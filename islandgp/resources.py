@@ -1,6 +1,6 @@
-"""Where the folders `conf`, `grammar` and `prompts` are.
+"""Paths of the folders `conf`, `grammar` and `prompts`.
 
-In a checkout they stand beside the package; a wheel carries them inside it.
+In a checkout they are beside the package, in a wheel inside it.
 """
 
 from __future__ import annotations

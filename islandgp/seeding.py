@@ -1,8 +1,8 @@
-"""Randomness by purpose: each draw of a run comes from a stream with a name.
+"""Named random streams: one for each purpose of a draw.
 
-A stream is a function of (run seed, purpose, generation, slot) and keeps no
-state between generations. So a resumed run, another number of workers, or a
-supervisor that decides otherwise never shifts other draws.
+A stream is a function of (run seed, purpose, generation, slot) and stateless between generations.
+So a resumed run, another number of workers or another decision of a supervisor does not shift
+other draws.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 
 class Stream(IntEnum):
-    """What a stream is for. The numbers are part of every run's identity: never reuse one."""
+    """Purpose of a stream. The numbers are part of every run's identity: never reuse one."""
 
     INITIAL = 1  # the random trees of generation 0, by slot
     WORLD = 2  # world seeds, by generation and episode
@@ -28,7 +28,7 @@ class Stream(IntEnum):
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
     TRIAL = 12  # the world in which a model's candidates are tried, by generation
-    TEST = 13  # worlds that tell what a run's best trees are worth, by slot; they choose nothing
+    TEST = 13  # worlds in which a run's best trees are tested, by slot; not used for selection
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot

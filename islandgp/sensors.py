@@ -1,7 +1,7 @@
 """Sensors of perturbed worlds: what the tree sees is noisy, and late.
 
-A domain declares how much noise its numbers have (`Key.noise`) and by how many ticks its blackboard
-may be late (`Schema.delay`); configuration says how much of both there is (`perturb`).
+A domain declares the most noise of its numbers (`Key.noise`) and the longest delay of its
+blackboard in ticks (`Schema.delay`); the configuration sets the amount of both (`perturb`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from islandgp.seeding import Stream, stream
 
 @dataclass(frozen=True, slots=True)
 class SensorFaults:
-    """How far sensors are from the truth."""
+    """Amount of noise and delay of sensors."""
 
     noise: float  # multiple of the standard deviations that the keys declare, >= 0
     delay: int  # ticks at most, >= 0; each world has a delay between 0 and this
@@ -46,7 +46,7 @@ class Sensors:
         self._past: deque[list[float]] = deque(maxlen=self._delay + 1)
 
     def __call__(self, values: Sequence[float]) -> list[float]:
-        """What the tree sees in the next tick of true values, by place on the blackboard.
+        """The values that the tree reads in the next tick, by place; `values` are the true ones.
 
         Numbers stay in the ranges of their keys. Until the delay is over, it is the first values.
         """
@@ -60,5 +60,5 @@ class Sensors:
 
     @property
     def seen(self) -> list[float]:
-        """What the tree saw in the last tick."""
+        """The values that the tree read in the last tick."""
         return self._past[0]

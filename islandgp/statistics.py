@@ -255,7 +255,7 @@ def mean_difference(first: Sequence[float], second: Sequence[float]) -> Interval
 
 
 def median_interval(values: Sequence[float]) -> Interval:
-    """The median between the order statistics that hold it with 95 % or more, whatever the law.
+    """The median with a distribution-free interval of at least 95 %, by order statistics.
 
     Values may be infinite. Fewer than six have no such interval (nan).
     """
@@ -299,7 +299,7 @@ def doubled_ranks(values: Any) -> Any:
 
 
 def sums_of_splits(ranks: Any, n: int) -> Any:
-    """How many choices of `n` of the ranks have each sum, from 0."""
+    """Number of choices of `n` of the ranks with each sum, from 0."""
     ways = np.zeros((n + 1, int(ranks.sum()) + 1))  # ranks chosen x their sum
     ways[0, 0] = 1
     for rank in ranks:
@@ -308,7 +308,7 @@ def sums_of_splits(ranks: Any, n: int) -> Any:
 
 
 def sums_of_subsets(weights: Any) -> Any:
-    """How many subsets of whole numbers >= 0 have each sum, from 0."""
+    """Number of subsets of whole numbers >= 0 with each sum, from 0."""
     ways = np.zeros(int(weights.sum()) + 1)
     ways[0] = 1
     for weight in weights:
@@ -333,7 +333,7 @@ LEVEL: Final = 0.05  # section 3.1: alpha
 POWER: Final = 0.8
 SIMULATIONS: Final = 4_000  # pairs of samples a step: the power is known to about +-0.013
 SEED: Final = 7
-LARGEST: Final = 8.0  # SDs; beyond it the arms cannot be told apart by more distance
+LARGEST: Final = 8.0  # SDs; greater differences have the same power
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What a run's folder may make this process import, contact or read.
+"""Trust in run folders: which code, servers and files a run's folder may make this process use.
 
 A folder may come from a stranger. It holds files of its own, no links to others. The classes and
 servers that its configuration names are used only if the user's own configuration or command names

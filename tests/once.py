@@ -16,6 +16,7 @@ import yaml
 from hydra._internal import config_loader_impl
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import ConfigRepository
+from hydra.core.config_store import ConfigStore
 from hydra.core.utils import JobRuntime
 from hydra.version import getbase
 
@@ -120,6 +121,7 @@ def _load_configuration(
 def install() -> None:
     """Replaces PyYAML's and Hydra's functions for the rest of this process."""
     yaml.load = _load
+    ConfigStore.__deepcopy__ = lambda store, _: store  # type: ignore[attr-defined] # its nodes are copied when read
     ConfigRepository.load_config = _load_config
     ConfigLoaderImpl.load_configuration = _load_configuration
     config_loader_impl.create_defaults_list = _create_defaults_list

@@ -51,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class UnseenWorlds:
-    """The worlds that tell what trees are worth."""
+    """Test worlds for the final evaluation of trees."""
 
     stage: int  # of the curriculum, from 0
     worlds: tuple[int, ...]  # world seeds
@@ -65,10 +65,10 @@ class UnseenWorlds:
     type=click.IntRange(2, 10_000),
     default=100,
     show_default=True,
-    help="Test worlds that tell what the trees are worth.",
+    help="Number of test worlds in which the best trees are evaluated.",
 )
 @click.option(
-    "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one for each core."
+    "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one per core."
 )
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
@@ -78,10 +78,10 @@ def command(
 ) -> None:
     """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
 
-    All trees of the last stage race in validation worlds, more of them than at the end of the
-    run; of a sweep, the best robots of its runs. The winner, the two behind it, the run's own best
-    robot and the library's yardsticks then meet test worlds, which neither trained nor chose
-    any of them.
+    Candidates are all trees of the last stage, or the best robots of a sweep's runs. Successive
+    halving in validation worlds selects three of them. These, the run's best robot and the
+    library's reference trees are then evaluated in test worlds, which were used neither for
+    training nor for selection.
     """
     from islandgp.evaluation.base import Problem
     from islandgp.evaluation.perturbation import recorded_perturbation

@@ -32,8 +32,8 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.option("--strict", is_flag=True, help="Exit code 1 for warnings as well.")
 @click.option("--max-depth", type=click.IntRange(1), help="Most levels; default: any.")
 @click.option("--max-nodes", type=click.IntRange(1), help="Most nodes; default: any.")
-@click.option("-q", "--quiet", is_flag=True, help="Say nothing about files that are right.")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of what is found.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not print files without findings.")
+@click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
 @with_rerun_option
 @with_vocabulary_options
 def command(
@@ -45,7 +45,7 @@ def command(
     as_json: bool,
     chosen: Chosen,
 ) -> None:
-    """Look for errors and doubtful places in FILES.
+    """Report errors and warnings for the trees in FILES.
 
     A `use` counts as large as its subtree. Exit code 1 when a file is not a tree.
     """
@@ -93,7 +93,7 @@ def checked(
 
 
 def plain_error(error: TreeError, name: str) -> dict[str, Any]:
-    """An error as JSON values; of an included file it tells that file."""
+    """An error as JSON values; `file` is the included file if the error is there."""
     first, *rest = str(error).splitlines()
     placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
     file, message = placed.groups() if placed else (name, first)

@@ -42,7 +42,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     show_default=True,
     help="Folder of the runs.",
 )
-@click.option("--name", default=None, help="Look at the runs of this sweep only.")
+@click.option("--name", default=None, help="Use only the runs of this sweep.")
 @click.option(
     "-o",
     "--out",
@@ -68,9 +68,9 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     "margins",
     multiple=True,
     metavar="MEASURE=VALUE",
-    help="Difference up to which arms count as alike.",
+    help="Largest difference at which arms count as equivalent.",
 )
-@click.option("--force", is_flag=True, help="Compare arms that are not comparable, and say so.")
+@click.option("--force", is_flag=True, help="Compare arms that are not comparable, with a warning.")
 @click.option(
     "--worlds",
     type=click.IntRange(0, 10_000),
@@ -89,7 +89,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     default=0,
     help="Processes for the unseen worlds and the controls.  [default: one for each core]",
 )
-@click.option("--mlflow/--no-mlflow", default=True, help="Keep the report as an MLflow run.")
+@click.option("--mlflow/--no-mlflow", default=True, help="Log the report as an MLflow run.")
 @click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
 @click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")
 @with_trust_options
@@ -143,16 +143,16 @@ def command(
         files = write(report, study, folder)
     except OSError as error:
         raise unusable(folder, error) from error
-    said = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
-    said += [f"note: {note}" for note in study.notes]
-    click.echo("\n".join([*said, *_results(report)]))
+    notes = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
+    notes += [f"note: {note}" for note in study.notes]
+    click.echo("\n".join([*notes, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
     if mlflow:
         click.echo(_publish(report, study, place, folder, files))
 
 
 def _place(uri: str | None, experiment: str | None) -> Place:
-    """Where MLflow is, as a run started here would have it. Raises TrackingError."""
+    """The MLflow store that a run started here would use. Raises TrackingError."""
     from islandgp.tracking.place import place_from
 
     file = resource("conf") / "tracking" / "mlflow.yaml"
@@ -190,7 +190,7 @@ def _select(
 def _results(report: ComparisonReport) -> list[str]:
     """The primary endpoint, the claims and further questions in lines for a terminal.
 
-    Where no paper makes claims, the first pair's comparisons stand there.
+    Without a publication the claims are replaced by the comparisons of the first pair.
     """
     lines: list[str] = []
     for table in report.tables:

@@ -41,10 +41,10 @@ add_completion_class(Bash)
 @click.command()
 @click.argument("shell", required=False, type=click.Choice(list(LINES)))
 def command(shell: str | None) -> None:
-    """Print the line that makes SHELL complete commands and overrides with TAB.
+    """Print the code for completion of commands and overrides in SHELL.
 
-    Without SHELL it is the one that $SHELL names. Give the line once, or put it into the
-    shell's settings.
+    The default is the shell in $SHELL. Run the printed line once, or add it to the shell's
+    startup file.
     """
     name = shell or Path(os.environ.get("SHELL", "bash")).name
     if name not in LINES:
@@ -55,7 +55,7 @@ def command(shell: str | None) -> None:
 
 
 def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
-    """What an override may go on with, after the `words` before it; [] where Hydra knows nothing.
+    """Completions of an override, after the `words` before it; [] if Hydra has none.
 
     Bash takes `key=value` for three words: then only the value is completed.
     """

@@ -59,7 +59,7 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
 
 
 def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
-    """Whether both have one simplified form; what their domain says of actions is of help."""
+    """True if both trees have the same simplified form, with or without their vocabulary."""
     if simplify(a).tree == simplify(b).tree:
         return True
     try:

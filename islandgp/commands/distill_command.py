@@ -31,8 +31,8 @@ from islandgp.trust import must_trust_code
 def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
     """Fit a decision tree to the decisions in RUNS, which are run folders or folders of them.
 
-    What the state was, and what the supervisor decided, stand in the records. The policy plays
-    as supervisor=distilled supervisor.policy.folder=FOLDER. It needs islandgp[distill].
+    States and decisions are read from the records. Use the policy with supervisor=distilled
+    supervisor.policy.folder=FOLDER. The command needs islandgp[distill].
     """
     if find_spec("sklearn") is None:
         raise StudyError(

@@ -44,9 +44,11 @@ MOST: Final = 100
 @click.command()
 @click.argument("words", nargs=-1, metavar="[NAME] [TREE.bt]...")
 @click.option("--check", is_flag=True, help="Run the contract's tests against the domain.")
-@click.option("--strict", is_flag=True, help="With --check: exit code 1 for what was not reached.")
+@click.option(
+    "--strict", is_flag=True, help="With --check: exit code 1 if anything was not reached."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the declaration as JSON.")
-@click.option("--yaml", "as_yaml", is_flag=True, help="Print the domain's file of configuration.")
+@click.option("--yaml", "as_yaml", is_flag=True, help="Print the domain's configuration file.")
 @with_domain_options
 @with_timeout_option
 def command(
@@ -201,7 +203,7 @@ def _check(
 
 @dataclass(frozen=True, slots=True)
 class OwnTrees:
-    """What was found."""
+    """Trees for the check of a domain."""
 
     trees: tuple[Node, ...]
     left_out: tuple[str, ...]  # a line for each file, and for a library, that cannot be read

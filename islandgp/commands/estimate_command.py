@@ -37,11 +37,11 @@ ADDED_MOST: Final = 30_000  # the same at most, as `informed` bounds it
 @click.option(
     "--record",
     type=click.Path(exists=True, path_type=Path),
-    help="Folder of a run with supervisor=llm: also tell what it takes as measured there.",
+    help="Folder of a run with supervisor=llm: add an estimate from its measured costs.",
 )
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
 def command(overrides: tuple[str, ...], record: Path | None) -> None:
-    """Tell what the runs of a command would cost, e.g. supervisor=llm 'seed=range(5)' -m.
+    """Estimate the costs of a command's runs, e.g. supervisor=llm 'seed=range(5)' -m.
 
     Nothing is sent and no key is needed.
     """

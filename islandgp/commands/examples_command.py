@@ -33,6 +33,6 @@ def command(name: str | None) -> None:
 
 
 def _about(text: str) -> str:
-    """What a tree's comment begins with, up to the line that tells its size."""
+    """The first lines of a tree's comment, before the line with its size."""
     comments = (line.lstrip("#").strip() for line in text.splitlines() if line.startswith("#"))
     return " ".join(takewhile(lambda line: " nodes, depth " not in line, comments))

@@ -27,7 +27,7 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.option(
     "--step",
     type=click.FloatRange(min=0, min_open=True),
-    help="Seconds between two ticks, for a tree that waits.",
+    help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns.",
 )
 @with_vocabulary_options
 def command(

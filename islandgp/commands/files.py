@@ -84,7 +84,7 @@ def unusable(folder: Path, error: OSError) -> IslandError:
 
 
 def _found(folder: Path, error: OSError) -> str:
-    """What is in a folder's way."""
+    """The reason why a folder cannot be written, for a message."""
     for place in (*reversed(folder.absolute().parents), folder):
         if place.exists() and not place.is_dir():
             return f"the file {place}"
@@ -94,7 +94,7 @@ def _found(folder: Path, error: OSError) -> str:
 
 
 def called(file: str) -> str:
-    """What messages call a file."""
+    """The name of a file in messages."""
     return "<stdin>" if file == STDIN else file
 
 
@@ -114,12 +114,15 @@ def read_text(file: str) -> str:
 
 
 def folder_of(file: str) -> Path:
-    """Where a tree file's includes are; of the standard input, the current folder."""
+    """The folder of a tree file's includes; for the standard input, the current folder."""
     return Path.cwd() if file == STDIN else Path(file).parent
 
 
 def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
-    """The tree in a file, in these words or of whatever domain. Raises TreeError, IslandError."""
+    """The tree in a file. Without a vocabulary any names are accepted.
+
+    Raises TreeError or IslandError.
+    """
     return parse(read_text(file), vocabulary, name=called(file), folder=folder_of(file))
 
 

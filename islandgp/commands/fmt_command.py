@@ -17,7 +17,7 @@ from islandgp.errors import IslandError
 @click.option("--check", is_flag=True, help="Write nothing; exit code 1 if a file would change.")
 @click.option("--diff", is_flag=True, help="Write nothing; show what would change.")
 def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
-    """Bring FILES into the canonical form.
+    """Format the trees in FILES.
 
     Comments and named subtrees stay. `-` reads the standard input and prints
     the result. A file that is no tree is reported and left as it is; exit code 2.

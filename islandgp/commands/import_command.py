@@ -28,7 +28,7 @@ FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
 @click.argument("file", type=FILE)
 @click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
 @click.option("--tree", "identity", help="ID of a tree; default: the main tree.")
-@click.option("--strict", is_flag=True, help="Refuse what would not mean the same.")
+@click.option("--strict", is_flag=True, help="Reject nodes whose meaning would change.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
 @with_vocabulary_options
 def command(

@@ -1,4 +1,4 @@
-"""What editors ask about tree files: the answers of `islandgp language-server`."""
+"""The language server for tree files: `islandgp language-server`."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def closed(server: Server, params: types.DidCloseTextDocumentParams) -> None:
 
 
 def completion(server: Server, params: types.CompletionParams) -> list[types.CompletionItem]:
-    """What may stand at a place."""
+    """Completions at a position."""
     document, at = server.place(params)
     if len(document.source) > MAX_CHARACTERS:
         return []
@@ -124,7 +124,7 @@ def completion(server: Server, params: types.CompletionParams) -> list[types.Com
 
 
 def hover(server: Server, params: types.HoverParams) -> types.Hover | None:
-    """What the word at a place means."""
+    """The meaning of the word at a position."""
     document, at = server.place(params)
     found = meaning(document.source, at, server.known(document), _folder(document))
     if found is None:
@@ -271,7 +271,7 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
 
 
 def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
-    """What `check --json` finds in a text; a domain that is not there is an error of its place."""
+    """The errors and warnings of `check --json`; an unknown domain is an error at its position."""
     text, name, folder = document.source, _name(document), _folder(document)
     try:
         vocabulary = words(text, name, folder)
@@ -287,7 +287,7 @@ def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
 
 
 def _diagnostic(found: dict[str, Any], document: TextDocument) -> types.Diagnostic:
-    """Of an error in an included file, the message names its place, and it stands at the top."""
+    """The diagnostic of an error; one in an included file is shown at the top with its place."""
     line, message = found["line"] - 1, found["message"]
     columns = [found["column"] - 1, found["end"] - 1]
     if found["file"] != _name(document):

@@ -54,7 +54,12 @@ MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
 )
 @click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch; default: 0.")
-@click.option("--speed", type=NotNegative(), default=10.0, help="Of --watch; 0: without waiting.")
+@click.option(
+    "--speed",
+    type=NotNegative(),
+    default=10.0,
+    help="Speed of --watch, as a factor; 0: without waiting.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_rerun_option
 @with_domain_options
@@ -168,7 +173,7 @@ def _print_comparison(
     robust: Sequence[Sequence[float]],
     settings: Settings,
 ) -> None:
-    """A row for each tree; where names leave no room for numbers, they stand above the table."""
+    """Prints one row per tree; long names are printed above the table."""
     rows = _comparison(points, robust)
     worlds = len(points[0])
     won = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]
@@ -299,7 +304,7 @@ def _print(
 def _columns(
     outcomes: Sequence[Outcome], schema: Schema, settings: Settings, perturbed: Sequence[float]
 ) -> list[Column]:
-    """What happened in each world, a row each."""
+    """The columns of a table with one row per world."""
     from islandgp.scoring.classes import specialist, tiers
 
     classes = settings.classes

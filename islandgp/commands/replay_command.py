@@ -19,7 +19,7 @@ from islandgp.commands.setting import (
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world; default: 0.")
 @click.option("-o", "--output", type=OUTPUT, default="replay.html", show_default=True)
 @click.option("--title", help="Default: the file's name.")
 @with_domain_options
@@ -36,8 +36,8 @@ def command(
 ) -> None:
     """Run the tree in FILE in one world, and write a page that shows it.
 
-    The page is one file that needs nothing else: open it in a browser, send it
-    by mail, or look at it among the artifacts in MLflow.
+    The page is self-contained: open it in a browser, send it by mail, or view it
+    as an artifact in MLflow.
     """
     from islandgp.viewer.page import page
     from islandgp.viewer.recording import record

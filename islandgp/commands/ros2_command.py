@@ -21,21 +21,23 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "map_file",
     type=_FILE,
     required=True,
-    help="YAML with the action server, service or topic behind each action and key.",
+    help="YAML file with the action server, service or topic of each action and key.",
 )
 @click.option(
     "--rate",
     type=click.FloatRange(0.1, 1000),
     default=10.0,
     show_default=True,
-    help="Ticks a second.",
+    help="Ticks per second.",
 )
 @click.option(
     "--vocabulary",
     type=_FILE,
-    help="The words of the robot, as of `islandgp check`; default: the domain that TREE names.",
+    help="Vocabulary of the robot, as for `islandgp check`; default: the domain named in TREE.",
 )
-@click.option("--once", is_flag=True, help="End when the tree succeeds, or fails: exit code 0, 1.")
+@click.option(
+    "--once", is_flag=True, help="Stop when the tree succeeds or fails; exit code 0 or 1."
+)
 def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, once: bool) -> None:
     """Tick the tree in the file TREE as a node of ROS 2 (docs/ros2.md).
 

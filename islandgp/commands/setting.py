@@ -36,14 +36,14 @@ _DOMAIN_OPTIONS: Final = (
     click.option(
         "--config-dir",
         type=click.Path(exists=True, file_okay=False),
-        help="Your own folder of configuration, beside the project's.",
+        help="Folder with your configuration, in addition to the project's.",
     ),
     click.option(
         "--set",
         "overrides",
         multiple=True,
         metavar="KEY=VALUE",
-        help="Another configuration, as for a run, e.g. --set domain=NAME."
+        help="Override of the configuration, as for a run, e.g. --set domain=NAME."
         " Default: the domain that the tree's file names, or the project's.",
     ),
 )
@@ -51,14 +51,14 @@ _VOCABULARY_OPTION: Final = click.option(
     "--vocabulary",
     "declaration",
     type=click.Path(exists=True, dir_okay=False),
-    help="The words of a robot that is not configured here: JSON of `islandgp domain --json`,"
+    help="Vocabulary of a robot that is not configured here: JSON of `islandgp domain --json`,"
     " or BehaviorTree.CPP XML with a TreeNodesModel.",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What a command's options say of the domain."""
+    """The options of a command that choose the domain."""
 
     overrides: tuple[str, ...]
     config_dir: str | None
@@ -119,7 +119,7 @@ with_timeout_option = click.option(
     type=NotNegative(),
     default=TIMEOUT,
     show_default=True,
-    help="Seconds that an episode may take; 0: any time.",
+    help="Time limit of an episode in seconds; 0: none.",
 )
 """Adds --timeout, in seconds."""
 

@@ -16,7 +16,7 @@ from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_op
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
-@click.option("--explain", is_flag=True, help="Tell on the standard error what was done and why.")
+@click.option("--explain", is_flag=True, help="Print each change with its reason to stderr.")
 @with_vocabulary_options
 def command(file: str, output: str, explain: bool, chosen: Chosen) -> None:
     """Shorten the tree in FILE without changing what it does.

@@ -15,16 +15,13 @@ from islandgp.tracking.sync import sync
 
 @click.command()
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path))
-@click.option(
-    "--uri", help="Send to this store, not to each run's own: sqlite:///FILE or http://..."
-)
+@click.option("--uri", help="Store to send to, instead of each run's: sqlite:///FILE or http://...")
 @click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
 @with_trust_options
 def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
-    """Send the records in FOLDERS (default: runs) that their store has not got yet.
+    """Send missing records of the runs in FOLDERS (default: runs) to their store.
 
-    A folder is a run's, a sweep's, or one that holds them. What was sent before
-    is not sent again.
+    Each folder is a run's, a sweep's, or one above them. Records are sent only once.
     """
     place = None if uri is None else place_from(uri, experiment)
     roots = folders or (Path("runs"),)

@@ -20,7 +20,7 @@ from islandgp.commands.setting import (
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of the world; default: 0.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world; default: 0.")
 @click.option(
     "--from", "begin", type=NotNegative(), default=0.0, help="Start of the timeline, in s."
 )
@@ -37,11 +37,11 @@ def command(
     stage: int | None,
     timeout: float,
 ) -> None:
-    """Run the tree in FILE in one world, and tell what each node did.
+    """Run the tree in FILE in one world and show the ticks of each node.
 
-    Behind each node: the share of the time in which it was ticked, and how often
-    it succeeded, failed and was aborted. Then what the actions did, in order,
-    with the points they won and the guards above them; then the blackboard.
+    After each node: the share of ticks in which it was ticked, and how often it
+    succeeded, failed and was aborted. Then the actions in order, with the points
+    that they earned and the guards above them; then the blackboard.
     """
     if not begin <= end:
         raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")

@@ -27,11 +27,11 @@ def with_trust_options(command: Callable[..., None]) -> Callable[..., None]:
     runs = click.option(
         "--config-dir",
         type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Your own folder of configuration: the classes and servers that it names are used.",
+        help="Folder with your configuration; its classes and servers are trusted.",
     )(runs)
     return click.option(
         "--trust",
         "trust_all",
         is_flag=True,
-        help="Also use classes and servers that only the runs name. It executes their code.",
+        help="Trust the classes and servers named in the runs. Their code is executed.",
     )(runs)

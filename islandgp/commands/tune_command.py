@@ -49,9 +49,11 @@ MOST: Final = 100  # numbers of a file that are tuned at a time
     type=click.IntRange(2, 1_000),
     default=16,
     show_default=True,
-    help="New worlds of each generation of the search.",
+    help="New worlds per generation of the search.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, help="Of the worlds and the search.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, help="Seed of the worlds and the search."
+)
 @with_domain_options
 @with_stage_option
 def command(
@@ -126,7 +128,7 @@ def _episodes(
 
 
 def _report_plan(settings: NumberSettings, numbers: int) -> None:
-    """What the search may cost. Raises ConfigError where the episodes are too few."""
+    """The budget of the search. Raises ConfigError if there are too few episodes."""
     plan = settings.plan(numbers)
     click.echo(
         f"{numbers} {'number' if numbers == 1 else 'numbers'} to tune in at most"

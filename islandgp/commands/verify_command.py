@@ -20,7 +20,7 @@ from islandgp.trust import must_have_no_links
 
 
 class Soundness(StrEnum):
-    """What became of a run's files."""
+    """The result of verifying a run's files."""
 
     VERIFIED = "verified"  # all checksums agree
     UNKNOWN = "not verified"  # there is none: written by an older version
@@ -62,7 +62,7 @@ def _damage(folder: RunFolder) -> str:
 
 
 def _which(folder: RunFolder, found: DamagedFile) -> str:
-    """Which record of a generation was changed, as far as the checksums of the records say."""
+    """A text on the first record that differs from its checksum."""
     if (found.name, found.damage) != ("generations.jsonl", Damage.CHANGED):
         return ""
     sums = folder.path / "generations.sha256"
@@ -73,7 +73,7 @@ def _which(folder: RunFolder, found: DamagedFile) -> str:
 
 
 def _end(folder: RunFolder) -> tuple[int, str | None]:
-    """How many records there must be, and the digest of the last; None where none was written.
+    """The expected number of records and the digest of the last; None if none was written.
 
     Raises:
         RunError: the summary or the checkpoint is damaged, or there is neither.
@@ -92,7 +92,7 @@ def _end(folder: RunFolder) -> tuple[int, str | None]:
 
 
 def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
-    """What is wrong with the records and what follows from them; "" if nothing is.
+    """A text on the first error in the records and the files made from them; "" if there is none.
 
     Raises:
         RunError: there are too few records, or a line holds something else.
@@ -114,7 +114,7 @@ def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
 
 
 def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
-    """Which file does not agree with the records; "" if all do."""
+    """A text on the first file that does not agree with the records; "" if all do."""
     for i, record in enumerate(records):
         if record["snapshot"]["generation"] != i:
             return f"generations.jsonl: line {i + 1} is not the record of generation {i}"
@@ -138,7 +138,7 @@ def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
 def command(folders: tuple[Path, ...]) -> None:
     """Compare the runs in FOLDERS (default: runs) with their checksums.
 
-    A folder is a run's, a sweep's, or one that holds them. Exit code 1 when a run is
+    Each folder is a run's, a sweep's, or one above them. Exit code 1 when a run is
     damaged.
     """
     damaged = False

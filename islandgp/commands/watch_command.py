@@ -27,10 +27,10 @@ STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
 )
 @with_trust_options
 def command(run: Path, opened: bool | None) -> None:
-    """Open the page of the run in the folder RUN, and print its path.
+    """Open the page of the run in the folder RUN and print its path.
 
-    The page shows the result, the curves, the archive's map, the champion and how it came to be.
-    While the run goes on it loads itself again every few seconds.
+    The page shows the result, the curves, the archive's map, and the champion with its lineage.
+    During the run it reloads every few seconds.
     """
     path = _page(run)
     click.echo(path)

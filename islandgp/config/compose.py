@@ -75,7 +75,7 @@ class Searched:
 
 
 def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Searched | None:
-    """What the command's sweeper will search; None where Hydra's own is to run every combination.
+    """The search of the command's sweeper; None for Hydra's sweeper, which runs every combination.
 
     Raises:
         ConfigError: the command is wrong at either end of its sweeps.
@@ -97,7 +97,7 @@ def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Sear
 
 
 def _may_search(args: argparse.Namespace) -> bool:
-    """Whether the sweeper, or its params, may be other than Hydra's defaults."""
+    """True if the sweeper or its params may differ from Hydra's defaults."""
     words = [word for word in args.overrides if word.lstrip("+~").startswith("hydra")]
     return bool(words or args.config_dir or args.config_path or args.config_name)
 
@@ -235,7 +235,7 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
 
 
 def _values(sweep: Override) -> int:
-    """How many values a sweep goes over, without making them. Raises ConfigError for none."""
+    """Number of values of a sweep, without making them. Raises ConfigError if there are none."""
     found = sweep.value()
     if isinstance(found, RangeSweep):
         n = _steps(sweep, found)
@@ -290,7 +290,7 @@ def _launcher(hydra: DictConfig) -> str:
 
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:
-    """Raises ConfigError for callbacks: Hydra would run whatever code a command names there."""
+    """Raises ConfigError for callbacks, as Hydra would run any code that a command names there."""
     others = {k: v for k, v in (hydra.callbacks or {}).items() if (k, v) not in CALLBACKS.items()}
     if others:
         first = f"hydra.callbacks.{next(iter(others))}"

@@ -46,7 +46,7 @@ def error_lines(
     *,
     at: tuple[str, ...] = (),
 ) -> Iterator[str]:
-    """A line for each error of `model`, which was made of `config` and stands at the path `at`."""
+    """A line for each error of a `model` made from `config`; `at` is its path."""
     found = error.errors()
     inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
     for e in found:

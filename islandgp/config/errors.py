@@ -330,7 +330,7 @@ def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
 
 
 def _short(error: Exception) -> str:
-    """The first line that says something; the next one as well where the first only leads to it."""
+    """The first line of a message that is not blank; also the next one if it ends in a colon."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     if len(lines) > 1 and lines[0].endswith(":"):
         return f"{lines[0]} {lines[1]}"

@@ -30,7 +30,7 @@ LONGEST: Final = 180  # characters of a folder's name; file systems take 255 byt
 
 
 def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
-    """Where a run keeps its records: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
+    """The folder of a run: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
 
     Characters that could trouble a shell or a file system become `_`. A name that lost some,
     or was cut, ends in a digest of the whole, so that different overrides have different names.
@@ -48,7 +48,7 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
 
 
 def _safe(name: str) -> str:
-    """The name as a folder's, as `run_folder` says."""
+    """The name as a folder's name; see `run_folder`."""
     safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
     if safe == name and len(name) <= LONGEST:
         return name

@@ -186,7 +186,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         return domain
 
     def problem(self, *, perturbed: bool | None = None) -> Problem:
-        """What trees are evaluated in: the domain, and the worlds of the curriculum's stages.
+        """The problem of the run: the domain, and the worlds of the curriculum's stages.
 
         `perturbed`: whether episodes run in perturbed worlds, of which there must be some; None:
         as in training.
@@ -200,7 +200,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             )
 
     def plan(self, domain: Domain) -> Plan:
-        """What evolution needs of it."""
+        """The plan of the run, for the evolution loop."""
         return Plan(
             vocabulary=domain.schema.vocabulary,
             gp=self.gp,

@@ -1,4 +1,4 @@
-"""Where configuration is read from: the project's folder, and one of the user's beside it."""
+"""The folders of configuration files: the project's and, optionally, one of the user."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class ConfigSource:
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Self:
-        """What the command's options name. Raises ConfigError where there is no such folder."""
+        """The source by the command's options. Raises ConfigError if a folder does not exist."""
         folder = Path(args.config_path or resource("conf")).resolve()
         own = Path(args.config_dir).resolve() if args.config_dir else None
         for option, path in (("--config-path", folder), ("--config-dir", own)):
@@ -59,7 +59,7 @@ class ConfigSource:
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 
     def loader(self) -> ConfigLoader:
-        """What Hydra looks up the options of a group with."""
+        """Hydra's loader, for the options of groups."""
         path = create_config_search_path(str(self.folder))
         if self.own is not None:
             path.append("command-line", f"file://{self.own}")

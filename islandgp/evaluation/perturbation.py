@@ -1,7 +1,7 @@
 """Perturbed worlds: settings drawn from ranges, noisy and late sensors.
 
-A tree is robust where it earns as much in worlds that are a little different. The perturbation of a
-world is a function of the world's seed alone, whatever process the episode runs in.
+A tree is robust if it earns as much in slightly different worlds. The perturbation of a world is a
+function of the world's seed alone.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         return found
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """What the perturbed world of a seed changes in a world's settings, as plain values."""
+        """The changed settings of a seed's perturbed world, as plain values."""
         rng = stream(seed, Stream.PERTURBATION)
         values: dict[str, float] = {}
         for name, (least, most) in sorted(self.world.items()):

@@ -34,13 +34,13 @@ PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
 
 
 def end_with_parent(parent: int) -> None:
-    """Ends this process when its parent is gone; `parent` is the parent's number.
+    """Ends this process when its parent has died; `parent` is the parent's process id.
 
-    On Linux the kernel sees to it, whatever this process is doing. A thread looks as well,
-    for other systems, and for a parent that was gone before the kernel was asked.
+    On Linux the kernel does this. A thread checks as well, for other systems and for a parent that
+    died before the kernel was asked.
     """
     if os.name != "posix":
-        return  # Windows does not tell that a parent is gone
+        return  # Windows does not report the death of a parent
     killed_with_parent()
     Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
 
@@ -94,7 +94,7 @@ def _run(job: Job) -> Outcome:
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
-    """How many processes, and how long they may take."""
+    """Number of processes and time limits."""
 
     workers: int = Field(ge=0, le=1024)  # 0: one for each core
     episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
@@ -218,7 +218,7 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 
 def _kill_fork_server() -> None:
-    """Ends the process that starts workers: stopped, it never tells that they have ended.
+    """Kills the forkserver; a suspended one never reports worker exits, and shutdown() would hang.
 
     A new one is started when it is needed.
     """

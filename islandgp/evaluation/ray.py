@@ -32,7 +32,7 @@ GONE: Final = 20.0  # s that its head may be away; Ray ends the process without 
 
 
 class RaySettings(BaseModel, frozen=True, extra="forbid"):
-    """Which cluster, and what an episode may take of it."""
+    """Address of the cluster and resources of an episode."""
 
     address: str = Field(min_length=1)  # "local": start one here; "auto", "host:port", "ray://..."
     cpus: float = Field(gt=0, le=64)  # of an episode

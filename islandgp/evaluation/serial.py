@@ -11,7 +11,7 @@ from islandgp.evaluation.base import Job, Problem, simulate
 
 
 class SerialSettings(BaseModel, frozen=True, extra="forbid"):
-    """How long an episode may take."""
+    """Time limit of an episode."""
 
     episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
 

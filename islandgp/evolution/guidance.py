@@ -1,7 +1,7 @@
-"""What becomes of a supervisor's guidance: checked, recorded, and handed to the search.
+"""Checks a supervisor's guidance, records it, and makes the search's advice from it.
 
-The tree is injected or refused, each edit makes a tree or is refused, and a record says why. An
-edited tree is compared with the tree that was edited, in the same worlds.
+The record has the reason if the tree or an edit is rejected. An edited tree is compared with the
+original tree in the same worlds.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from islandgp.search.base import Search
 from islandgp.seeding import Stream, Streams
 from islandgp.supervision.base import Guidance
 
-MOST_EDITS: Final = 100  # of one guidance that are looked at; the others are left out
+MOST_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
 
 Nameable = Mapping[str, str]
-"""By id, the texts of the trees that an edit may name."""
+"""Texts, by id, of the trees that an edit may refer to."""
 
 
 def nameable(
     generations: Iterable[Sequence[IndividualRecord]], archive: Sequence[Elite]
 ) -> dict[str, str]:
-    """The trees that edits may name: those of the archive, and of these generations."""
+    """The trees that edits may refer to: those of the archive and of these generations."""
     return {
         **{e.id: e.tree for e in archive},
         **{i.id: i.tree for individuals in generations for i in individuals},
@@ -50,59 +50,59 @@ def decide(
     names: Nameable | None = None,
     streams: Streams | None = None,
 ) -> tuple[GuidanceRecord, Advice]:
-    """The record of a supervisor's answer, and what of it the search obeys.
+    """Makes the record of a supervisor's answer and the advice for the search.
 
     Args:
         plan: of the run.
-        search: whose `uses` says what it takes of a guidance.
-        state: that the answer is applied to.
+        search: its `uses` are the parts of the guidance that it can use.
+        state: of the population.
         answer: None if none is due yet (`supervisor.lag`).
         rate: the mutation rate in force, in [0, 1].
         names: the trees that edits may name; default: none.
         streams: of the run; for `supervisor.mutate_advice` alone.
     """
-    given = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
-    wanted = given.mutation_rate if plan.switches.adapt_mutation else None
-    # An emergency does not outlast its crisis where the rate is not adapted.
+    guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
+    wanted = guidance.mutation_rate if plan.switches.adapt_mutation else None
+    # If the rate is not adapted, an emergency rate ends with its crisis.
     held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
     refused = []
     if wanted is not None and "rate" not in search.uses:
         wanted = None
         refused.append("the search has no mutation rate")
-    tree = given.tree
+    tree = guidance.tree
     if tree is not None:
         why = _why_refused(tree, plan, search)
         refused += [why] if why else []
         tree = None if why else tree
     applied = plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis)
-    edits, trees = decide_edits(plan, search, given.edits[:MOST_EDITS], names or {})
+    edits, trees = decide_edits(plan, search, guidance.edits[:MOST_EDITS], names or {})
     if plan.switches.mutate_advice and streams is not None:
         generation = state.now.generation + 1
         trees = _mutated(plan, trees, streams, generation, applied)
     record = GuidanceRecord(
         asked_at=None if answer is None else state.now.generation - plan.switches.lag,
-        source=given.source,
-        phase=given.phase,
-        pattern=given.pattern,
-        target=given.target,
-        intervention=given.intervention,
-        wanted_rate=given.mutation_rate,
+        source=guidance.source,
+        phase=guidance.phase,
+        pattern=guidance.pattern,
+        target=guidance.target,
+        intervention=guidance.intervention,
+        wanted_rate=guidance.mutation_rate,
         crisis=state.crisis,
         applied_rate=applied,
-        tree=None if given.tree is None else to_text(given.tree),
+        tree=None if guidance.tree is None else to_text(guidance.tree),
         injected=tree is not None,
         refused="; ".join(refused),
-        risk=given.risk,
-        reasoning=given.reasoning,
-        rationale=given.rationale,
-        notes=given.notes,
+        risk=guidance.risk,
+        reasoning=guidance.reasoning,
+        rationale=guidance.rationale,
+        notes=guidance.notes,
         edits=edits,
     )
     return record, Advice(applied, tree, trees)
 
 
 def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
-    """Why a supervisor's tree is not injected, or ""."""
+    """The reason why a supervisor's tree is not injected, or ""."""
     if not plan.switches.inject:
         return "injection is switched off"
     if "tree" not in search.uses:
@@ -113,9 +113,9 @@ def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
 def decide_edits(
     plan: Plan, search: Search, edits: Sequence[Edit], names: Nameable
 ) -> tuple[tuple[EditRecord, ...], tuple[EditedTree, ...]]:
-    """The records of a supervisor's edits, and the trees that those make that are taken.
+    """The records of a supervisor's edits, and the trees of those that are accepted.
 
-    Edits are taken in their order, while there are slots.
+    Edits are processed in order until all slots are taken.
     """
     records: list[EditRecord] = []
     trees: list[EditedTree] = []
@@ -146,14 +146,14 @@ def decide_edits(
 def _mutated(
     plan: Plan, trees: Sequence[EditedTree], streams: Streams, generation: int, rate: float
 ) -> tuple[EditedTree, ...]:
-    """The trees after mutation, each with chance `rate`."""
-    found = []
+    """The trees after mutation, each with probability `rate`."""
+    mutants = []
     for slot, e in enumerate(trees):
         rng = streams(Stream.EDIT, generation=generation, slot=slot)
         tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
         changes = f"{e.operator}+{operator}" if operator else e.operator
-        found.append(EditedTree(tree, e.parents, changes))
-    return tuple(found)
+        mutants.append(EditedTree(tree, e.parents, changes))
+    return tuple(mutants)
 
 
 def compare_with_parents(
@@ -166,18 +166,21 @@ def compare_with_parents(
     *,
     stage: int,
 ) -> tuple[tuple[EditTrial, ...], int]:
-    """Each edited tree beside the tree that was edited, and the episodes that this took.
+    """Compares each edited tree with the original tree in the same worlds.
 
-    A tree that meets the same worlds in this generation anyway is not evaluated once more.
+    A tree that is evaluated in these worlds anyway is not evaluated again.
 
     Args:
         plan: of the run.
         population: the generation, evaluated.
         texts: the canonical texts of its trees.
         worlds: of the generation.
-        parents: by id, the texts of the trees that were edited.
+        parents: texts of the original trees by id.
         evaluator: runs the episodes.
         stage: of the curriculum.
+
+    Returns:
+        The comparisons, and the number of additional episodes.
     """
     n, common = plan.gp.episodes, plan.gp.common_world
     known = {

@@ -1,8 +1,8 @@
-"""The driver of a run: asks the search, evaluates, records, asks the supervisor, tells the search.
+"""The evolution loop: ask the search, evaluate, record, ask the supervisor, update the search.
 
-With `search=paper` this is Algorithm 1, supervised genetic programming (section 2.4.3). The
-driver reads no file and writes none. Each step is a function of the run's state, so a run can
-go on from any of its states and ends in the same bytes.
+With `search=paper` this is Algorithm 1, supervised genetic programming (section 2.4.3). The loop
+reads and writes no files. Each step is a function of the run's state, so a run that is resumed
+from any of its states has the same records.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from islandgp.supervision.base import GenerationView, Supervisor
 
 
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
-    """World seeds of a generation: one an episode, or one an individual and episode."""
+    """World seeds of a generation: one per episode, or one per individual and episode."""
     since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
     n = plan.gp.episodes * (1 if plan.gp.common_world else plan.gp.population)
     day = since[plan.gp.new_worlds]
@@ -60,7 +60,7 @@ def evaluate(
     worlds: Sequence[int],
     evaluator: Evaluator,
 ) -> tuple[Evaluated, ...]:
-    """The individuals, whose canonical texts are `texts`, with what they achieve in the worlds."""
+    """Evaluates individuals in the worlds; `texts` are their canonical texts."""
     n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
     jobs = [
         Job(text, stage, worlds[e if plan.gp.common_world else i * n + e], individual.tree)
@@ -123,21 +123,21 @@ def evolve(
     past: Iterable[GenerationRecord] = (),
     library: Callable[[], int] = lambda: 0,
 ) -> Generator[Step, None, None]:
-    """Yield a step for each generation, from `start` to the last one.
+    """Yields a step for each generation from `start` to the last one.
 
     Args:
-        plan: what the run is made of.
+        plan: of the run.
         seed: of the run, in [0, 2**63).
-        supervisor: asked once a generation.
+        supervisor: asked once per generation.
         evaluator: runs the episodes.
         search: decides which trees are evaluated; default: the paper's.
-        start: the state to go on from; default: generation 0.
-        past: records of the generations before `start`, from 0 on; a supervisor that goes by
-            the state alone needs none of them.
+        start: the state to continue from; default: generation 0.
+        past: records of the generations before `start`, from 0 on; needed only by supervisors
+            that use more than the state.
         library: returns the episodes of the search for the library that the run has used so far.
 
     Raises:
-        EvaluationError, SupervisionError: the run cannot go on.
+        EvaluationError, SupervisionError: the run cannot continue.
     """
     search = Paper(plan) if search is None else search
     start = initial_state(plan, search) if start is None else restored(start, search)
@@ -168,7 +168,7 @@ def evolve(
 def _seen(
     plan: Plan, record: GenerationRecord | None, led: GuidanceRecord | None
 ) -> tuple[GenerationView | None, GuidanceRecord | None]:
-    """What a supervisor is told of a record, and the guidance for the generation after it."""
+    """The supervisor's view of a record, and the guidance for the generation after it."""
     if record is None:
         return None, None
     now = record.snapshot
@@ -181,7 +181,7 @@ def _seen(
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
-    """What all generations of a run share."""
+    """The parts of a run that are the same in all generations."""
 
     plan: Plan
     streams: Streams
@@ -241,7 +241,7 @@ def _generation(
     guidance = following = None
     if not stopped and not plan.last(g, state.spent + own + elsewhere):
         waiting = perf_counter()
-        if g + plan.switches.lag + 1 < plan.gp.generations:  # else it would come too late
+        if g + plan.switches.lag + 1 < plan.gp.generations:  # else it could not take effect
             multipliers = plan.curriculum.multipliers(now.stage)
             elites = () if plan.switches.lag else archive.elites
             queue.ask(seen, GenerationView(now, worlds, multipliers, lines, led, elites, trials))
@@ -253,12 +253,12 @@ def _generation(
         guidance, advice = decide(
             plan, parts.search, seen, answer, state.advice.rate, names=names, streams=parts.streams
         )
-        told = told_to(parts.search, asked, population, advice)
+        updated = updated_search(parts.search, asked, population, advice)
         following = RunState(
             g + 1,
             advice,
             history,
-            told.memory,
+            updated.memory,
             champion,
             state.spent + own + elsewhere,
             library,
@@ -295,7 +295,7 @@ def archived(
     worlds: Sequence[int],
     generation: int,
 ) -> ArchiveUpdate:
-    """The archive after a generation; challenges are held in worlds of their own."""
+    """The archive after a generation; challenges of elites have their own worlds."""
     plan, seed = parts.plan, parts.streams.seed
     stage, n = plan.curriculum.stage(generation), plan.gp.episodes
     meets = [
@@ -319,7 +319,7 @@ def archived(
 def asked_of(
     search: Search, state: SearchState, streams: Streams, plan: Plan
 ) -> tuple[Individual, ...]:
-    """The individuals of a generation. Raises PartError for what a run cannot evaluate."""
+    """Calls `ask` and checks the individuals. Raises PartError if one cannot be evaluated."""
     with plugin_errors(path_of(type(search))):
         individuals = tuple(search.ask(state, streams))
         if not 1 <= len(individuals) <= plan.gp.population:
@@ -332,15 +332,15 @@ def asked_of(
     return individuals
 
 
-def _must_be_individual(found: object, name: str, plan: Plan) -> None:
-    """Raises TypeError, ValueError."""
-    if not isinstance(found, Individual):
-        raise TypeError(f"expected ask to return individuals, found {type(found).__name__}")
-    tree = found.tree
+def _must_be_individual(value: object, name: str, plan: Plan) -> None:
+    """Raises TypeError or ValueError unless it is an individual within the run's limits."""
+    if not isinstance(value, Individual):
+        raise TypeError(f"expected ask to return individuals, found {type(value).__name__}")
+    tree = value.tree
     if not isinstance(tree, Node):
         raise TypeError(f"expected a tree (Node) in {name}, found {type(tree).__name__}")
-    if found.id != name:
-        raise ValueError(f"expected the id {name!r}, GENERATION.SLOT, found {found.id!r}")
+    if value.id != name:
+        raise ValueError(f"expected the id {name!r}, GENERATION.SLOT, found {value.id!r}")
     if not within(tree, plan.gp.limits):
         raise ValueError(
             f"expected at most gp.max_nodes={plan.gp.max_nodes} nodes and"
@@ -353,25 +353,27 @@ def _must_be_individual(found: object, name: str, plan: Plan) -> None:
         ({term.key for term in asked_in(tree)}, plan.vocabulary.keys),
     ):
         if strange := sorted(used - known.keys()):
-            raise ValueError(f"expected words of the domain in {name}, found {strange[0]!r}")
+            raise ValueError(
+                f"expected actions and keys of the domain in {name}, found {strange[0]!r}"
+            )
 
 
-def told_to(
+def updated_search(
     search: Search, state: SearchState, population: Sequence[Evaluated], advice: Advice
 ) -> SearchState:
-    """The state of the next generation. Raises PartError for what a checkpoint cannot keep."""
+    """Calls `tell` and checks the state. Raises PartError if a checkpoint cannot store it."""
     path = path_of(type(search))
     with plugin_errors(path):
-        told = search.tell(state, population, advice)
-        if not isinstance(told, SearchState) or told.generation != state.generation + 1:
+        new = search.tell(state, population, advice)
+        if not isinstance(new, SearchState) or new.generation != state.generation + 1:
             raise ValueError(
-                f"expected tell to return SearchState({state.generation + 1}, ...), found {told!r}"
+                f"expected tell to return SearchState({state.generation + 1}, ...), found {new!r}"
             )
-        if not (path.startswith("islandgp.") or told.memory is None):
-            again = from_json(search.Memory, to_json(told.memory))
-            if state.generation == 0 and again != told.memory:
+        if not (path.startswith("islandgp.") or new.memory is None):
+            again = from_json(search.Memory, to_json(new.memory))
+            if state.generation == 0 and again != new.memory:
                 raise ValueError("expected a Memory that is the same after a checkpoint")
-    return told
+    return new
 
 
 def restored(state: RunState, search: Search) -> RunState:

@@ -1,7 +1,7 @@
-"""A tree for each single behaviour, found by a short search: a library for domains without one.
+"""Searches a tree for each single behaviour: a library for domains without one.
 
-The search maximises the behaviour's counter and nothing else, then takes away what the
-counter does not need. It is the same for every seed of a sweep.
+The search maximises the behaviour's counter alone, then removes nodes that the counter does not
+depend on. It is the same for every seed of a sweep.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from islandgp.scoring.classes import Classes
 from islandgp.seeding import Stream, seed_of, stream
 
 COMPACT: Final = Limits(max_depth=4, max_nodes=12)  # section 2.4.6: trees of about ten nodes
-POOL: Final = 200  # random trees that every search begins with
-ROUNDS: Final = 15  # of variation, for each behaviour
-CHILDREN: Final = 30  # of a round
-PARENTS: Final = 40  # the best trees so far, of which parents are drawn, the better the likelier
-WORLDS: Final = 2  # for each tree
+POOL: Final = 200  # random trees at the start
+ROUNDS: Final = 15  # of variation, per behaviour
+CHILDREN: Final = 30  # per round
+PARENTS: Final = 40  # the best trees so far, from which parents are drawn by rank
+WORLDS: Final = 2  # per tree
 
 Score = tuple[float, int, float, int]
 
@@ -44,19 +44,22 @@ def single_behaviours(
     wanted: Sequence[str] | None = None,
     known: Sequence[Node] = (),
 ) -> Iterator[tuple[str, Node | None]]:
-    """Each behaviour with a compact tree, as soon as it is found; None where no tree showed it.
+    """Searches a compact tree for each behaviour.
 
     Args:
-        classes: whose behaviours are looked for, by their counters.
-        space: the trees that are searched, within COMPACT.
+        classes: with the behaviours and their counters.
+        space: the trees to search, within COMPACT.
         how: the mutations.
-        evaluator: runs about 200 episodes, and 500 for each behaviour, in each of WORLDS worlds.
-        stage: index of the curriculum's stage that the episodes are scored in.
-        wanted: the behaviours that are looked for; None: all.
-        known: trees to begin with besides the random ones, e.g. of another stage.
+        evaluator: runs about 200 episodes, and 500 per behaviour, in each of WORLDS worlds.
+        stage: index of the curriculum's stage that scores the episodes.
+        wanted: behaviours to search for; None: all.
+        known: further trees to start from, e.g. of another stage.
+
+    Yields:
+        Each behaviour as soon as its search ends, with the tree; None if no tree shows it.
 
     Raises:
-        EvaluationError: an episode cannot be run.
+        EvaluationError: an episode failed.
     """
     most = Limits(
         min(COMPACT.max_depth, space.limits.max_depth),
@@ -84,7 +87,7 @@ def single_behaviours(
 def _child(
     rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, how: MutationSettings
 ) -> Node:
-    """A mutant of a parent, or of what it makes with another one."""
+    """A mutant of a parent, or of a crossover of two."""
     first, second = by_rank(rng, parents), by_rank(rng, parents)
     tree = CROSSOVERS["subtree"](rng, first, second, space.limits) if rng.random() < 0.5 else first
     return mutate(rng, tree, rate=0.8, space=space, how=how)[0]
@@ -105,9 +108,9 @@ class _Tried:
         return sorted(self._outcomes, key=lambda t: self.score(t, behaviour), reverse=True)
 
     def score(self, tree: Node, behaviour: str) -> Score:
-        """The behaviour's counter; then few other behaviours, fitness, and few nodes.
+        """Sort key: the behaviour's counter, few other behaviours, fitness, few nodes.
 
-        As long as a tree does not show the behaviour, others that it shows are steps towards it.
+        For trees without the behaviour other behaviours count positively, as steps towards it.
         """
         outcomes = self._outcomes[tree]
         counters = self._classes.behaviours
@@ -125,7 +128,7 @@ class _Tried:
         )
 
     def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
-        """The smallest tree on the way down that counts no less."""
+        """The smallest tree, by removing single branches, whose counter is no lower."""
         tree = simplify(tree, space.vocabulary).tree
         self.run([tree])
         while True:
@@ -138,14 +141,14 @@ class _Tried:
             tree = min(good, key=lambda t: (size(t), to_text(t)))
 
     def run(self, trees: Sequence[Node]) -> None:
-        """Evaluates those of the trees that are new."""
+        """Evaluates the trees that were not evaluated before."""
         new = [tree for tree in dict.fromkeys(trees) if tree not in self._outcomes]
         outcomes = evaluated(self._evaluator, new, self._stage, self._worlds)
         self._outcomes |= zip(new, outcomes, strict=True)
 
 
 def _smaller(tree: Node) -> Iterator[Node]:
-    """The trees with one branch less, or with an inner node's place taken by a child of it."""
+    """The trees with one branch removed, or an inner node replaced by one of its children."""
     for i, node in enumerate(walk(tree)):
         for at, child in enumerate(node.children):
             yield replace_at(tree, i, child)

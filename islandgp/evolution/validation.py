@@ -1,9 +1,9 @@
-"""Which individual of a run is the best robot: candidates race in worlds that trained nobody.
+"""Selects a run's best robot by successive halving on held-out seeds.
 
-A generation's highest fitness is partly luck with its world, and stages have scales of
-their own. So the most promising trees of the last stage are evaluated again, on the same
-validation worlds, by successive halving (Jamieson and Talwalkar 2016): half of them are
-given up after each round, and those that stay meet more worlds.
+The highest fitness of a generation depends partly on its worlds, and stages have different scales.
+So the most promising trees of the last stage are evaluated again in the same validation worlds, by
+successive halving (Jamieson and Talwalkar 2016): each round drops half of the candidates and
+evaluates the others in more worlds.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from islandgp.scoring.constraints import (
 from islandgp.seeding import Stream, stream
 
 MOST: Final = 24  # candidates
-FINALISTS: Final = 3  # that meet the most worlds
-WORLDS_EACH: Final = 5  # of a candidate, where there are too few episodes for all candidates
-TOP: Final = 2  # of each generation that are candidates
+FINALISTS: Final = 3  # candidates of the last round
+WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all candidates
+TOP: Final = 2  # candidates per generation
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +51,13 @@ class Candidate:
 
     @property
     def merit(self) -> Merit:
-        """What candidates are ordered by before they race: feasible before fit."""
+        """Sort key of candidates before the first round: feasible before fit."""
         return merit(self.trained, self.violation)
 
 
 @dataclass(frozen=True, slots=True)
 class Validation:
-    """What a tree achieved in validation worlds."""
+    """Results of a tree in validation worlds."""
 
     worlds: tuple[int, ...]  # world seeds
     mean: float  # points, mean over the worlds
@@ -90,35 +90,38 @@ def candidates(
     tier: str = "",
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
-    """The most promising trees of the last stage, each once.
+    """The most promising distinct trees of the last stage.
 
-    They are the best of each generation, and those of each tier, class and behaviour: with
-    constraints feasible before fit, else the fittest.
+    These are the best of each generation and of each tier, class and behaviour: the fittest, with
+    constraints feasible before fit.
 
     Args:
-        records: generation records as plain values, oldest first; they are read once.
-        classes: whose tiers, classes and behaviours are looked for.
-        most: candidates.
-        top: individuals of each generation that are candidates.
-        tier: of the candidates in training; default: any.
+        records: generation records as plain values, oldest first; they are iterated once.
+        classes: with the tiers, classes and behaviours.
+        most: maximum number of candidates.
+        top: number of candidates per generation.
+        tier: in training, of all candidates; "": any.
         constraints: of the run.
+
+    Returns:
+        At most `most` candidates.
     """
     stage: int | None = None
     last: list[tuple[int, Mapping[str, Any]]] = []
     for record in records:
-        if record["snapshot"]["stage"] != stage:  # the stages before it are of no interest
+        if record["snapshot"]["stage"] != stage:  # earlier stages are ignored
             stage, last = record["snapshot"]["stage"], []
         last += [
             (record["snapshot"]["generation"], _slim(i, classes, constraints))
             for i in record["individuals"]
             if not tier or tier in i["tiers"]
         ]
-    found: dict[str, Candidate] = {}
+    by_tree: dict[str, Candidate] = {}
     for generation, i in _ordered(last, classes, top):
-        if i["tree"] not in found and len(found) < most:
+        if i["tree"] not in by_tree and len(by_tree) < most:
             broken, points = i["violation"], i["fitness"]
-            found[i["tree"]] = Candidate(generation, i["id"], i["tree"], points, broken)
-    return list(found.values())
+            by_tree[i["tree"]] = Candidate(generation, i["id"], i["tree"], points, broken)
+    return list(by_tree.values())
 
 
 def candidates_by_evidence(
@@ -183,7 +186,7 @@ class _Evaluations:
 def _slim(
     individual: Mapping[str, Any], classes: Classes, constraints: Constraints
 ) -> dict[str, Any]:
-    """What is needed of an individual here: a long run has tens of thousands of them."""
+    """The values of an individual that are needed here; long runs have tens of thousands."""
     return {
         "id": individual["id"],
         "tree": sys.intern(individual["tree"]),  # elites are copies
@@ -230,11 +233,14 @@ def validation_seeds(
 
 
 def entrants(found: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
-    """The candidates that take part: all, or the best in training where episodes are few.
+    """The candidates of the first round: all, or the best in training if episodes are few.
 
     Args:
         found: at least one candidate.
         episodes: of all candidates together, >= 1.
+
+    Returns:
+        At least one candidate.
     """
     if sum(size * new for size, new in rounds(len(found), episodes)) <= episodes:
         return found
@@ -243,7 +249,7 @@ def entrants(found: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
 
 
 def rounds(n: int, episodes: int) -> list[tuple[int, int]]:
-    """(candidates, new worlds) of each round, for `n` candidates and about so many episodes."""
+    """(candidates, new worlds) of each round, for `n` candidates and about `episodes` episodes."""
     sizes = [n]
     while sizes[-1] > FINALISTS:
         sizes.append(max(FINALISTS, (sizes[-1] + 1) // 2))
@@ -262,26 +268,29 @@ def validate(
     yardstick: tuple[str, str] | None = None,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[tuple[Candidate, Validation]]:
-    """The candidates that came to the last round, the best first.
+    """Evaluates candidates by successive halving.
 
     Args:
         found: at least one candidate.
-        worlds: validation worlds, enough for all rounds; all candidates meet the same ones.
+        worlds: validation worlds, enough for all rounds; the same for all candidates.
         evaluator: runs the episodes.
         stage: index of the curriculum's stage that scores them.
-        classes: whose tiers are counted.
-        episodes: about how many episodes there may be.
+        classes: with the tiers to count.
+        episodes: approximate number of episodes.
         yardstick: name and canonical text of a tree to compare the winner with.
-        constraints: that come before fitness, by the counters' means over the worlds.
+        constraints: take precedence over fitness, by the counters' means over the worlds.
+
+    Returns:
+        The candidates of the last round with their results, the best first.
 
     Raises:
-        EvaluationError: an episode cannot be run.
+        EvaluationError: an episode failed.
     """
     left = {candidate: list[Outcome]() for candidate in found}
     met = 0
 
     def worth(c: Candidate) -> Merit:
-        """By the worlds met; before the first one, by training."""
+        """By the outcomes so far; before the first round, by training."""
         if not left[c]:
             return c.merit
         return merit(fmean(o.fitness for o in left[c]), mean_violation(left[c], constraints))
@@ -324,7 +333,7 @@ def _judged(
 def compared(
     verdict: Validation, own: Sequence[Outcome], theirs: Sequence[Outcome], name: str
 ) -> Validation:
-    """The verdict with the paired differences to a yardstick in the same worlds."""
+    """The results with the paired differences to a reference tree in the same worlds."""
     pairs = [a.fitness - b.fitness for a, b in zip(own, theirs, strict=True)]
     mean, low, high = interval(pairs)
     return replace(

@@ -1,4 +1,4 @@
-"""Who makes up the next population: Table 1 (section 2.3).
+"""Composition of the next population: Table 1 (section 2.3).
 
 The slots are filled in a fixed order: elites, behavioural elites, resurrected,
 the supervisor's tree and random ones for diversity, and tournament children for
@@ -36,8 +36,8 @@ def update_behaviour_archive(
 ) -> dict[str, BehaviourBest]:
     """The archive with this generation's best of each behaviour, where they are better.
 
-    Stages of the curriculum have scales of their own: what shows a behaviour in a later one
-    replaces the best of an earlier one, whatever their fitness.
+    Stages of the curriculum have different scales, so an individual of a later stage replaces one
+    of an earlier stage regardless of fitness.
     """
     kept = dict(archive)
     for e in population:
@@ -55,7 +55,7 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
 
 
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
-    """How many diversity slots: more when diversity is low, within Table 1's two ranges."""
+    """Number of diversity slots: more if diversity is low, within the two ranges of Table 1."""
     least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
     few, many = (scaled(n, allocation, population) for n in allocation.tournament)
     enough, low = allocation.diversity_targets

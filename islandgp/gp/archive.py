@@ -1,10 +1,10 @@
 """An archive of elites: the best tree of each cell of a grid over counters (MAP-Elites).
 
-Every run keeps one, whatever its search: it watches, and changes no population. Mouret and
-Clune 2015, arXiv 1504.04909; coverage and QD score: Pugh, Soros and Stanley 2016, doi
-10.3389/frobt.2016.00040. An elite's value is the mean of its episodes, and with `again` above 0
-a challenger and the elite are evaluated in further worlds first, as one lucky episode would
-otherwise keep a cell for ever (Flageat and Cully 2020, arXiv 2003.13530).
+Every run has one, with any search; it does not affect the population. Mouret and Clune 2015, arXiv
+1504.04909; coverage and QD score: Pugh, Soros and Stanley 2016, doi 10.3389/frobt.2016.00040. An
+elite's value is the mean of its episodes. With `again` above 0 a challenger and the elite are
+evaluated in further worlds first, because a single lucky episode would otherwise hold a cell
+forever (Flageat and Cully 2020, arXiv 2003.13530).
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ class _Trial:
     challenger_breaks: bool
 
     def winner(self) -> Elite | None:
-        """Who has the cell; None: both break a constraint."""
+        """The elite of the cell after a challenge; None: both violate a constraint."""
         if self.challenger_breaks:
             return None if self.elite_breaks else self.elite
         if self.elite_breaks or _beats(self.challenger, self.elite):
@@ -240,7 +240,7 @@ def _trials(
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:
-    """Whether the challenger has a later stage, or a higher mean in the same one."""
+    """True if the challenger has a later stage, or a higher mean in the same stage."""
     return (challenger.stage, challenger.mean) > (elite.stage, elite.mean)
 
 

@@ -218,7 +218,7 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 
 def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
-    """What an action declares that it needs to start and to succeed."""
+    """The conditions that an action declares in `to_start` and `to_succeed`."""
     known = space.vocabulary.action(action)
     return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))
 
@@ -229,10 +229,10 @@ def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 
 def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
-    """One number of the tree's conditions, or all of them, moved a little.
+    """Perturbs one number of the tree's conditions, or all of them.
 
-    The standard deviation is drawn anew each time, log-uniform from `number_sd` / 20 to
-    `number_sd`, as a share of the key's range. Numbers leave the grid of random thresholds.
+    The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
+    `number_sd`, as a share of the key's range. Numbers may leave the grid of random thresholds.
     """
     places = numbers_of(tree, space)
     if not places:
@@ -246,7 +246,7 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 
 
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
-    """Where a tree holds numbers: (index of the node, index of the term or of the argument)."""
+    """Places of numbers in a tree: (index of the node, index of the term or of the argument)."""
     keys = space.vocabulary.keys
     found: list[tuple[int, int]] = []
     for i, node in enumerate(walk(tree)):

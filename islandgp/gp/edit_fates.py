@@ -1,4 +1,4 @@
-"""What became of a supervisor's edits, read from a run's records."""
+"""Results of a supervisor's edits, from a run's records."""
 
 from __future__ import annotations
 

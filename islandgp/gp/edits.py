@@ -2,7 +2,7 @@
 
 An edit names an individual and a place in its tree. A place is a path such as `0/2/1`: the third
 child of the first child of the root is `0/2`, and "" is the root. It can also be the text of a
-subtree that stands in the tree once. EDITS has the kinds that there are.
+subtree that occurs in the tree exactly once. EDITS has the kinds of edits.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Edit:
 
 @dataclass(frozen=True, slots=True)
 class EditKind:
-    """What a kind of edit needs and does."""
+    """A kind of edit: its fields and its function."""
 
     needs: str  # the field of `Edit` that it takes besides `of`, `at` and `reason`
     meaning: str  # one line for people and prompts
@@ -312,7 +312,7 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
 
 
 def as_record(edit: Edit, refused: str) -> EditRecord:
-    """The record of an edit; `refused` says why it was not taken, or is ""."""
+    """The record of an edit; `refused` is the reason for its rejection, or ""."""
     return EditRecord(
         kind=edit.kind,
         of=edit.of,

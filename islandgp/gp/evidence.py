@@ -1,4 +1,4 @@
-"""How good trees are that were evaluated in different worlds.
+"""Estimates the mean fitness of trees that were evaluated in different worlds.
 
 All individuals of a generation meet the same worlds, and worlds differ more than good trees do.
 So fitness is taken as the sum of the tree's level and the generation's effect. Both are

@@ -1,4 +1,4 @@
-"""What a run is made of: the settings of genetic programming and of supervision."""
+"""The plan of a run: settings of genetic programming and of supervision."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     tournament: int = Field(ge=1)  # individuals that a selection compares
     crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
-    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor says otherwise
+    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor advises another one
     founders: bool = False  # the library's trees for its targets open the initial population
     mutate_elites: bool  # mutation hits elites and the injected tree too
     max_depth: int = Field(ge=2, le=50)
@@ -108,7 +108,7 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
 
 class Budget(BaseModel, frozen=True, extra="forbid"):
-    """How many episodes a run may take, all of them counted."""
+    """Budget of a run in episodes, which counts all of them."""
 
     episodes: Annotated[int, Field(ge=1)] | None = None
     """Of training, the archive, validation, the supervisor and the search for its library; None: as
@@ -154,7 +154,7 @@ class Stop(BaseModel, frozen=True, extra="forbid"):
     fitness: FiniteFloat | None = None  # points that some individual of a generation reaches
 
     def reason(self, population: Sequence[Evaluated]) -> str:
-        """Why a run ends after this generation, or "". Who breaks a constraint reaches nothing."""
+        """The reason to stop after this generation, or "". Infeasible individuals reach no goal."""
         able = [e for e in population if not e.violation]
         if self.tier is not None and any(self.tier in e.labels.tiers for e in able):
             return f"stop.tier={self.tier}"
@@ -164,7 +164,7 @@ class Stop(BaseModel, frozen=True, extra="forbid"):
 
 
 class Switches(BaseModel, frozen=True, extra="forbid"):
-    """Which parts of a supervisor's guidance take effect; for ablations."""
+    """Switches for the parts of a supervisor's guidance, for ablations."""
 
     adapt_mutation: bool  # its mutation rate takes effect
     inject: bool  # its tree takes its slot; else a random tree does
@@ -175,7 +175,7 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run is made of, besides its seed, its supervisor and its evaluator."""
+    """The settings of a run, without seed, supervisor and evaluator."""
 
     vocabulary: Vocabulary
     gp: GP
@@ -190,7 +190,7 @@ class Plan:
     founders: tuple[Node, ...] = ()  # trees that open the initial population
 
     def last(self, generation: int, spent: int) -> bool:
-        """Whether no generation follows this one.
+        """True if this is the last generation.
 
         Args:
             generation: from 0.

@@ -1,4 +1,4 @@
-"""The nouns of evolution: individuals before and after evaluation, and where they come from."""
+"""Data of a population: individuals before and after evaluation, with their origins."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from islandgp.scoring.classes import BehaviourLabels
 from islandgp.scoring.constraints import Merit, merit
 
 Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
-"""A tree, which stands in files as its canonical text."""
+"""A tree; serialised as its canonical text."""
 
 
 class Origin(StrEnum):
-    """How an individual came into its population (Table 1)."""
+    """Origin of an individual (Table 1)."""
 
     RANDOM = "random"  # generation 0, and diversity slots
     CROSSOVER = "crossover"  # tournament child of two parents
@@ -29,7 +29,7 @@ class Origin(StrEnum):
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"
     INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
-    EDITED = "edited"  # a tree of an earlier individual, changed as the supervisor advised
+    EDITED = "edited"  # tree of an earlier individual with an edit of the supervisor
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Individual:
 
 @dataclass(frozen=True, slots=True)
 class EditedTree:
-    """A tree that a supervisor's edit has made, before it is evaluated."""
+    """A tree made by a supervisor's edit, not yet evaluated."""
 
     tree: Tree
     parents: tuple[str, ...]  # ids: the individual that was edited, and the donor of a branch
@@ -54,12 +54,12 @@ class EditedTree:
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What a supervisor's guidance changes in a generation, after it was checked."""
+    """The checked guidance of a supervisor for one generation."""
 
     rate: float  # mutation rate in force, in [0, 1]
     tree: Tree | None = None  # to inject, within the limits
     edited: tuple[EditedTree, ...] = ()
-    """To evaluate, within the limits, each in a slot of its own; at most `supervisor.edits`,
+    """Trees to evaluate, within the limits, each in its own slot; at most `supervisor.edits`,
     which is at most `gp.population` - 3."""
 
 
@@ -75,7 +75,7 @@ def edited_individuals(
 
 @dataclass(frozen=True, slots=True)
 class Evaluated:
-    """An individual with what it achieved."""
+    """An individual with its outcome."""
 
     individual: Individual
     outcome: Outcome
@@ -92,7 +92,7 @@ class Evaluated:
 
 @dataclass(frozen=True, slots=True)
 class BehaviourBest:
-    """The best individual of a behaviour that has ever been (section 2.3)."""
+    """The best individual of a behaviour so far (section 2.3)."""
 
     id: str  # of the individual
     tree: Tree

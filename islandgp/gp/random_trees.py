@@ -22,14 +22,14 @@ MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,0
 
 
 class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
-    """What random `when` nodes ask; by default a single key, as in the paper."""
+    """Conditions of random `when` nodes; by default on a single key, as in the paper."""
 
     joined: float = Field(default=0, ge=0, le=1)  # chance that a condition joins several
     terms: int = Field(default=3, ge=2, le=8)  # most that evolution joins by `and`, `or`
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
-    """How random trees are grown."""
+    """Settings of random trees."""
 
     depth: tuple[int, int]  # least and most levels a tree aims at, >= 2
     leaf: float = Field(ge=0, le=1)  # chance that a place above the last level is an action

@@ -1,4 +1,4 @@
-"""What a run leaves behind for each generation, and what it needs to go on.
+"""The record of a generation, and the state that a run continues from.
 
 Both are plain values without times or machine names: the same seed gives the
 same bytes. Costs are kept apart for that reason.
@@ -68,15 +68,15 @@ def to_record(e: Evaluated, text: str) -> IndividualRecord:
 
 @dataclass(frozen=True, slots=True)
 class GuidanceRecord:
-    """What the supervisor said after a generation, and what was done with it."""
+    """The supervisor's guidance after a generation, and its effect."""
 
-    asked_at: int | None  # generation whose state was answered; None: no answer was due yet
-    source: str  # who it comes from
+    asked_at: int | None  # generation of the state; None: no answer was due yet
+    source: str  # the supervisor's name, or "fallback"
     phase: str | None  # row of Table 8
     pattern: str | None  # row of Table 6
     target: str | None  # row of Table 7: what the tree is for
-    intervention: bool  # the supervisor saw a need to step in
-    wanted_rate: float | None  # in [0, 1]; None: it said nothing to that
+    intervention: bool  # the supervisor considered an intervention necessary
+    wanted_rate: float | None  # in [0, 1]; None: no rate was advised
     crisis: str  # Eq. (7): why it is a crisis, or ""
     applied_rate: float  # Eq. (8): the rate that made the next population
     tree: str | None  # canonical text
@@ -157,7 +157,7 @@ class RunState:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a generation took. Not part of the record: it differs from machine to machine."""
+    """Costs of a generation. Not part of the record, as they differ between machines."""
 
     evaluation: float  # s
     supervision: float  # s spent waiting for guidance

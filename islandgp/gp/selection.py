@@ -1,4 +1,4 @@
-"""Who becomes a parent: tournaments, with niche protection (section 2.3)."""
+"""Selection of parents: tournaments with niche protection (section 2.3)."""
 
 from __future__ import annotations
 

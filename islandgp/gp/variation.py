@@ -50,7 +50,7 @@ TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes som
 
 
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
-    """Which mutations there are, and how strong."""
+    """Mutation operators with their weights and strengths."""
 
     operators: dict[str, float]  # weight of each of MUTATIONS, or of a "module:function"
     subtree_depth: int = Field(ge=1)  # most levels of a new subtree
@@ -165,7 +165,7 @@ def _parameter(
 def _other_argument(
     rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
 ) -> Node:
-    """A leaf with one of its arguments moved, or drawn anew."""
+    """A leaf with one of its arguments perturbed, or replaced by a random value."""
     arguments = space.vocabulary.action(args.name).arguments
     values = written(args, arguments)
     key = list(arguments)[rng.integers(len(arguments))]

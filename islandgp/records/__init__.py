@@ -1,1 +1,1 @@
-"""What a run leaves on disk: its folder, checkpoints and checksums, and a sweep's folder."""
+"""The files of a run: its folder, checkpoints and checksums, and the folder of a sweep."""

@@ -21,7 +21,7 @@ MOST_BYTES: Final = 2**28  # of a file that is read; 10,000 trees of a thousand 
 
 @dataclass(frozen=True, slots=True)
 class ArchiveFile:
-    """What archive.json holds. Equal archives have equal bytes."""
+    """Content of archive.json. Equal archives have equal bytes."""
 
     domain: str  # name of the vocabulary of its trees
     cells: dict[str, tuple[float, ...]]  # edges by counter

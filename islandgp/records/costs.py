@@ -15,34 +15,34 @@ from islandgp.records.checkpoint import dump
 from islandgp.records.lines import Lines
 
 
-def mend_costs(costs: Lines, done: int, spent: int, tell: Callable[[str], None]) -> None:
-    """Cuts the costs; lines that cannot be read get no seconds and a share of the episodes.
+def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None]) -> None:
+    """Truncates the costs file; replaces damaged lines by 0 s and a share of the episodes.
 
     Args:
         costs: the file.
-        done: generations before the state to go on from.
-        spent: their episodes, which the checkpoint knows.
-        tell: gets a line for people where costs were lost.
+        done: number of generations to keep.
+        spent: their episodes, as in the checkpoint.
+        warn: called with one line if costs were lost.
     """
-    found: list[dict[str, Any] | None] = []
+    rows: list[dict[str, Any] | None] = []
     for i, line in enumerate(islice(costs.whole(), done)):
         try:
-            found.append(costs.value(line, i))
+            rows.append(costs.value(line, i))
         except RunError:
-            found.append(None)
-    found += [None] * (done - len(found))
-    lost = [i for i, cost in enumerate(found) if cost is None]
+            rows.append(None)
+    rows += [None] * (done - len(rows))
+    lost = [i for i, cost in enumerate(rows) if cost is None]
     if not lost:
         costs.cut(done)
         return
-    left = max(0, spent - sum(cost["episodes"] for cost in found if cost is not None))
+    rest = max(0, spent - sum(cost["episodes"] for cost in rows if cost is not None))
     at, llm = int(1000 * time()), dict[str, float]()
     lines = []
-    for i, cost in enumerate(found):
+    for i, cost in enumerate(rows):
         if cost is None:
-            share = left // len(lost) + (i == lost[-1]) * (left % len(lost))
+            share = rest // len(lost) + (i == lost[-1]) * (rest % len(lost))
             cost = {**asdict(Cost(0.0, 0.0, 0.0, share, 0, llm)), "at": at}
         at, llm = cost["at"], cost["llm"]
         lines.append(dump(cost).encode() + b"\n")
     write_atomic(costs.path, b"".join(lines))
-    tell(f"{costs.path}: the seconds of {len(lost)} generations are lost.")
+    warn(f"{costs.path}: the seconds of {len(lost)} generations are lost.")

@@ -16,7 +16,7 @@ from islandgp.gp.record import IndividualRecord
 
 @dataclass(frozen=True, slots=True)
 class _Validated:
-    """What is read of `evolution.validation.Validation`; null: one world has no interval."""
+    """Fields of `evolution.validation.Validation` that are read; null: no interval of one world."""
 
     worlds: tuple[int, ...]
     mean: float
@@ -40,7 +40,7 @@ class _Best:
 
 @dataclass(frozen=True, slots=True)
 class RunSummary:
-    """What summary.json holds for those who read it."""
+    """The fields of summary.json that are read."""
 
     champion: _Best
     first: dict[str, int | None]  # by milestone
@@ -131,7 +131,7 @@ FITNESS_KEYS: Final = {"fitness_max": "best", "fitness_mean": "mean", "fitness_s
 
 
 def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
-    """How the best robot keeps the constraints in validation worlds; {} where there are none.
+    """Feasibility of the best robot in validation worlds; {} without constraints.
 
     `violation` is that of the counters' means, `feasible` the share of the worlds in which all
     constraints are kept.

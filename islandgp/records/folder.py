@@ -1,6 +1,6 @@
-"""A run's folder: the source of all that is known of the run; tracking servers are mirrors.
+"""A run's folder: the primary record of a run; tracking servers are mirrors of it.
 
-docs/running.md lists its files. A run is finished when there is a summary.json.
+docs/running.md lists its files. A run is finished if there is a summary.json.
 """
 
 from __future__ import annotations
@@ -56,10 +56,10 @@ from islandgp.trust import must_have_no_links
 
 
 class Status(StrEnum):
-    """How far a run is, in MLflow's words."""
+    """Status of a run, in MLflow's terms."""
 
-    RUNNING = "RUNNING"  # a process is at work on it
-    FINISHED = "FINISHED"  # it has ended
+    RUNNING = "RUNNING"  # a process is working on it
+    FINISHED = "FINISHED"  # it is complete
     FAILED = "FAILED"  # an error stopped it
     KILLED = "KILLED"  # it was stopped, or its process died
 
@@ -75,36 +75,36 @@ class RunFolder:
         self._sums = path / "generations.sha256"
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
-        self._digest = ""  # of the records that this object has found or written
+        self._digest = ""  # of the records so far
         self._left: Stamp = None  # of generations.jsonl, after the last generation
 
     def open(self, config: str, about: RunMetadata) -> None:
-        """Takes the folder for this process and writes down whose it is.
+        """Locks the folder for this process and writes about.json and config.yaml (YAML text).
 
-        A run that is finished keeps what is written there.
+        The files of a finished run are not changed.
 
         Raises:
-            BusyError: another process is writing here.
+            BusyError: another process is writing to the folder.
             RunError: the folder cannot be written.
         """
         with usable(self.path):
             must_have_no_links(self.path)
             busy = BusyError(
-                f"Expected to be the only one who writes to {self.path}, found another run at work"
-                " there; wait for it, or give this one another name=..."
+                f"Expected to be the only process that writes to {self.path}, found another run at"
+                " work there; wait for it, or give this one another name=..."
             )
             take(self._lock, self.path, busy)
             for name in OWN:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
-            (self.path / MANIFEST).unlink(missing_ok=True)  # of an end that did not come
+            (self.path / MANIFEST).unlink(missing_ok=True)  # of an interrupted end
             write_atomic(self.path / "about.json", pretty(asdict(replace(about, manifest=True))))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Gives the folder back."""
+        """Unlocks the folder."""
         self._lock.release()
 
     def fail(self, error: Exception) -> None:
@@ -117,17 +117,17 @@ class RunFolder:
             write_atomic(self.path / "error.txt", raw)
 
     def error(self) -> str:
-        """Why the run failed, or ""."""
+        """The text of error.txt, or ""."""
         file = self.path / "error.txt"
         return file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
 
     def reason(self) -> str:
-        """Why the run failed: the first line of the message, or a traceback's last line; or ""."""
+        """The first line of the run's error message, or its traceback's last line; or ""."""
         lines = [line for line in self.error().splitlines() if line.strip()]
         return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
 
     def status(self) -> Status:
-        """How far the run is, also where the process that worked on it has died."""
+        """The status of the run, also if its process has died."""
         must_have_no_links(self.path)
         if self.finished():
             return Status.FINISHED
@@ -136,60 +136,60 @@ class RunFolder:
         return Status.FAILED if self.error() else Status.KILLED
 
     def about(self) -> RunMetadata | None:
-        """What was written down at the start, if there was one. Raises RunError if damaged."""
+        """The content of about.json; None if there is none. Raises RunError if damaged."""
         file = self.path / "about.json"
         self._must_be_as_written(file.name)
         if not file.exists():
             return None
-        with reading("what a run says of itself", file):
+        with reading("the metadata of a run", file):
             return RunMetadata(**validate_json(RunMetadata, file.read_bytes()))
 
     def begun(self) -> bool:
-        """Whether there was a run here before. Raises RunError where the folder cannot be read."""
+        """True if the folder has a run. Raises RunError if it cannot be read."""
         with usable(self.path):
             return (self.path / "config.yaml").exists()
 
     def config(self) -> str | None:
-        """The configuration of the run that was here before, as YAML; None if there was none."""
+        """The content of config.yaml; None if there is none."""
         file = self.path / "config.yaml"
         self._must_be_as_written(file.name)
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
-        """The same as plain values; {} if there is none. Raises RunError where it is damaged."""
+        """The configuration as plain values; {} if there is none. Raises RunError if damaged."""
         with reading("a run's configuration", self.path / "config.yaml"):
             try:
                 with usable(self.path):
                     text = self.config()
-                    found = {} if text is None else yaml.safe_load(text)
+                    config = {} if text is None else yaml.safe_load(text)
             except yaml.YAMLError as error:
                 raise ValueError(brief(error)) from error
-            if not isinstance(found, dict):
-                raise TypeError("there are no keys in it")
-            return found
+            if not isinstance(config, dict):
+                raise TypeError("it has no keys")
+            return config
 
     @property
     def agent(self) -> str:
-        """What an individual of the run is called in titles; Robot if it cannot be read."""
+        """The term for individuals in titles (`classes.agent`); Robot if it cannot be read."""
         with suppress(RunError, AttributeError):
             return str(self.configuration().get("classes", {}).get("agent", "Robot"))
         return "Robot"
 
     def finished(self) -> bool:
-        """Whether the run has ended."""
+        """True if the run is complete."""
         return (self.path / "summary.json").exists()
 
     def _must_be_as_written(self, name: str) -> None:
-        """Raises RunError for a link in the folder, and for a damaged file of a finished run."""
+        """Raises RunError for a link in the folder or a damaged file of a finished run."""
         must_have_no_links(self.path)
         if self.finished():
             must_be_as_written(self.path, name)
 
     def must_be_sound(self, *, page: bool = True) -> None:
-        """Raises RunError where a file of a finished run is not as it was written.
+        """Raises RunError if a file of a finished run was changed or is missing.
 
-        Files that follow from others may be missing, and there may be more. `page`: the page
-        of the run counts as well.
+        Files that can be made again may be missing, and further files are allowed. `page`: check
+        the run's page as well.
         """
         for found in damaged_files(self.path):
             again = found.damage is Damage.MISSING and found.name in MADE_AGAIN
@@ -200,11 +200,11 @@ class RunFolder:
             for _ in self.checked_records():  # of a run of an older version
                 pass
 
-    def resume(self, tell: Callable[[str], None] = lambda _: None) -> RunState | None:
-        """The state to go on from; cuts off what was written after it. None: from the start.
+    def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
+        """The state to continue from; None: the run starts at generation 0.
 
-        Where the newest checkpoint, or the record before it, is damaged, this is the state
-        before that. `tell` gets a line for people about each file that was damaged.
+        Records after the checkpoint are cut off. If the newest checkpoint or the record before it
+        is damaged, the one before is used. `warn` is called with one line for each damaged file.
 
         Raises:
             RunError: the run is finished, no checkpoint is sound, records before it are
@@ -212,27 +212,27 @@ class RunFolder:
         """
         if self.finished():
             raise RunError(
-                f"Expected a run to go on with in {self.path}, found it finished; use resume=never"
+                f"Expected an unfinished run in {self.path}, found it finished; use resume=never"
                 " for a new folder beside it."
             )
         with usable(self.path):
-            state = self._state(tell)
+            state = self._state(warn)
             done = state.generation if state else 0
             self._generations.cut(done)
-            mend_costs(self._costs, done, 0 if state is None else state.spent, tell)
-            found = list(digests(self._generations.head(done)))
-            self._digest = found[-1] if found else ""
-            if read_digests(self._sums) != found:
-                write_digests(self._sums, found)
+            mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
+            sums = list(digests(self._generations.head(done)))
+            self._digest = sums[-1] if sums else ""
+            if read_digests(self._sums) != sums:
+                write_digests(self._sums, sums)
             self._left = stamp(self._generations.path)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
 
-    def _state(self, tell: Callable[[str], None]) -> RunState | None:
+    def _state(self, warn: Callable[[str], None]) -> RunState | None:
         files = [file for file in (self._checkpoint, self._previous) if file.exists()]
         if not files:
-            self._must_be_new(tell)
+            self._must_be_new(warn)
             return None
         damage = [] if files[0] == self._checkpoint else [f"There is no {self._checkpoint}."]
         for file in files:
@@ -243,28 +243,28 @@ class RunFolder:
                 continue
             if damage:
                 why = damage[0].partition(";")[0].rstrip(".")
-                tell(f"{why}; going on from the checkpoint of generation {state.generation}.")
+                warn(f"{why}; going on from the checkpoint of generation {state.generation}.")
                 file.replace(self._checkpoint)
             if not checked:
-                tell(f"{self._generations.path}: not verified: written by an older version.")
+                warn(f"{self._generations.path}: not verified: written by an older version.")
             return state
         raise RunError(damage[0])
 
-    def _must_be_new(self, tell: Callable[[str], None]) -> None:
-        """A run that has no checkpoint has at most one record: it was stopped between the two."""
+    def _must_be_new(self, warn: Callable[[str], None]) -> None:
+        """Raises RunError if there are records of several generations but no checkpoint."""
         n = sum(1 for _ in self._generations.whole())
         if n > 1:
             raise RunError(
                 f"Expected a checkpoint beside {n} generations in {self._checkpoint}, found none;"
-                " put it back, or use resume=never for a new folder beside this one."
+                " restore it, or use resume=never for a new folder beside this one."
             )
         if n:
-            tell(f"There is no {self._checkpoint}: the run begins again at generation 0.")
+            warn(f"There is no {self._checkpoint}: the run begins again at generation 0.")
 
     def _checked(self, file: Path) -> tuple[RunState, bool]:
-        """A checkpoint's state, and whether a checksum of the records before it was compared.
+        """A checkpoint's state, and True if the checksum of the records before it was compared.
 
-        Raises RunError where the checkpoint is damaged, or a record before it damaged or missing.
+        Raises RunError if the checkpoint or a record before it is damaged or missing.
         """
         state, expected = read_checkpoint(file)
         lines = self._generations.head(state.generation)
@@ -275,7 +275,7 @@ class RunFolder:
         return replace(state, history=snapshots), bool(expected)
 
     def restore(self) -> None:
-        """Makes the files of a finished run again that are missing and follow from others."""
+        """Writes missing files of a finished run that can be made from others."""
         with usable(self.path):
             best = self.path / "best.bt"
             if not best.exists():
@@ -285,7 +285,7 @@ class RunFolder:
                 write_lineage(lineage, self.records())
 
     def best_text(self, tree: str) -> str:
-        """What best.bt holds for a tree: the domain that it is for, and its canonical text."""
+        """The content of best.bt for a tree: its domain and its canonical text."""
         about = self.about()
         domain = "" if about is None else about.tags.get("domain", "")
         return f"domain {domain}\n\n{tree}" if domain else tree
@@ -296,7 +296,7 @@ class RunFolder:
             write_atomic(best, text)
 
     def append(self, step: Step) -> None:
-        """Writes a generation down, then the state to go on from. Raises RunError, as `usable`."""
+        """Records a generation, then the checkpoint. Raises RunError as `usable`."""
         with usable(self.path):
             if stamp(self._generations.path) != self._left:
                 self.must_be_as_left()
@@ -313,26 +313,26 @@ class RunFolder:
                 )
 
     def must_be_as_left(self) -> None:
-        """Raises RunError where something else has changed the records of the run at work."""
+        """Raises RunError if another program has changed the records while the run was active."""
         digest, size = "", 0
         for line in self._generations.whole():
             digest, size = chained(digest, line), size + len(line)
         found = stamp(self._generations.path)
         if digest != self._digest or size != (0 if found is None else found[0]):
             raise RunError(
-                f"Expected the records in {self._generations.path} as this run left them, found"
-                " them changed by something else while it ran; put them back, or use resume=never"
-                " for a new folder beside this one."
+                f"Expected the records in {self._generations.path} as this run wrote them, found"
+                " them changed by another program; restore them, or use resume=never for a new"
+                " folder beside this one."
             )
 
     def completed_generations(self) -> int:
-        """How many generations no resumption will take back, >= 0."""
+        """Number of generations that resuming the run will not repeat, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])
         return generation_of(self._checkpoint) or generation_of(self._previous)
 
     def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
-        """Write archive, lineage, manifest and summary, and remove the checkpoints.
+        """Writes archive, lineage, manifest and summary, and removes the checkpoints.
 
         Raises:
             RunError: the records are not those that were appended, or the folder cannot be used.
@@ -350,12 +350,12 @@ class RunFolder:
             self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """The generation records from the `first` on, as plain JSON values. Raises RunError."""
+        """Generation records from generation `first` on, as plain JSON values. Raises RunError."""
         self._must_be_as_written(self._generations.path.name)
         return self._generations.read(first)
 
     def checked_records(self) -> Iterator[dict[str, Any]]:
-        """All generation records; those of a finished run are compared with their checksum.
+        """All generation records; those of a finished run are checked against their checksum.
 
         Raises:
             RunError: a line holds something else; or, after the last one, the records are not
@@ -376,12 +376,12 @@ class RunFolder:
         return (from_plain(GenerationRecord, record) for record in self.checked_records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """What the generations took, from the `first` on; `at` is ms since 1970."""
+        """Costs of the generations from `first` on; `at` is ms since 1970."""
         self._must_be_as_written(self._costs.path.name)
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
-        """The end of a finished run. Raises RunError where it cannot be told."""
+        """The content of summary.json. Raises RunError if it is missing or damaged."""
         file = self.path / "summary.json"
         self._must_be_as_written(file.name)
         with reading("a finished run's summary", file):
@@ -389,7 +389,7 @@ class RunFolder:
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})
-"""Folders in which MLflow keeps artifacts."""
+"""Folders with MLflow's artifacts."""
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:

@@ -25,7 +25,7 @@ Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
 
 
 def stamp(file: Path) -> Stamp:
-    """What changes when a file is written; None where there is no file."""
+    """A value that changes when a file is written; None if there is no file."""
     try:
         found = file.stat()
     except FileNotFoundError:
@@ -56,7 +56,7 @@ class Lines:
             yield self.value(line, i)
 
     def value(self, line: bytes, i: int) -> dict[str, Any]:
-        """What line `i` holds. Raises RunError."""
+        """The value of line `i`. Raises RunError if it is damaged."""
         with reading(f"{self.what} in line {i + 1}", self.path):
             return dict(validate_json(self.kind, line))
 
@@ -129,7 +129,7 @@ def read_digests(path: Path) -> list[str]:
 
 
 def wrong_record(lines: Sequence[bytes], expected: str, path: Path) -> str:
-    """What differs where `expected` is not the digest of all these lines; "" where it is.
+    """A text on the difference if `expected` is not the digest of all these lines; else "".
 
     `path` is the file of digests, by which the record is found.
     """

@@ -19,7 +19,7 @@ def take(lock: FileLock, folder: Path, busy: RunError) -> None:
 
 
 def locked(path: Path) -> bool:
-    """Whether a process holds the lock file now."""
+    """True if a process holds the lock file."""
     if not path.exists():
         return False
     try:

@@ -24,7 +24,7 @@ from islandgp.trust import must_have_no_links
 NAME: Final = "manifest.json"
 
 OUTSIDE: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
-"""Files without an entry: they change after the end, or go with it. Nor have hidden files one."""
+"""Files without an entry, as they change or are removed after the end; so are hidden files."""
 
 NEEDED: Final = (
     "about.json",
@@ -39,11 +39,11 @@ NEEDED: Final = (
 """Files of every finished run."""
 
 MADE_AGAIN: Final = frozenset({"best.bt", "lineage.csv", PAGE})
-"""Files that the run's command makes again from the others where they are missing."""
+"""Files that the run's command makes again from the others if they are missing."""
 
 
 class Damage(StrEnum):
-    """What happened to a file."""
+    """Kind of damage to a file."""
 
     CHANGED = "changed"
     MISSING = "missing"
@@ -52,7 +52,7 @@ class Damage(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DamagedFile:
-    """A file that is not as the run wrote it."""
+    """A file of a finished run that was changed, added or removed."""
 
     name: str
     damage: Damage
@@ -64,7 +64,7 @@ class DamagedFile:
 
 @dataclass(frozen=True, slots=True)
 class ManifestEntry:
-    """What a file was when the run ended."""
+    """Size and checksum of a file at the end of the run."""
 
     bytes: int
     sha256: str
@@ -72,7 +72,7 @@ class ManifestEntry:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What manifest.json holds."""
+    """Content of manifest.json."""
 
     files: dict[str, ManifestEntry]  # by name
 
@@ -87,7 +87,7 @@ def write_manifest(folder: Path, summary: bytes) -> None:
 
 
 def add_to_manifest(folder: Path, name: str) -> None:
-    """Writes down what a file of a finished run is now; nothing where the run has no manifest."""
+    """Updates the entry of a file of a finished run, if the run has a manifest."""
     found = read_manifest(folder)
     if found is not None:
         _write(folder, Manifest({**found.files, name: _entry(folder / name)}))
@@ -105,7 +105,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def damaged_files(folder: Path) -> list[DamagedFile]:
-    """The files of a finished run that are not as it wrote them; [] for an older version's.
+    """The damaged files of a finished run; [] for a run of an older version.
 
     Raises:
         RunError: the manifest is damaged.
@@ -120,7 +120,7 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
-    """Raises RunError where a file of a finished run is not as the run wrote it."""
+    """Raises RunError if a file of a finished run is damaged."""
     manifest = read_manifest(folder)
     found = None if manifest is None else _damage(folder / name, manifest)
     if found is not None:
@@ -128,7 +128,7 @@ def must_be_as_written(folder: Path, name: str) -> None:
 
 
 def is_as_written(folder: Path, name: str) -> bool:
-    """True if a file is there, and as the manifest has it where there is one. Raises RunError."""
+    """True if a file exists. Raises RunError if it differs from its entry in the manifest."""
     manifest = read_manifest(folder)
     return (folder / name).exists() and (
         manifest is None or _damage(folder / name, manifest) is None
@@ -151,7 +151,7 @@ def _damage(file: Path, manifest: Manifest) -> DamagedFile | None:
 
 
 def _names(folder: Path) -> Iterator[str]:
-    """The files that a manifest has an entry for."""
+    """The files of a folder that have an entry in a manifest."""
     must_have_no_links(folder)
     for file in sorted(folder.iterdir()):
         if not file.name.startswith(".") and file.name not in OUTSIDE:
@@ -170,7 +170,7 @@ def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry: 
 
 
 def _promised(folder: Path) -> bool:
-    """Whether about.json or summary.json says that the run has a manifest."""
+    """True if the run has a manifest according to about.json or summary.json."""
     for name in ("about.json", "summary.json"):
         try:
             if read_json((folder / name).read_bytes()).get("manifest"):

@@ -65,7 +65,7 @@ def without_credentials(text: str) -> str:
 
 
 def is_secret(key: str) -> bool:
-    """Whether a dotted key names a secret."""
+    """True if a dotted key is that of a secret."""
     *path, last = key.split(".")
     if not FREE.isdisjoint(path):
         at = next(i for i, part in enumerate(path) if part in FREE)

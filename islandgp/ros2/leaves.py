@@ -137,7 +137,7 @@ class RosLeaves:
 
 
 class _Clock:
-    """How long a leaf runs, and for how long its server has been away."""
+    """The running time of a leaf, and the time for which its server has been unavailable."""
 
     def __init__(self, timeout: float | None, server_timeout: float) -> None:
         self._timeout, self._server_timeout = timeout, server_timeout
@@ -148,7 +148,7 @@ class _Clock:
         self._seen = monotonic()
 
     def late(self, *, server_is_there: bool) -> str:
-        """Why the leaf has to fail now, or ""."""
+        """The reason why the leaf fails now, or ""."""
         now = monotonic()
         if server_is_there:
             self._seen = now

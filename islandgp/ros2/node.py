@@ -61,7 +61,7 @@ class TreeNode:
 
     @property
     def cancelling(self) -> bool:
-        """Whether a cancellation has not been answered yet."""
+        """True if a cancellation is not answered yet."""
         return any(not future.done() for future in self._actions.cancelling)
 
     def tick(self) -> NodeStatus | None:
@@ -126,7 +126,7 @@ class TreeNode:
 
 
 def _stamp(file: Path) -> tuple[object, ...]:
-    """What changes when the tree's file, or one that it includes, is written."""
+    """A value that changes when the tree's file or an included one is written."""
     try:
         text = file.read_text(encoding="utf-8")
         others = mentioned(text, file.parent)
@@ -136,7 +136,7 @@ def _stamp(file: Path) -> tuple[object, ...]:
 
 
 def holds(read: Callable[[], object], **_: object) -> bool:
-    """Whether a condition's field is true; without a value it is not."""
+    """True if a condition's field is true; False without a value."""
     return bool(read())
 
 

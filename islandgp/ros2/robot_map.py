@@ -1,4 +1,4 @@
-"""The file that says which action server, service or topic is behind each action and key."""
+"""The robot map: a file with the action server, service or topic of each action and key."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class ServiceCall(_Entry):
     type: Annotated[str, _type("srv")]
     request: dict[str, Any] = {}
     success: Annotated[str, _FIELD] | None = None
-    """Field of the response that says how the action ends; None: `success` where there is such a
-    field, else the action succeeds with any response."""
-    timeout: _Seconds = 5.0  # s, the service's absence included
+    """Field of the response with the action's result; None: `success` if there is such a field,
+    otherwise the action succeeds with any response."""
+    timeout: _Seconds = 5.0  # s, including the wait for the service
 
 
 class TopicKey(_Entry):
@@ -124,7 +124,7 @@ def read_map(file: Path) -> RobotMap:
 def _entry(
     place: str, entry: Any, kinds: dict[str, type[_Entry]], faults: list[str]
 ) -> _Entry | None:
-    """An entry by the word that says its kind; what is wrong with it is added to `faults`."""
+    """Parses an entry by the key of its kind; errors are added to `faults`."""
     words = [word for word in kinds if isinstance(entry, dict) and word in entry]
     if len(words) != 1:
         known = " or ".join(f"`{word}: NAME`" for word in kinds)

@@ -126,7 +126,7 @@ def _run_all(args: argparse.Namespace, words: list[str]) -> int:
 def _planned(
     args: argparse.Namespace, words: Sequence[str]
 ) -> tuple[Searched | None, list[Planned]]:
-    """The command's jobs; of a search the two ends. Many take a while, and it says so."""
+    """The command's jobs; of a search over configurations its two ends. Prints its progress."""
     if (search := searched(args, words, Path.cwd())) is not None:
         return search, list(search.ends)
     if args.run and args.multirun:
@@ -140,10 +140,10 @@ def _planned(
 
 
 def _start(words: Sequence[str], job: Job) -> None:
-    """Hands the command to Hydra, which calls `job` wherever its launcher says."""
+    """Starts Hydra with the command; its launcher calls `job`."""
     old = sys.argv
     sys.argv = ["islandgp", *words]
-    # Else Hydra prints a traceback of its own for a job's error, and exits with 1.
+    # Otherwise Hydra prints its own traceback for a job's error and exits with 1.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     try:
         hydra.main(version_base="1.3", config_path=str(resource("conf")), config_name="config")(
@@ -154,7 +154,7 @@ def _start(words: Sequence[str], job: Job) -> None:
 
 
 def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
-    """Help, a composed configuration, and what else Hydra shows without running anything."""
+    """Prints help, a composed configuration, or other information of Hydra without a run."""
     source = ConfigSource.of(args)
     parsed(args.overrides, source.loader())
     if args.hydra_help:  # which is about Hydra alone
@@ -170,7 +170,7 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
 
 
 def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
-    """The command's parts, and its words with the overrides first, wherever the options stood."""
+    """The parsed command, and its words with the overrides before the options."""
     args = get_args_parser().parse_intermixed_args(words)
     options = [word for word in words if word not in set(args.overrides)]
     return args, [*args.overrides, *options]
@@ -183,7 +183,7 @@ def _run_single(words: Sequence[str]) -> int:
         ConfigError: Hydra cannot start it.
         Exception: what the run raises.
     """
-    found: list[RunResult | Exception] = []
+    outcomes: list[RunResult | Exception] = []
 
     def job(config: DictConfig) -> None:
         try:
@@ -193,20 +193,20 @@ def _run_single(words: Sequence[str]) -> int:
             folder = run_folder(plain, overrides, home)
             end = run(settings, plain, folder, home=home, command=command_line(words))
             echo(end.text)
-            found.append(end)
+            outcomes.append(end)
         except Exception as error:  # Hydra would print the overrides, and any secret in them
-            found.append(error)
+            outcomes.append(error)
 
     try:
         _start(words, job)
     except Exception as error:
-        if found:
+        if outcomes:
             raise
         raise ConfigError(
             f"Expected Hydra to start the run, found that it cannot: {brief(error)}; change"
-            " what the command sets below hydra."
+            " the command's keys below hydra."
         ) from None
-    for outcome in found:
+    for outcome in outcomes:
         if isinstance(outcome, Exception):
             raise outcome
         if outcome.mostly_fallback:
@@ -221,14 +221,14 @@ SIGNS: Final = ("can't start new thread", "failed to map segment", "cannot alloc
 
 
 def shortage(error: BaseException) -> str:
-    """The message where an error, or one that led to it, is such a shortage; else \"\"."""
+    """The message for an error, or a cause of it, due to a lack of resources; else \"\"."""
     seen: BaseException | None = error
     while seen is not None:
         if isinstance(seen, OSError):
             short = seen.errno in SHORT
         else:
-            said = str(seen).lower()
-            short = isinstance(seen, MemoryError) or any(sign in said for sign in SIGNS)
+            text = str(seen).lower()
+            short = isinstance(seen, MemoryError) or any(sign in text for sign in SIGNS)
         if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"

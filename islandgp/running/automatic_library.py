@@ -71,7 +71,7 @@ def automatic_library(
 
 
 def library_file(settings: Settings, domain: Domain) -> Path:
-    """Where the library of these settings is kept, whether or not it has been searched for."""
+    """The file of the library for these settings, which need not exist."""
     shape = settings.model_dump(
         mode="json",
         include={
@@ -90,7 +90,7 @@ def library_file(settings: Settings, domain: Domain) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class KeptLibrary:
-    """What a search for a library has found."""
+    """The result of a search for a library."""
 
     episodes: int  # of the search, which count in the budget of each run that uses the library
     trees: dict[str, str]  # canonical texts by behaviour

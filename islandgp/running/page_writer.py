@@ -14,20 +14,20 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
 
-PERIOD: Final = 5.0  # s between two pages of a run that goes on, at least
-SHARE: Final = 0.02  # of a run's time that its pages may take
+PERIOD: Final = 5.0  # s between two pages of an unfinished run, at least
+SHARE: Final = 0.02  # most of a run's time that is spent on pages
 
 
 class PageWriter:
-    """Writes the page of one run. No fault of a page ends a run: a line tells of the first one."""
+    """Writes the page of one run. Errors do not stop the run; the first one is printed."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._folder = folder
         self._due = monotonic()
-        self._told = False
+        self._warned = False
 
     def generation(self) -> None:
-        """The folder holds one more generation: writes a new page if it is time for one."""
+        """Called after each generation; writes a new page if the last one is old enough."""
         began = monotonic()
         if began < self._due:
             return
@@ -36,7 +36,7 @@ class PageWriter:
         self._due = ended + max(PERIOD, (ended - began) / SHARE)
 
     def end(self, status: Status) -> None:
-        """Writes the last page, with the champion's replay where the run is finished."""
+        """Writes the last page, with the champion's replay if the run is finished."""
         if self._folder.begun():
             self._try(status)
 
@@ -44,13 +44,13 @@ class PageWriter:
         try:
             write_page(self._folder, status)
         except RunError as error:
-            if not self._told:
-                self._told = True
+            if not self._warned:
+                self._warned = True
                 print(f"islandgp: no new {NAME_OF_PAGE}: {brief(error)}", file=sys.stderr)
 
 
 def write_page(folder: RunFolder, status: Status) -> Path:
-    """Writes the page of a run as its folder is; returns its path. Raises RunError."""
+    """Writes the page of a run from its folder; returns its path. Raises RunError."""
     path = folder.path / NAME_OF_PAGE
     with usable(folder.path), reading("the records of a run", folder.path):
         replay = _replay(folder) if status is Status.FINISHED else ""
@@ -62,9 +62,9 @@ def write_page(folder: RunFolder, status: Status) -> Path:
 
 
 def _replay(folder: RunFolder) -> str:
-    """The champion's replay; "" where its episode cannot be recorded.
+    """The champion's replay; "" if its episode cannot be recorded.
 
-    A domain of the user's own may fail in any way when it is observed, or be gone by now.
+    A domain of the user may raise any exception when it is observed, or no longer exist.
     """
     try:
         return champion_replay(folder)

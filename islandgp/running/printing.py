@@ -22,7 +22,7 @@ FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 @contextmanager
 def checked_stdout() -> Iterator[None]:
-    """What is printed in this context arrives, with `?` for characters that the output lacks.
+    """Context that flushes the standard output; `?` replaces characters that it cannot encode.
 
     Raises:
         IslandError: the output takes no more.
@@ -50,7 +50,7 @@ def checked_stdout() -> Iterator[None]:
 
 
 def _drop(stream: TextIO) -> None:
-    """What is not written yet goes nowhere: else the interpreter tries again at its end."""
+    """Drops unwritten output, which the interpreter would otherwise try to write at its exit."""
     with suppress(OSError, ValueError):  # a stream without a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 

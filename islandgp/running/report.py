@@ -16,9 +16,9 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import title
 
 MOSTLY_FALLBACK: Final = (
-    "expected the language model to supervise, found that the fallback gave more of the answers"
+    "expected the language model to supervise, found that the fallback gave more of the guidance"
     " than supervisor.policy.most_fallback allows: this is a run of the fallback. The record's"
-    " notes tell why; mend that and run again with resume=never, or raise most_fallback."
+    " notes have the reasons; correct them and run again with resume=never, or raise most_fallback."
 )
 
 
@@ -97,12 +97,12 @@ def report(target: RunFolder) -> str:
 
 
 def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
-    """Whether a finished run relied on its fallback more than its settings allow."""
+    """True if the fallback's share of a finished run exceeds `most_fallback`."""
     return bool(summary.get("mostly_fallback"))  # a run of an older version lacks it
 
 
 def _supervision(target: RunFolder, given: Mapping[str, int]) -> Iterator[str]:
-    """Whose answers guided the run, and what a language model's took."""
+    """Lines on the sources of the guidance and the costs of a language model."""
     if given.get("fallback"):
         part = f", {given['in_part']:,} of them in part" if given["in_part"] else ""
         share = f"{given['fallback']:,} of {given['total']:,}"
@@ -132,7 +132,7 @@ def _dollars(spent: Mapping[str, float]) -> str:
 
 
 def validated(champion: Mapping[str, Any]) -> Iterator[str]:
-    """What the run's best robot is worth in worlds that trained no tree, in lines for people."""
+    """Lines on the results of the best robot in validation worlds."""
     best = f"Best robot: individual {champion['record']['id']}"
     v = champion["validation"]
     if v is None:
@@ -153,7 +153,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
 
 
 def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
-    """Whether the best robot keeps the constraints, in a line for people; none without any."""
+    """A line on the feasibility of the best robot; none without constraints."""
     v = summary["champion"]["validation"]
     if "constraints" not in summary:
         return

@@ -22,7 +22,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, identity_config, runtime_keys
 
 AGAIN: Final = "~"
-"""Comes before the number in the name of a repeated run's folder; no other folder has it."""
+"""Precedes the number in the folder's name of a repeated run; other names do not have it."""
 
 
 def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:
@@ -64,7 +64,7 @@ def start_digest(settings: Settings) -> str:
 
 
 def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """Whether the archive differs from the one that the run began with. Raises RunError."""
+    """True if the archive differs from the one that the run began with. Raises RunError."""
     try:
         return start_digest(settings) != before
     except RunError:
@@ -93,11 +93,11 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 def about_run(
     settings: Settings, config: Mapping[str, Any], target: RunFolder, home: Path, command: str
 ) -> RunMetadata:
-    """The same id and start as before, where a run goes on."""
+    """The metadata of a run; a resumed run keeps its id and start."""
     before = target.about()
     shaping, start = identity_config(config), start_digest(settings)
     if start:
-        shaping["start"] = start  # wherever the archive is
+        shaping["start"] = start  # in place of the archive's path
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
     return RunMetadata(
         id=before.id if before else uuid4().hex,
@@ -124,7 +124,7 @@ def about_run(
 def domain_code(settings: Settings) -> str:
     """A digest of the domain's source: its module, or all modules of the package that it is in.
 
-    "" for the domains of islandgp, whose code the tag `code` tells, and for one without a file.
+    "" for the domains of islandgp, whose code is in the tag `code`, and for one without a file.
     """
     module = sys.modules[settings.domain.factory.__module__]
     if module.__name__.startswith("islandgp.") or not getattr(module, "__file__", None):
@@ -142,7 +142,7 @@ def _code_version() -> str:
     """The package's version and, in a checkout, its commit: `0.1.0+6ba196d8d3f1-dirty`."""
     try:
         release = version("islandgp")
-    except PackageNotFoundError:  # run from a checkout that was never installed
+    except PackageNotFoundError:  # run from a checkout that is not installed
         release = "0"
     commit = _commit(Path(__file__).resolve().parents[2])
     return f"{release}+{commit}" if commit else release
@@ -161,7 +161,7 @@ def _commit(checkout: Path) -> str:
 
 
 def _git(checkout: Path, *words: str) -> str:
-    """What a git command prints; "" if it fails."""
+    """The output of a git command; "" if it fails."""
     try:
         found = subprocess.run(
             ["git", "--no-optional-locks", *words],

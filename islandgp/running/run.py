@@ -52,25 +52,25 @@ class Pruned(Exception):
 
 
 Judge = Callable[[int, float], None]
-"""Takes a generation and its highest fitness; may raise Pruned."""
+"""Called with a generation and its highest fitness; may raise Pruned."""
 
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """How a finished run ended."""
+    """Result of a finished run."""
 
-    text: str  # its result, for people
-    mostly_fallback: bool  # its fallback gave more of the answers than its settings allow
+    text: str  # summary for the console
+    mostly_fallback: bool  # the fallback's share exceeds `most_fallback`
 
 
 @dataclass(slots=True)
 class LibraryCost:
-    """Episodes of the search for the library that a run has used; 0 until it uses one."""
+    """Episodes of the search for a run's library; 0 until the run loads it."""
 
     episodes: int = 0
 
     def of(self, library: Library) -> Library:
-        """The library, whose cost is kept."""
+        """Stores the cost of a library and returns the library."""
         self.episodes = library.episodes
         return library
 
@@ -78,7 +78,7 @@ class LibraryCost:
 def run_context(
     settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
 ) -> RunContext:
-    """What a run gives to its supervisor, which need not work out what the search does not take."""
+    """The arguments of a supervisor's `make`; parts that the search does not use are off."""
     cost, uses = cost or LibraryCost(), settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
@@ -104,9 +104,9 @@ def run_context(
 
 
 def make_library(settings: Settings, domain: Domain) -> Library:
-    """The trees that supervisors inject. Raises ConfigError, TreeError.
+    """Loads the library of trees to inject. Raises ConfigError or TreeError.
 
-    Without a folder a tree for each behaviour is searched for, once for all runs in `runs`.
+    Without a folder a search finds a tree for each behaviour, once for all runs in `runs`.
     """
     how, vocabulary = settings.library, domain.schema.vocabulary
     if how.folder is None:
@@ -116,9 +116,9 @@ def make_library(settings: Settings, domain: Domain) -> Library:
 
 
 def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None) -> Plan:
-    """What a run is made of, with the trees that open its population: a library's or an archive's.
+    """The plan of a run, with the first trees of its population from a library or an archive.
 
-    Raises ConfigError, RunError, TreeError where these cannot be had.
+    Raises ConfigError, RunError or TreeError if these cannot be loaded.
     """
     plan = settings.plan(domain)
     if settings.start is not None:
@@ -135,23 +135,30 @@ def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None)
 def make_supervisor(
     settings: Settings, folder: Path | None, cost: LibraryCost | None = None
 ) -> Supervisor:
-    """The supervisor that the settings choose. Raises SupervisionError when it cannot work."""
+    """Makes the configured supervisor. Raises SupervisionError if it cannot work."""
     part = settings.supervisor
     with plugin_errors(path_of(part.factory)):
         context = run_context(settings, folder, cost)
         supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
-            made = type(supervisor).__name__
-            raise TypeError(f"expected make to return a supervisor, with advise, found {made}")
+            kind = type(supervisor).__name__
+            raise TypeError(f"expected make to return a supervisor, with advise, found {kind}")
     return supervisor
 
 
 def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
-    """Raises SupervisionError where the supervisor could not work, e.g. without a key.
+    """Checks the parts of a run before it starts.
 
-    A tracker that could not raises TrackingError, a search ConfigError, an archive to start from
-    that cannot be had RunError or ConfigError. `coming` are the folders of the runs that the
-    same command makes before this one.
+    Args:
+        settings: of the run.
+        coming: folders of the runs that the same command does before this one.
+
+    Raises:
+        SupervisionError: the supervisor cannot work, e.g. without a key.
+        TrackingError: the tracker cannot store runs.
+        ConfigError: the search does not support the settings, or the archive of `start` is of
+            another domain.
+        RunError: the archive of `start` is missing or damaged.
     """
     if settings.start is not None:
         plan_of(settings, settings.make_domain())
@@ -168,11 +175,11 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
 
 
 def make_search(settings: Settings, plan: Plan) -> Search:
-    """The search that the settings choose. Raises ConfigError, TreeError, PartError."""
+    """Makes the configured search. Raises ConfigError, TreeError or PartError."""
     part = settings.search
 
     def library() -> Mapping[str, Node]:
-        """The trees of the library's folder; {} where there is none, as finding some is costly."""
+        """The trees of the library's folder; {} without a folder, as a search is expensive."""
         if settings.library.folder is None:
             return {}
         return make_library(settings, settings.make_domain()).trees
@@ -183,7 +190,7 @@ def make_search(settings: Settings, plan: Plan) -> Search:
 
 
 def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
-    """The evaluator that the settings choose; `perturbed` as in `Settings.problem`."""
+    """Makes the configured evaluator; `perturbed` as in `Settings.problem`."""
     part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
     evaluator: Evaluator = part.factory.make(part.settings(), problem)
     return Cached(evaluator) if part.cache else evaluator
@@ -199,21 +206,24 @@ def run(
     keep_display: bool = True,
     judge: Judge | None = None,
 ) -> RunResult:
-    """Runs an experiment, or what is missing of it.
+    """Runs an experiment, or continues an interrupted run.
 
     Args:
         settings: of the run.
-        config: the resolved configuration that they were read from.
+        config: the resolved configuration of the settings.
         folder: of the run.
-        home: the folder in which the command was given.
-        command: that does the run again.
-        keep_display: whether the live display stays on the terminal.
-        judge: gets each generation with its highest fitness, also those before a resumption.
+        home: working folder of the command.
+        command: that repeats the run, for its metadata.
+        keep_display: True: the live display stays on the terminal.
+        judge: called with each generation and its highest fitness, also for recorded ones.
+
+    Returns:
+        The result of the finished run.
 
     Raises:
-        Pruned: as `judge`.
+        Pruned: raised by `judge`.
         RunError: the folder belongs to another configuration or another process.
-        EvaluationError, SupervisionError: the run cannot go on; what it has is kept.
+        EvaluationError, SupervisionError: the run cannot continue; its records are kept.
     """
     trust(names_in(config))  # the user's own; a launcher may have started this process
     config = redacted(config)

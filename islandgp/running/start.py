@@ -1,6 +1,6 @@
-"""The trees of another run's archive, which open generation 0 (`start=RUN`).
+"""Trees of another run's archive for generation 0 (`start=RUN`).
 
-They are text that is parsed in the words of this run's domain, and nothing of a file is executed.
+They are texts, parsed with the vocabulary of this run's domain; no code of the file is executed.
 """
 
 from __future__ import annotations
@@ -17,31 +17,34 @@ from islandgp.records.archive_file import read_archive
 
 @dataclass(frozen=True, slots=True)
 class StartTrees:
-    """What a run takes of an archive."""
+    """Trees of an archive that a run starts with."""
 
-    trees: tuple[Node, ...]  # best first, at most as many as a population has
-    left_out: int  # better or equal trees that this run cannot have
-    why: str  # the reason of the first of them, or ""
+    trees: tuple[Node, ...]  # best first, at most the population's size
+    left_out: int  # number of unusable trees that are at least as good
+    why: str  # reason for the first of them, or ""
 
 
 def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> StartTrees:
-    """The best trees of an archive that a run can have.
+    """The best usable trees of an archive.
 
     Args:
         start: a run's folder, or its archive.json.
         vocabulary: of this run's domain.
         limits: of this run's trees.
-        most: trees.
+        most: maximum number of trees, >= 1.
+
+    Returns:
+        The trees, with the number of those left out.
 
     Raises:
-        ConfigError: the archive is of another domain, or this run can have none of its trees.
+        ConfigError: the archive is of another domain, or has no usable tree.
         RunError: there is no archive, or it is damaged.
     """
     archive, _ = read_archive(Path(start))
     if archive.domain != vocabulary.domain:
         raise ConfigError(
             f"start={start}: expected an archive of the domain {vocabulary.domain}, found one of"
-            f" {archive.domain}; give a run of this domain, in whatever world."
+            f" {archive.domain}; give a run of this domain, in any world."
         )
     trees: list[Node] = []
     reasons: list[str] = []
@@ -60,7 +63,7 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
     if not trees:
         why = f" ({reasons[0]})" if reasons else ""
         raise ConfigError(
-            f"start={start}: expected trees that this run can have, found none{why}; give another"
+            f"start={start}: expected trees that this run can use, found none{why}; give another"
             " run, or raise the limits."
         )
     return StartTrees(tuple(trees), len(reasons), reasons[0] if reasons else "")

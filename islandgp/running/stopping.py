@@ -13,24 +13,24 @@ from typing import Final
 from islandgp.startup import stop_at_once
 
 AGAIN: Final = 0.05
-"""Seconds until a signal that was lost comes again."""
+"""Seconds after which a lost signal is raised again."""
 
 
 @contextmanager
 def as_ctrl_c(*names: str) -> Iterator[None]:
-    """These signals, by name, raise KeyboardInterrupt while the context lasts, as SIGINT does.
+    """Context in which these signals raise KeyboardInterrupt, as SIGINT does.
 
-    One that is ignored stays ignored, as under `nohup`; one that the system does not have
-    is left out. After a signal an error counts as KeyboardInterrupt: libraries that are
-    interrupted may raise one of their own in its place. A signal that comes while a finalizer
-    runs, through which Python lets no exception, comes again when that is over.
+    Ignored signals stay ignored, as under `nohup`; signals that the system does not have are
+    skipped. After a signal any error is replaced by KeyboardInterrupt, because interrupted
+    libraries may raise errors of their own. A signal during a finalizer, where Python drops
+    exceptions, is raised again after AGAIN seconds.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
     asked: KeyboardInterrupt | None = None
-    tell = sys.unraisablehook
+    old_hook = sys.unraisablehook
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
         nonlocal asked
@@ -39,7 +39,7 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
 
     def lost(unraisable: sys.UnraisableHookArgs) -> None:
         if asked is None or unraisable.exc_value is not asked:
-            tell(unraisable)
+            old_hook(unraisable)
             return
         again = threading.Timer(AGAIN, signal.raise_signal, asked.args)
         again.daemon = True
@@ -59,6 +59,6 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
             raise KeyboardInterrupt from error
         raise
     finally:
-        sys.unraisablehook = tell
+        sys.unraisablehook = old_hook
         for number, handler in old.items():
             signal.signal(number, handler)

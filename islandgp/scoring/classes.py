@@ -55,22 +55,22 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
     better_than: Name | None = None  # the tier that comes next; None: the place in the table
 
     def values_hold(self, o: Outcome) -> bool:
-        """Whether an outcome has the values of this row."""
+        """True if an outcome meets the conditions of this row."""
         return all(o.measure(name) >= v for name, v in self.at_least.items()) and all(
             o.measure(name) > v for name, v in self.above.items()
         )
 
 
 class Classes(BaseModel, frozen=True, extra="forbid"):
-    """How individuals are told apart."""
+    """Behaviours, specialist classes and tiers of individuals."""
 
     behaviours: dict[Name, str] = Field(min_length=1)  # the counter of each
     specialists: Specialists
     tiers: dict[Name, Tier] = Field(min_length=1)  # best first
     milestones: tuple[Name, ...] = Field(min_length=1)
-    """Tiers that runs are judged by, the easiest first: their first robots are told."""
+    """Tiers by which runs are compared, the easiest first; their first robots are reported."""
     agent: str = Field(default="Robot", min_length=1, max_length=40)
-    """What an individual is called in titles, such as Robot or Lander; its plural has an s."""
+    """Term for an individual in titles, such as Robot or Lander; its plural has an s."""
     hardest: tuple[Name, ...] = ()
     """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
     it. Behaviours that are not named follow, the last one first."""
@@ -132,7 +132,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         return tuple(chain)
 
     def faults(self, schema: Schema) -> Iterator[str]:
-        """What does not fit the domain, a line each."""
+        """A line for each name that the domain does not declare."""
         for name, counter in self.behaviours.items():
             yield from unknown(f"classes.behaviours.{name}", counter, schema.counters)
         known = {**schema.counters, "fitness": None}
@@ -147,7 +147,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
 
     def tier_title(self, tier: str) -> str:
-        """What an individual of a tier is called: `full_service` is a Full Service Robot."""
+        """The name of a tier's individuals: `full_service` is a Full Service Robot."""
         return f"{title(tier)} {self.agent}"
 
     @property
@@ -158,13 +158,13 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def kept(self) -> tuple[str, ...]:
-        """What behavioural elites and resurrection care for: working classes, then labels."""
+        """The behaviours of behavioural elites and resurrection: working classes, then labels."""
         s = self.specialists
         return (*s.of, s.mixed, *(name for name in self.behaviours if name not in s.of))
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """What a tree can be for: the rows of Table 7."""
+        """The targets of trees: the rows of Table 7."""
         return (*self.behaviours, *AIMS)
 
 

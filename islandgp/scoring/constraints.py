@@ -20,7 +20,7 @@ from islandgp.errors import RunError, brief
 
 
 class Bound(BaseModel, frozen=True, extra="forbid"):
-    """What a counter may be, as the mean over an individual's episodes."""
+    """Limits of a counter's mean over an individual's episodes."""
 
     at_least: FiniteFloat | None = Field(None)  # in the counter's unit; None: any
     at_most: FiniteFloat | None = Field(None)  # in the counter's unit; None: any
@@ -59,7 +59,7 @@ def violation(counters: Mapping[str, float], constraints: Constraints) -> float:
 
 
 def merit(fitness: float, violation: float) -> Merit:
-    """What individuals are ordered by."""
+    """Sort key of individuals: feasible before fit."""
     return -violation, fitness
 
 

@@ -43,7 +43,7 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
         return self
 
     def faults(self, schema: Schema) -> Iterator[str]:
-        """What does not fit the domain, a line each."""
+        """A line for each name that the domain does not declare."""
         for i, stage in enumerate(self.stages):
             for name in stage.multipliers:
                 path = f"curriculum.stages.{i}.multipliers.{name}"

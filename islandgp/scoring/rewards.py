@@ -11,7 +11,7 @@ from islandgp.domain import Schema
 
 
 class Band(BaseModel, frozen=True, extra="forbid"):
-    """What an event earns while its amount is below a level."""
+    """Points of an event whose amount is below a level."""
 
     below: FiniteFloat  # levels under this one
     points: FiniteFloat  # that they earn
@@ -20,11 +20,11 @@ class Band(BaseModel, frozen=True, extra="forbid"):
 class Reward(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 3: what one event earns by its amount. Penalties are negative."""
 
-    component: str  # of the fitness, that the points belong to
-    base: FiniteFloat = 0  # points, whatever the amount
-    per_unit: FiniteFloat = 0  # points for each unit of the amount
-    bands: tuple[Band, ...] = ()  # by rising level; the first that holds replaces the two above
-    over: FiniteFloat | None = None  # an amount up to this earns nothing
+    component: str  # of the fitness, to which the points are added
+    base: FiniteFloat = 0  # points per event
+    per_unit: FiniteFloat = 0  # points per unit of the amount
+    bands: tuple[Band, ...] = ()  # by rising level; the first that applies replaces the two above
+    over: FiniteFloat | None = None  # amounts up to this earn nothing
 
     @model_validator(mode="after")
     def _rising(self) -> Reward:
@@ -50,7 +50,7 @@ class RewardTable(BaseModel, frozen=True, extra="forbid"):
     maxima: dict[str, FiniteFloat] = Field(default_factory=dict)  # by component, for Eq. (2)
 
     def faults(self, schema: Schema) -> Iterator[str]:
-        """What does not fit the domain, a line each."""
+        """A line for each name that the domain does not declare."""
         for event, reward in self.events.items():
             yield from unknown(f"rewards.events.{event}", event, schema.events)
             where = f"rewards.events.{event}.component"
@@ -76,7 +76,7 @@ NOTHING: Final = Reward(component="")
 
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
-    """What one event adds to the fitness, by its amount: a term of Eq. (1)."""
+    """Points of an event by its amount: a term of Eq. (1)."""
     shares = table.maxima if table.normalize else {}
     rows = {}
     for event, reward in table.events.items():

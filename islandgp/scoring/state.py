@@ -20,7 +20,7 @@ from islandgp.scoring.generation_stats import GenerationStats
 
 
 class Crisis(BaseModel, frozen=True, extra="forbid"):
-    """When evolution is in a crisis, and the rate that is then enforced."""
+    """Conditions of a crisis, and the mutation rate that is then enforced."""
 
     diversity_below: float = Field(ge=0, le=1)  # Eq. (7): threshold of Eq. (3)
     stagnant_epochs_above: float = Field(ge=0)  # Eq. (7): epochs without a better best
@@ -38,7 +38,7 @@ class Crisis(BaseModel, frozen=True, extra="forbid"):
 
 
 class StateSettings(BaseModel, frozen=True, extra="forbid"):
-    """How trends and plateaus are read from the history."""
+    """Windows for trends and plateaus of the history."""
 
     window: int = Field(ge=2, le=50)  # generations that a trend looks back
     improvement: float = Field(ge=0, le=1)  # share by which a best must rise to count as better
@@ -84,7 +84,7 @@ class PopulationState:
 
     @property
     def ever_quality(self) -> bool:
-        """Whether a robot of the first milestone has ever existed."""
+        """True if a robot of the first milestone has existed."""
         return next(iter(self.reached.values()))
 
 

@@ -1,4 +1,4 @@
-"""What the searches beside the paper's share: random trees, children, and the order of slots."""
+"""Common parts of all searches but the paper's: random trees, children, and the order of slots."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TRIES: Final = 30  # attempts at a tree that was not tried before
 
 
 class Breeding(BaseModel, frozen=True, extra="forbid"):
-    """How new trees are made."""
+    """Settings of new trees."""
 
     lists: float = Field(ge=0, le=1)  # share of random trees that are priority lists
     crossover_rate: float = Field(ge=0, le=1)  # share of children with two parents
@@ -53,7 +53,7 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
 
 
 def digest(tree: Node) -> str:
-    """12 hexadecimal digits that tell trees apart."""
+    """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
     return sha256(to_text(tree).encode()).hexdigest()[:12]
 
 
@@ -134,7 +134,7 @@ CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated a
 
 @dataclass(frozen=True, slots=True)
 class Brood:
-    """What a generation is made of, besides a supervisor's trees."""
+    """The parts of a generation, without a supervisor's trees."""
 
     pick: Pick | None = None  # of the children's parents; None: random trees in place of children
     again: Sequence[Parent] = ()  # trees that are evaluated again, the most important first

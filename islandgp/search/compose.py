@@ -69,7 +69,7 @@ def priority_lists(
 
 
 class ComposeSettings(BaseModel, frozen=True, extra="forbid"):
-    """How many orders race."""
+    """Number of orders in the race."""
 
     orders: int = Field(ge=1)  # at most
     finalists: int = Field(ge=1)  # that race to the end

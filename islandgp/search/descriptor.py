@@ -1,4 +1,4 @@
-"""Behaviour descriptors: the counters by which MAP-Elites and novelty search tell trees apart."""
+"""Behaviour descriptors: vectors of counters for MAP-Elites and novelty search."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from islandgp.domain import Outcome, Schema
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import unknown
 
-FAR: Final = 1e30  # bins; further away nothing is told apart
+FAR: Final = 1e30  # bins; greater distances are clipped
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ Descriptor = tuple[Annotated[str, AfterValidator(_readable)], ...]
 
 
 def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
-    """What a descriptor's settings say; the behaviours' counters where they say nothing."""
+    """The dimensions by the settings; by default the behaviours' counters."""
     return tuple(dimension(text) for text in texts or dict.fromkeys(classes.behaviours.values()))
 
 

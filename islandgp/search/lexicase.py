@@ -30,7 +30,7 @@ from islandgp.search.breeding import (
 
 
 class LexicaseSettings(BreedingSettings, frozen=True):
-    """What individuals are selected by."""
+    """Criteria of the selection."""
 
     cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
     elites: int = Field(ge=0)  # fittest of a generation that are evaluated again in the next one

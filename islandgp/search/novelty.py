@@ -1,4 +1,4 @@
-"""Novelty search: parents are those that do something new, whatever it earns.
+"""Novelty search: parents are selected by the novelty of their behaviour, not by fitness.
 
 Lehman and Stanley 2011, "Abandoning Objectives: Evolution Through the Search for Novelty Alone",
 Evolutionary Computation 19(2). An individual's novelty is its mean distance to the k nearest
@@ -33,7 +33,7 @@ Places = tuple[tuple[float, ...], ...]
 
 
 class NoveltySettings(BreedingSettings, frozen=True):
-    """What novelty is, and who becomes a parent."""
+    """Settings of the novelty and of the selection of parents."""
 
     descriptor: Descriptor
     """Counters, or COUNTER/WIDTH for a linear scale; none: the behaviours' counters."""

@@ -33,7 +33,7 @@ from islandgp.search.pareto import crowded_order
 
 
 class Nsga2Settings(BreedingSettings, frozen=True):
-    """What is maximised, and how many survive."""
+    """Objectives, and the number of survivors."""
 
     objectives: tuple[str, ...]
     """Of `fitness`, `nodes` and counters, after a `-` what is minimised; none: the fitness and the

@@ -70,7 +70,7 @@ class Threshold:
 
 @dataclass(frozen=True, slots=True)
 class EpisodePlan:
-    """What the episodes of a budget are spent on."""
+    """Division of a budget of episodes."""
 
     population: int  # trees of a generation
     generations: int  # at most: the search stops early where it has converged
@@ -80,7 +80,7 @@ class EpisodePlan:
 
 @dataclass(frozen=True, slots=True)
 class NumberSettings:
-    """How far and how long thresholds are searched."""
+    """Range and budget of the search for thresholds."""
 
     episodes: int = 9_600  # at most, in all
     worlds: int = 16  # new ones of each generation, >= LEAST_WORLDS
@@ -88,7 +88,7 @@ class NumberSettings:
     sigma: float = 0.1  # first standard deviation, in ranges of a key
 
     def plan(self, dimensions: int) -> EpisodePlan:
-        """How the episodes are spent on so many thresholds.
+        """The division of the episodes for a number of thresholds.
 
         Raises:
             ConfigError: they are too few for one generation, the race and the comparison.
@@ -121,7 +121,7 @@ class NumberComparison:
 
     @property
     def accepted(self) -> bool:
-        """Whether the whole interval of the difference is above 0."""
+        """True if the whole interval of the difference is above 0."""
         return self.difference[1] > 0
 
 
@@ -141,7 +141,7 @@ class EpisodeCosts:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """What came of tuning a tree."""
+    """The result of tuning a tree."""
 
     text: str  # with the new values if they are accepted, else as it was, to the letter
     thresholds: tuple[Threshold, ...]

@@ -32,7 +32,7 @@ def ranks(
 ) -> np.ndarray[Any, np.dtype[np.int64]]:
     """The front of each row: 0 for those that no row dominates, 1 without these, and so on.
 
-    A smaller violation dominates a larger one, whatever the points (section VI).
+    A smaller violation dominates a larger one regardless of the points (section VI).
     """
     broken = np.zeros(len(points)) if violations is None else np.array(violations)
 

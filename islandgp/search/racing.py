@@ -39,7 +39,7 @@ from islandgp.seeding import Stream, Streams
 
 
 class RacingSettings(BreedingSettings, frozen=True):
-    """How many survive, how they are compared, and how children are made."""
+    """Number of survivors, their comparison, and the making of children."""
 
     random: int = Field(ge=1, le=1000)  # generations of random trees before the first children
     survivors: float = Field(gt=0, le=10)  # as a share of the population
@@ -52,8 +52,8 @@ class RacingSettings(BreedingSettings, frozen=True):
     specialists: float = Field(ge=0, le=1)
     """Share of mothers chosen by lexicase selection over the last generation's episodes.
 
-    A tree that is far better than all others in one world has children then, whatever it earns
-    in the others. Without effect where an individual has one episode.
+    Lexicase selection favours trees that are best in some world even if they are poor in others.
+    No effect with one episode per individual.
     """
 
 
@@ -145,7 +145,7 @@ class Racing(BreedingSearch[RacingSettings]):
         )
 
     def _bonus(self, e: Evaluated) -> float:
-        """What milestones and behaviours are worth, in standard deviations.
+        """Bonuses for milestones and behaviours, in standard deviations.
 
         Both are steps towards a good robot that may cost points at first.
         """

@@ -25,7 +25,7 @@ from islandgp.seeding import Stream, Streams
 
 
 class RandomSearchSettings(BaseModel, frozen=True, extra="forbid"):
-    """Which random trees."""
+    """Settings of the random trees."""
 
     lists: float = Field(ge=0, le=1)  # share of priority lists; the others are as `gp.trees` has it
 

@@ -61,7 +61,7 @@ class Profile:
 
 @dataclass(frozen=True, slots=True)
 class ImprovementTest:
-    """Whether the chance of improvement differs from one half, two-sided."""
+    """Two-sided test that the probability of improvement differs from one half."""
 
     p: float
     kind: str  # EXACT, EXACT_PAIRS, NORMAL, or a kind of `rank_test`
@@ -185,7 +185,7 @@ def _improvement(x: Any, y: Any, different: int, places: Any, others: Any) -> An
 
 
 def _counts(codes: Any, different: int) -> Any:
-    """How often each code below `different` is in each row."""
+    """Number of occurrences of each code below `different` in each row."""
     rows = np.arange(len(codes))[:, None] * different
     return np.bincount((codes + rows).ravel(), minlength=len(codes) * different).reshape(
         len(codes), different
@@ -230,7 +230,7 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
 
 
 def thresholds(*arms: Strata) -> tuple[float, ...]:
-    """Where the profiles of some arms step: at each of their scores.
+    """Thresholds at which the profiles of some arms change: each of their scores.
 
     Where these are more than MOST_THRESHOLDS, as many places that are evenly spread.
     """
@@ -342,7 +342,7 @@ def _with_ends(estimate: float, found: Any) -> Interval:
 
 
 def _enough(samples: Sequence[Any]) -> bool:
-    """Whether an arm has runs enough for an interval."""
+    """True if an arm has enough runs for an interval."""
     sizes = [len(each) for each in samples]
     return sum(sizes) >= FEWEST and (len(sizes) == 1 or min(sizes) >= FEWEST_A_WORLD)
 

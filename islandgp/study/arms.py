@@ -1,4 +1,4 @@
-"""The nouns of a comparison: a run as the study reads it, and an arm of runs."""
+"""The data of a comparison: runs, arms and pairs of arms."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Run:
 
     @property
     def seed(self) -> int:
-        """Of every draw of the run."""
+        """The run's seed."""
         return int(self.config["seed"])
 
     @property
@@ -52,17 +52,17 @@ class Run:
 
     @property
     def name(self) -> str:
-        """What the sweep is called."""
+        """The sweep's name."""
         return str(self.config["name"])
 
     @property
     def classes(self) -> Classes:
-        """How its individuals are told apart."""
+        """The behaviours, classes and tiers of its individuals."""
         return Classes(**self.config["classes"])
 
     @property
     def snapshots(self) -> tuple[GenerationStats, ...]:
-        """The generations in numbers."""
+        """The statistics of each generation."""
         return tuple(r.snapshot for r in self.records)
 
     @property
@@ -87,7 +87,7 @@ class Arm:
     """Runs that differ in their seed alone."""
 
     name: str
-    selection: str  # what the user asked for
+    selection: str  # as given by the user
     runs: tuple[Run, ...]  # by seed
 
     @property
@@ -97,25 +97,25 @@ class Arm:
 
     @property
     def generations(self) -> int:
-        """How many each run has; the fewest, if they differ."""
+        """Number of generations of each run; the lowest, if they differ."""
         return min(len(r.records) for r in self.runs)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two or more arms, and what stands against comparing them."""
+    """Arms to compare, with warnings about confounded settings."""
 
     arms: tuple[Arm, ...]
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
-    notes: tuple[str, ...]  # what a reader should know besides
-    sources: tuple[str, ...]  # where the runs were looked for
+    notes: tuple[str, ...]  # further notes for the reader
+    sources: tuple[str, ...]  # folders or stores of the runs
     paper: PublishedFigures | None = (
         None  # published figures to show beside; None: there are none of the kind
     )
 
     @property
     def classes(self) -> Classes:
-        """How individuals are told apart: behaviours and tiers have the same names in all arms."""
+        """The classes; behaviours and tiers have the same names in all arms."""
         return self.arms[0].runs[0].classes
 
     @property
@@ -130,12 +130,12 @@ class Comparison:
 
     @property
     def generations(self) -> int:
-        """How many generations all arms have."""
+        """Number of generations that all arms have."""
         return min(a.generations for a in self.arms)
 
 
 def cut(run: Run, generations: int) -> Run:
-    """The run as if it had ended after so many generations.
+    """The run cut after a number of generations.
 
     Its champion is then the fittest individual of the last stage, which no other world has seen.
     """

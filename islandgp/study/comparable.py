@@ -1,4 +1,4 @@
-"""Whether arms can be compared: they differ in what is studied, and in nothing else."""
+"""Checks that arms are comparable: that they differ only in the studied settings."""
 
 from __future__ import annotations
 
@@ -44,20 +44,29 @@ def compare_arms(
     notes: Sequence[str] = (),
     sources: Sequence[str] = (),
 ) -> Comparison:
-    """The arms as one comparison, every run cut where the shortest one ends.
+    """Makes a comparison of arms; all runs are cut to the length of the shortest one.
+
+    Args:
+        arms: two or more, of different names.
+        force: turn differences that make a comparison doubtful from an error into warnings.
+        notes: further notes for the report.
+        sources: folders or stores of the runs, for the report.
+
+    Returns:
+        The comparison.
 
     Raises:
-        StudyError: fewer than two arms, two of one name, a run in two arms, runs too
-            short, or of two domains; or the arms are not comparable and `force` is not set.
+        StudyError: fewer than two arms, equal names, a run in two arms, runs that are too
+            short or of two domains; or the arms are not comparable and `force` is not set.
     """
     _check_names(arms)
     _check_vocabulary(arms)
     selections = [parse_selection(arm.selection) for arm in arms]
-    asked: list[str] = []  # differences that the selections ask for
+    intended: list[str] = []  # differences that are in the selections
     warnings = _inside(arms)
     for key, values in _differences(arms):
         if _may_differ(key, selections):
-            asked.append(f"The arms differ in {key}: {values}.")
+            intended.append(f"The arms differ in {key}: {values}.")
         else:
             warnings.append(f"{key} differs: {values}")
     warnings += _seeds(arms)
@@ -73,7 +82,7 @@ def compare_arms(
     return Comparison(
         arms=whole,
         comparability_warnings=tuple(warnings),
-        notes=(*asked, *_cuts(arms), *cost_warnings(whole), *_alike(whole), *notes),
+        notes=(*intended, *_cuts(arms), *cost_warnings(whole), *_alike(whole), *notes),
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
@@ -91,7 +100,7 @@ def _alike(arms: Sequence[Arm]) -> Iterator[str]:
 
 
 def _cuts(arms: Sequence[Arm]) -> list[str]:
-    """Which arms lose generations, since no measure may look further than the shortest run."""
+    """Notes on arms that lose generations, because all runs are cut to the shortest one."""
     horizon = min(arm.generations for arm in arms)
     longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
     return [
@@ -100,9 +109,9 @@ def _cuts(arms: Sequence[Arm]) -> list[str]:
 
 
 def paired(first: Arm, second: Arm) -> bool:
-    """Whether the arms' runs come in pairs of one seed, one initial population and one world.
+    """True if each run of an arm has a partner with the same seed, initial population and worlds.
 
-    So they must agree in the seeds, one run each, and in all that shapes the start.
+    The arms must have the same seeds, one run each, and the same settings of the start.
     """
     if first.seeds != second.seeds or len(set(first.seeds)) < len(first.seeds):
         return False
@@ -144,13 +153,13 @@ def _check_names(arms: Sequence[Arm]) -> None:
 
 
 def _check_vocabulary(arms: Sequence[Arm]) -> None:
-    """Raises StudyError where arms have nothing in common that could stand side by side."""
+    """Raises StudyError if the arms' domains, behaviours or tiers differ."""
     kinds = {_vocabulary(run): arm.name for arm in arms for run in arm.runs}
     if len(kinds) > 1:
         a, b, *_ = kinds.values()
         raise StudyError(
             f"Expected runs of one domain, with the same behaviours and tiers, found others in {a}"
-            f" than in {b}; nothing of them can stand side by side, --force or not."
+            f" than in {b}; such runs cannot be compared, not even with --force."
         )
 
 
@@ -208,9 +217,9 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
 
 
 def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
-    """Groups that change no record of these arms, or that are looked at by themselves."""
-    own = {"seed", "name", "archive"}  # the archive changes no population
-    return runtime_keys(*(run.config for arm in arms for run in arm.runs)) | own
+    """Groups that do not affect the records of these arms, or are checked separately."""
+    separate = {"seed", "name", "archive"}  # the archive changes no population
+    return runtime_keys(*(run.config for arm in arms for run in arm.runs)) | separate
 
 
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:

@@ -1,6 +1,6 @@
-"""Fits a small policy to a supervisor's decisions, and tells how well it agrees (section 3.9).
+"""Fits a small policy to a supervisor's decisions and measures their agreement (section 3.9).
 
-Whole runs are held back: generations of one run are too much alike to test on each other.
+Cross-validation holds out whole runs, because the generations of one run are too similar.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from typing import Any, Final
 from islandgp.errors import StudyError
 from islandgp.supervision.distilled import Answer, Policy, Question, Rule, decide
 
-FOLDS: Final = 5  # parts that the runs are divided into; each is held back once
+FOLDS: Final = 5  # of the cross-validation over runs
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
     """One decision of the teacher."""
 
-    run: int  # number of its run
-    known: Mapping[str, float]  # the state, as `supervision.distilled.features` gives it
-    target: str | None  # None: it gave no tree of its own
-    rate: float | None  # None: it gave no rate of its own
+    run: int  # index of its run
+    known: Mapping[str, float]  # features of the state, by `supervision.distilled.features`
+    target: str | None  # None: the tree is not the teacher's
+    rate: float | None  # None: the rate is not the teacher's
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """How large the decision trees may be."""
+    """Limits of the decision trees."""
 
-    depth: int = 6  # questions on a way, at most
-    cases: int = 4  # of a leaf, at least
+    depth: int = 6  # most questions on a path
+    cases: int = 4  # fewest cases of a leaf
 
 
 def distil(cases: Sequence[Case], teacher: str, shape: Shape) -> Policy:
@@ -144,15 +144,15 @@ def _rule(tree: Any, names: Sequence[str], answer: Any, place: int = 0) -> Rule:
 
 
 def report_lines(policy: Policy) -> Iterator[str]:
-    """The report in lines for people."""
+    """The report as lines of text."""
     r = policy.report
     yield f"Teacher: {policy.teacher}, {r['runs']:.0f} runs; each was held back once."
     yield (
         f"Targets: {r['target_agreement']:.0%} of {r['targets']:,.0f} agree with the teacher's"
         f" ({r['target_agreement_least']:.0%} in the run with the fewest;"
-        f" {r['target_commonest']:.0%} where always the commonest is said)."
+        f" {r['target_commonest']:.0%} for always choosing the most frequent)."
     )
     yield (
         f"Rates: {r['rate_error']:.3f} from the teacher's on the mean"
-        f" ({r['rate_error_mean']:.3f} where always the mean is said), {r['rates']:,.0f} rates."
+        f" ({r['rate_error_mean']:.3f} for always choosing the mean), {r['rates']:,.0f} rates."
     )

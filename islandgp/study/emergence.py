@@ -1,9 +1,7 @@
-"""When a tier first emerged (section 3.4, Table 11), and runs in which it never did.
+"""Emergence of a tier (section 3.4, Table 11), with censored runs.
 
-A run without one is censored: it was watched to its last generation and says
-"later than that, if ever". It is never dropped and never gets a made-up number.
-For the rank test it ranks after the last generation, which is all that is known
-of it and all that ranks need.
+A run without one is censored at its last generation. It is neither left out nor given a made-up
+value. For the rank test it ranks after the last generation, which is all that ranks need.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ class EmergenceSummary:
 
     @property
     def never(self) -> bool:
-        """Whether it happened in no run: then `watched` is only how long the runs were."""
+        """True if the tier emerged in no run; then `watched` is the length of the runs."""
         return self.emerged == 0
 
 

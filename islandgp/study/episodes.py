@@ -1,4 +1,4 @@
-"""What runs cost in episodes, generation by generation and in all."""
+"""Costs of runs in episodes, by generation and in total."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class EpisodeCost:
 
 
 def episode_cost(arm: Arm) -> EpisodeCost:
-    """What an arm's runs cost."""
+    """Costs of an arm's runs."""
     return EpisodeCost(
         generations=fmean(episodes_until(run)[-1] for run in arm.runs),
         supervision=fmean(run.costs[-1].llm.get("episodes", 0) for run in arm.runs),

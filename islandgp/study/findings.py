@@ -56,17 +56,17 @@ class Finding:
 
     @property
     def equal(self) -> bool:
-        """Whether both runs of every pair have the same value."""
+        """True if both runs of every pair have the same value."""
         return self.paired is not None and self.paired.kind == UNTESTED
 
     @property
     def censored(self) -> bool:
-        """Whether it never happened in some run."""
+        """True if some run is censored."""
         return any(v is None for sample in self.samples for v in sample)
 
     @property
     def never(self) -> bool:
-        """Whether it happened in no run of either arm."""
+        """True if all runs of both arms are censored."""
         return all(v is None for sample in self.samples for v in sample)
 
     @property

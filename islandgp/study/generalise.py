@@ -1,4 +1,4 @@
-"""How the best trees do on worlds that no run has seen, and the library's in the runs' own.
+"""Evaluates the best trees in unseen worlds, and the library's trees in the worlds of the runs.
 
 A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
 runs meet the same unseen worlds, in the last stage.
@@ -46,7 +46,7 @@ class Generalisation:
 
     @property
     def worlds(self) -> int:
-        """How many unseen worlds it met."""
+        """Number of unseen worlds."""
         return len(self.points)
 
     @property
@@ -156,7 +156,7 @@ def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
 
 
 def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
-    """What the trees of a run were evaluated in; `perturbed` as in `Problem.recorded`.
+    """The problem of a run; `perturbed` as in `Problem.recorded`.
 
     Raises:
         StudyError: its domain cannot be imported.

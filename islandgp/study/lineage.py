@@ -1,9 +1,8 @@
-"""Descent: how long newcomers' lines last, where the best individuals come from (section 2.4.2).
+"""Descent: survival of newcomers' lineages, and origins of the best individuals (section 2.4.2).
 
-A newcomer is a supervisor's tree, or a random tree of a diversity slot, which
-is what stands in the same slot without injection. An individual descends from
-it when a chain of parents leads there. That says nothing of how much of the
-newcomer's tree is left: crossover may keep one leaf of it.
+A newcomer is a supervisor's tree, or a random tree of a diversity slot, which fills the same slot
+without injection. An individual descends from it if it is reached by a chain of parents; this does
+not measure how much of the newcomer's tree is left, as crossover may keep a single leaf.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from islandgp.study.arms import Arm, Run
 from islandgp.study.library import library_names
 
 ADVISED: Final = (Origin.INJECTED, Origin.EDITED)
-"""How a supervisor's trees come into a population."""
+"""Origins of a supervisor's trees."""
 ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
 
 
@@ -29,7 +28,7 @@ RANDOM: Final = "a random tree, as it was drawn"
 BRED: Final = "bred, no injected ancestor"
 HEIR: Final = "bred, with an injected ancestor"
 EDITED: Final = "edited by the supervisor"
-GIVEN: Final = "injected, as it is: "  # and whose tree it is
+GIVEN: Final = "injected, as it is: "  # prefix of the tree's source
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,15 +37,15 @@ class Newcomer:
 
     id: str
     origin: Origin  # INJECTED, EDITED or RANDOM
-    generation: int  # in which it came
-    fitness: float  # points, when it came
+    generation: int  # of its first evaluation
+    fitness: float  # points, in that generation
     lived: int  # generations until its last descendant; 0: it had none
-    watched: int  # generations of the run after it came
-    descendants: int  # individuals
+    watched: int  # generations of the run after it
+    descendants: int  # number of individuals
 
 
 def newcomers(run: Run) -> tuple[Newcomer, ...]:
-    """The newcomers of generations 1 and later, in the order in which they came."""
+    """The newcomers of generations 1 and later, by generation."""
     came = list(_came(run.records))
     last = [generation for generation, _ in came]
     descendants = [0] * len(came)
@@ -84,13 +83,13 @@ def final_elite(run: Run) -> list[IndividualRecord]:
 
 
 def with_injected_ancestor(run: Run) -> frozenset[str]:
-    """The ids of all individuals that descend from an injected tree, or are one."""
+    """Ids of the injected individuals and their descendants."""
     ids = [i.id for _, i in _came(run.records) if i.origin in ADVISED]
     return frozenset(i.id for _, i, _ in _walk(run.records, ids))
 
 
 def injected_shares(run: Run) -> list[float]:
-    """Which share of each generation descends from an injected tree, or is one."""
+    """Share of injected individuals and their descendants in each generation."""
     heirs = with_injected_ancestor(run)
     return [sum(i.id in heirs for i in r.individuals) / len(r.individuals) for r in run.records]
 
@@ -110,12 +109,12 @@ def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
 
 
 def median_life(found: Sequence[Newcomer], generations: int) -> int | None:
-    """Generations after which half of the lines have ended; None: more than half last."""
+    """Generations after which half of the lineages have ended; None: more than half survive."""
     return next((k for k, s in enumerate(alive(found, generations)) if s <= 0.5), None)
 
 
 class Descent(StrEnum):
-    """Where the first individual of a tier came from."""
+    """Origin of the first individual of a tier."""
 
     INJECTED = "an injected tree, as it was given"
     MUTATED = "an injected tree, mutated"
@@ -126,7 +125,7 @@ class Descent(StrEnum):
 
 
 def descent_of_first(run: Run, tier: str) -> Descent:
-    """Where the first individual of a tier came from; the fittest, if there are several."""
+    """Origin of the first individual of a tier; of several, the fittest one."""
     heirs = with_injected_ancestor(run)
     for record in run.records:
         reached = [i for i in record.individuals if tier in i.tiers]

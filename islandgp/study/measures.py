@@ -1,4 +1,4 @@
-"""What one run is measured by: the rows of Tables 9 to 11, diversity (Table 12), overhead (14).
+"""Measures of a run: the rows of Tables 9 to 11, diversity (Table 12), overhead (Table 14).
 
 The overhead is what supervision took, from the run's costs and records (section 3.9).
 """

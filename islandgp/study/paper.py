@@ -1,7 +1,7 @@
-"""Figures that a publication prints, shown beside a report's own.
+"""Published figures, for comparison with those of a report.
 
-They stand in `paper.yaml` beside the domain's module. Those of another simulator or of
-few runs show the shape of a result; their size cannot be compared.
+They are read from `paper.yaml` beside the domain's module. Figures of another simulator or of few
+runs can be compared in direction, but not in magnitude.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from islandgp.study.library import domain_of
 FILE: Final = "paper.yaml"
 
 MARK: Final = "paper*"
-"""How a column with published figures is headed."""
+"""Prefix of the head of a column with published figures."""
 
 
 class Tested(BaseModel, frozen=True, extra="forbid"):
@@ -63,7 +63,7 @@ class Count(BaseModel, frozen=True, extra="forbid"):
 
 
 class Claim(BaseModel, frozen=True, extra="forbid"):
-    """What is said of the proposed system against the baseline."""
+    """A claim on the proposed system against the baseline."""
 
     text: str
     measure: str  # key of a `measures.Measure`
@@ -75,8 +75,8 @@ class Claim(BaseModel, frozen=True, extra="forbid"):
 class PublishedFigures(BaseModel, frozen=True, extra="forbid"):
     """All figures of one publication."""
 
-    classes: str  # file of the classes that they are told of, beside this one or in conf
-    note: str  # where they come from
+    classes: str  # file of the classes to which they refer, beside this one or in conf
+    note: str  # the source
     fitness: dict[str, Tested] = Field(default_factory=dict)  # by measure, as the next three
     emergence: dict[str, Emergence] = Field(default_factory=dict)  # by milestone
     diversity: dict[str, Diversity] = Field(default_factory=dict)
@@ -91,7 +91,7 @@ class PublishedFigures(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def footnote(self) -> str:
-        """What stands below a table with a column of these figures."""
+        """The footnote of a table with a column of these figures."""
         return f"* {self.note}"
 
 
@@ -109,7 +109,7 @@ def paper_of(config: Mapping[str, Any]) -> PublishedFigures | None:
 
 @cache
 def read_paper(file: Path) -> PublishedFigures | None:
-    """The figures in a file, None if there is none. Raises StudyError where it is damaged."""
+    """The figures in a file; None if it does not exist. Raises StudyError if it is damaged."""
     if not file.exists():
         return None
     try:

@@ -1,4 +1,4 @@
-"""What a comparison is to answer, laid down before: primary endpoint, families, margins."""
+"""The analysis plan of a comparison: primary endpoint, families of tests, margins."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from islandgp.study.texts import note
 Pair = tuple[str, str]
 
 CLAIMS: Final = "the paper's claims"
-FIRST: Final = "the first two arms"  # what CLAIMS are called where no paper makes any
+FIRST: Final = "the first two arms"  # name of CLAIMS without a publication
 LIBRARY: Final = "arms that inject trees"
 REST: Final = "other pairs"
 
 
 @dataclass(frozen=True, slots=True)
 class AnalysisPlan:
-    """What the user wants to know."""
+    """The plan as given on the command line."""
 
     families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by question
     primary: str | None = None  # key of the measure that is the primary endpoint
@@ -43,7 +43,7 @@ class Family:
 
 
 def parse_family(text: str) -> tuple[str, tuple[str, ...]]:
-    """NAME=arm,arm,... Raises StudyError for anything else."""
+    """Parses NAME=arm,arm,... Raises StudyError for other texts."""
     name, _, rest = text.partition("=")
     arms = tuple(dict.fromkeys(arm.strip() for arm in rest.split(",") if arm.strip()))
     if not name.strip() or len(arms) < 2:
@@ -55,7 +55,7 @@ def parse_family(text: str) -> tuple[str, tuple[str, ...]]:
 
 
 def parse_margin(text: str) -> tuple[str, float]:
-    """MEASURE=VALUE. Raises StudyError for anything else."""
+    """Parses MEASURE=VALUE. Raises StudyError for other texts."""
     name, _, rest = text.partition("=")
     try:
         value = float(rest)
@@ -72,7 +72,7 @@ def parse_margin(text: str) -> tuple[str, float]:
 def parse_plan(
     families: Sequence[str], primary: str | None, margins: Sequence[str]
 ) -> AnalysisPlan:
-    """A plan as the command line words it. Raises StudyError where it cannot be read."""
+    """Parses the options of a plan. Raises StudyError if one is not valid."""
     named = list(map(parse_family, families))
     bounds = list(map(parse_margin, margins))
     for what, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
@@ -81,13 +81,13 @@ def parse_plan(
     if {CLAIMS, FIRST, REST} & set(dict(named)):
         raise StudyError(
             f"Expected other names for families than {CLAIMS!r}, {FIRST!r} and {REST!r}, which are"
-            " there already."
+            " taken; choose another name."
         )
     return AnalysisPlan(dict(named), primary, dict(bounds))
 
 
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
-    """Raises StudyError where a plan names arms or measures that there are not."""
+    """Raises StudyError if an arm or a measure of a plan does not exist."""
     arms = [arm.name for arm in study.arms]
     for name, wanted in plan.families.items():
         for arm in wanted:
@@ -137,7 +137,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     return tuple(found)
 
 
-def said(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:
+def in_sentences(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:
     """The plan in sentences."""
     labels = {m.key: m for m in all_measures(study)}
     if plan.primary is not None:

@@ -1,4 +1,4 @@
-"""What a comparison has to say: every table and figure, in the order of the paper."""
+"""The report of a comparison: its tables and figures, in the order of the paper."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
 from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
-from islandgp.study.plan import NOTHING, AnalysisPlan, families, said
+from islandgp.study.plan import NOTHING, AnalysisPlan, families, in_sentences
 from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.result import result
 from islandgp.study.select import in_short
@@ -61,7 +61,7 @@ Findings = Sequence[Finding]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading with what stands below it."""
+    """A heading with the items below it."""
 
     title: str
     items: tuple[Item, ...]
@@ -69,7 +69,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonReport:
-    """Everything that a comparison has to say."""
+    """The content of a comparison's report."""
 
     title: str
     comparability_warnings: tuple[str, ...]
@@ -269,7 +269,7 @@ def _supervision(study: Comparison) -> Iterator[Item]:
 
 def _statistics(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
     yield note("methods")
-    yield from said(plan, study)
+    yield from in_sentences(plan, study)
     yield note("generations")
     heading = "Medians, intervals and paired tests"
     yield from _for_pairs(study, findings, median_table, "medians", heading, all_measures(study))

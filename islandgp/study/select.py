@@ -1,6 +1,6 @@
-"""Which runs make an arm: `key=value` pairs over the configuration, or a sweep's name.
+"""Selection of an arm's runs by `key=value` pairs of the configuration, or by a sweep's name.
 
-`find` tells which run folders there are, and `read` what one holds.
+`find` lists run folders, and `read` loads the records of one.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def find(folder: Path) -> list[Found]:
     if not folder.is_dir():
         raise StudyError(
             f"Expected runs in {folder}, found no such folder; run `python -m islandgp` first,"
-            " or say --runs FOLDER."
+            " or set --runs FOLDER."
         )
     runs = []
     for file in sorted(folder.rglob("config.yaml")):
@@ -98,7 +98,7 @@ def read(found: Found) -> Run:
 
 
 def _cost(plain: dict[str, Any]) -> Cost:
-    known = {field.name for field in fields(Cost)}  # a line also says when it was written
+    known = {field.name for field in fields(Cost)}  # a line has its time as well
     return Cost(**{name: value for name, value in plain.items() if name in known})
 
 
@@ -107,10 +107,10 @@ SHORT: Final = {
     "search": "search.name",
     "evaluator": "evaluator.factory",
 }
-"""What people type, and the key that it means."""
+"""Short names in selections, with the keys of the configuration."""
 
 MLFLOW: Final = "mlflow:"
-"""What an MLflow filter string begins with instead; `tracking.fetch` takes care of it."""
+"""Prefixes of MLflow filter strings, which `tracking.fetch` handles."""
 
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
 _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
@@ -119,7 +119,7 @@ _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What an arm's runs have in common, by dotted key."""
+    """Settings that an arm's runs have in common, by dotted key."""
 
     text: str
     wanted: tuple[tuple[str, Any], ...]  # a key, and a value or a range of values
@@ -170,7 +170,7 @@ def _value(text: str) -> Any:
 
 
 def matches(found: Found, selection: Selection) -> bool:
-    """Whether a run is among those that a selection asks for."""
+    """True if a run matches a selection."""
     for key, value in selection.wanted:
         if key not in found.flat:
             return False
@@ -181,7 +181,7 @@ def matches(found: Found, selection: Selection) -> bool:
 
 
 def _equal(have: Any, wanted: Any) -> bool:
-    """Whether a recorded value is the one that a user wrote, however that spells a number.
+    """True if a recorded value equals the value in a selection; numbers in any notation.
 
     YAML takes `1e-1` for a text; beside a recorded number it is a number.
     """
@@ -199,7 +199,7 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
     """The arm of the finished runs that fit, and notes on those that are left out.
 
     Raises:
-        StudyError: none fits; the message says which runs there are.
+        StudyError: no run matches; the message lists the existing runs.
     """
     selection = parse_selection(text)
     fitting = [found for found in runs if matches(found, selection)]
@@ -217,7 +217,7 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
 
 
 def named(name: str, runs: Sequence[Found]) -> list[Found]:
-    """The runs of the sweep of that name. Raises StudyError, which says what sweeps there are."""
+    """The runs of a sweep. Raises StudyError, with a list of the sweeps, if there is none."""
     found = [run for run in runs if run.flat["name"] == name]
     if not found:
         there = sorted({str(run.flat["name"]) for run in runs})
@@ -248,7 +248,7 @@ def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished:
 
 
 def overview(runs: Sequence[Found]) -> list[str]:
-    """The runs that there are, a line for each sweep and supervisor."""
+    """A line for each sweep and supervisor of the existing runs."""
     groups: dict[tuple[str, str], list[Found]] = defaultdict(list)
     for found in runs:
         groups[str(found.flat["name"]), str(found.flat["supervisor.name"])].append(found)

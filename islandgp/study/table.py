@@ -20,7 +20,7 @@ Row = Iterable[tuple[str, str]]
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Cells are text as people read it; exact numbers are in runs.csv and tests.csv."""
+    """Cells are formatted text; exact numbers are in runs.csv and tests.csv."""
 
     key: str  # file name without its ending
     title: str
@@ -70,7 +70,7 @@ def spread(mean: float, sd: float, digits: int = 0) -> str:
 
 
 def interval(i: Interval, digits: int = 0) -> str:
-    """An estimate with its interval; a dash for what is not known."""
+    """An estimate with its interval; a dash for unknown values."""
     if isnan(i.estimate):
         return NONE
     ends = NONE if isnan(i.low) else f"{number(i.low, digits)}, {number(i.high, digits)}"
@@ -85,10 +85,9 @@ def percent(share: float | None) -> str:
 
 
 def change(a: float, b: float, sd: float = 0.0) -> float | None:
-    """By which share a differs from b; None where a share would say nothing.
+    """The relative difference of a and b; None if it is not meaningful.
 
-    It says nothing unless both are positive, or where b is nearer to zero than its
-    standard deviation over runs.
+    It is meaningful if a >= 0, b > 0, and b is at least its standard deviation over runs.
     """
     return (a - b) / b if a >= 0 and b > 0 and b >= sd else None
 
@@ -127,7 +126,7 @@ _SHORT: Final = {
 
 
 def kind(test: Tested) -> str:
-    """Which kind of p-value it is, in a word or two."""
+    """The kind of a p-value, in a word or two."""
     return _SHORT.get(test.kind, "asymptotic")
 
 

@@ -1,4 +1,4 @@
-"""The words of a report, which stand in `texts.yaml`."""
+"""Texts of a report, from `texts.yaml`."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import yaml
 
 
 def note(key: str, **values: object) -> str:
-    """A note below a table, or a paragraph; `values` fill in what stands in braces."""
+    """A note below a table, or a paragraph, with `values` for the names in braces."""
     return str(_texts()["notes"][key]).format(**values)
 
 
 def title_and_caption(figure: str, **values: object) -> tuple[str, str]:
-    """Of the figure with that key; `values` as above."""
+    """The caption of a figure; `values` as in `note`."""
     found = _texts()["figures"][figure]
     return found["title"].format(**values), found["caption"].format(**values)
 

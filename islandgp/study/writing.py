@@ -176,7 +176,7 @@ def _known(x: float) -> float | None:
 
 
 def metrics(findings: Sequence[Finding]) -> dict[str, float]:
-    """What an MLflow run of a comparison is to be found by."""
+    """Adjusted p-values and effect sizes of a comparison, as metrics of its MLflow run."""
     several = len({f.arms for f in findings}) > 1
     found = {}
     for f in findings:

@@ -1,9 +1,8 @@
-"""Asking a supervisor: at once, or by a queue while episodes run.
+"""Calls supervisors, directly or in a thread while episodes run, and checks their answers.
 
-Its answer is checked here before anything is made of it. The queue is what the paper names as
-future work (section 3.9). The lag is counted in generations and is exact: the answer to
-generation g's state takes effect after generation g + lag, however long it took, so timing
-never changes a record.
+The asynchronous queue is named as future work in the paper (section 3.9). The lag is a number of
+generations: the guidance for the state of generation g takes effect after generation g + lag,
+so records do not depend on how long a supervisor takes.
 """
 
 from __future__ import annotations
@@ -44,34 +43,44 @@ def ask(
     rng: np.random.Generator,
     vocabulary: Vocabulary | None = None,
 ) -> Guidance:
-    """What the supervisor advises; its tree must be in the words of the vocabulary, if given.
+    """Calls a supervisor's `advise` and checks the guidance.
+
+    Args:
+        supervisor: the supervisor.
+        state: of the population.
+        rng: for the supervisor's draws; it is consumed.
+        vocabulary: of the domain; the tree must be parsable with it. None: any names.
+
+    Returns:
+        The guidance.
 
     Raises:
-        SupervisionError: it is no guidance that a population could be given.
-        PartError: a supervisor of the user's own failed.
+        SupervisionError: the guidance is of the wrong type, or a field of it has a wrong value.
+        PartError: a supervisor of the user failed.
     """
     with plugin_errors(path_of(type(supervisor))):
-        found = supervisor.advise(state, rng)
-    if not isinstance(found, Guidance):
-        raise _wrong(supervisor, "a Guidance", found)
+        guidance = supervisor.advise(state, rng)
+    if not isinstance(guidance, Guidance):
+        raise _wrong(supervisor, "a Guidance", guidance)
     for field in fields(Guidance):
         wanted, fits = WANTED[field.name]
-        if not fits(value := getattr(found, field.name)):
+        if not fits(value := getattr(guidance, field.name)):
             raise _wrong(supervisor, f"a Guidance whose {field.name} is {wanted}", value)
-    if found.target is not None and found.target not in state.targets:
+    target, tree = guidance.target, guidance.tree
+    if target is not None and target not in state.targets:
         wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
-        raise _wrong(supervisor, wanted, found.target)
-    if found.tree is not None and vocabulary is not None and not _in_words(found.tree, vocabulary):
+        raise _wrong(supervisor, wanted, target)
+    if tree is not None and vocabulary is not None and not _in_words(tree, vocabulary):
         wanted = f"a Guidance whose tree is of the domain {vocabulary.domain}"
-        raise _wrong(supervisor, wanted, to_text(found.tree))
-    return found
+        raise _wrong(supervisor, wanted, to_text(tree))
+    return guidance
 
 
-def _wrong(supervisor: Supervisor, wanted: str, found: object) -> SupervisionError:
-    shown = repr(found)
+def _wrong(supervisor: Supervisor, wanted: str, value: object) -> SupervisionError:
+    shown = repr(value)
     return SupervisionError(
-        f"Expected from the supervisor {path_of(type(supervisor))} {wanted},"
-        f" found {shown if len(shown) <= 60 else shown[:60] + '...'}; mend its advise."
+        f"Expected {path_of(type(supervisor))}.advise to return {wanted},"
+        f" found {shown if len(shown) <= 60 else shown[:60] + '...'}; correct it."
     )
 
 
@@ -82,7 +91,7 @@ def _is_rate(value: Any) -> bool:
 
 
 def _is_tree(value: Any) -> bool:
-    """Whether the language has it: a node of a made-up kind could not be ticked or written down."""
+    """True if a node survives printing and parsing; nodes of unknown kinds do not."""
     if not isinstance(value, Node):
         return value is None
     try:
@@ -105,7 +114,7 @@ def _in_words(tree: Node, vocabulary: Vocabulary) -> bool:
 
 
 def _is_text(value: Any) -> bool:
-    """Whether it can be written down; half a surrogate pair cannot."""
+    """True if a text can be encoded as UTF-8; half a surrogate pair cannot."""
     return isinstance(value, str) and value.encode("utf-8", "ignore").decode("utf-8") == value
 
 
@@ -156,9 +165,9 @@ Question = tuple[PopulationState, GenerationView | None, Future[Guidance]]
 
 
 class SupervisorQueue:
-    """Runs `advise` in a thread; answers apply `lag` generations later.
+    """Calls `advise` in a thread; its guidance takes effect `lag` generations later.
 
-    States are answered in their order. With lag 0 they are answered at once, without a thread.
+    States are processed in order. With lag 0 `advise` is called directly, without a thread.
     """
 
     def __init__(
@@ -169,7 +178,14 @@ class SupervisorQueue:
         lag: int,
         vocabulary: Vocabulary | None = None,
     ) -> None:
-        """With a vocabulary, trees in other words are refused: see `ask`."""
+        """Starts the thread.
+
+        Args:
+            supervisor: the supervisor.
+            seed: of the run, for the supervisor's random stream.
+            lag: generations, >= 0.
+            vocabulary: of the domain, as for `ask`.
+        """
         self.supervisor = supervisor
         self.vocabulary = vocabulary
         self.seed = seed
@@ -177,17 +193,17 @@ class SupervisorQueue:
         self._asked: dict[int, Future[Guidance]] = {}  # by generation
         self._waiting: SimpleQueue[Question | None] = SimpleQueue()
         if lag:
-            # A daemon: a slow answer that is not waited for must not keep the process from ending.
+            # A daemon thread, so that an unfinished `advise` does not keep the process alive.
             Thread(target=self._work, name="supervisor", daemon=True).start()
 
     def recall(self, seen: GenerationView) -> None:
-        """Tells the supervisor of a generation that is not asked about; before the first `ask`."""
+        """Passes a recorded generation to the supervisor; before the first `ask`."""
         if isinstance(self.supervisor, GenerationListener):
             with plugin_errors(path_of(type(self.supervisor))):
                 self.supervisor.on_generation(seen)
 
     def ask(self, state: PopulationState, seen: GenerationView | None = None) -> None:
-        """Hands a generation's state to the supervisor, and what else is known of it."""
+        """Requests guidance for a generation's state; `seen` is the generation as recorded."""
         answer: Future[Guidance] = Future()
         self._asked[state.now.generation] = answer
         if self.lag:
@@ -196,19 +212,19 @@ class SupervisorQueue:
             answer.set_result(self._advise(state, seen))
 
     def answer(self, generation: int) -> Guidance | None:
-        """What takes effect after `generation`: waits for it, None in the first `lag` ones."""
+        """Waits for the guidance that takes effect after a generation; None in the first `lag`."""
         answer = self._asked.pop(generation - self.lag, None)
         return answer.result() if answer is not None else None
 
     def spent(self) -> dict[str, float]:
-        """What supervision has taken so far, by name; empty for a supervisor that takes nothing."""
+        """The costs of supervision so far, by name; empty for a supervisor without any."""
         if not isinstance(self.supervisor, SupervisorLifecycle):
             return {}
         with plugin_errors(path_of(type(self.supervisor))):
             return self.supervisor.spent()
 
     def close(self) -> None:
-        """Forgets what is still asked, and lets the supervisor go."""
+        """Cancels pending requests and closes the supervisor."""
         for answer in self._asked.values():
             answer.cancel()
         self._waiting.put(None)
@@ -229,5 +245,5 @@ class SupervisorQueue:
                 continue
             try:
                 answer.set_result(self._advise(state, seen))
-            except BaseException as error:  # raised again where the answer is fetched
+            except BaseException as error:  # raised again by `answer`
                 answer.set_exception(error)

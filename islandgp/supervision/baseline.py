@@ -10,12 +10,12 @@ from islandgp.supervision.base import Guidance, RunContext
 
 
 class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
-    """How the rate follows the best fitness."""
+    """Response of the mutation rate to the best fitness."""
 
-    patience: int = Field(ge=1)  # generations without a better best before the rate rises
-    up: float = Field(ge=1)  # factor on stagnation
-    down: float = Field(gt=0, le=1)  # factor on improvement
-    rates: tuple[float, float]  # least and most
+    patience: int = Field(ge=1)  # generations without improvement before the rate rises
+    up: float = Field(ge=1)  # factor on the rate on stagnation
+    down: float = Field(gt=0, le=1)  # factor on the rate on improvement
+    rates: tuple[float, float]  # lowest and highest, in [0, 1]
 
     @model_validator(mode="after")
     def _rates_are_rates(self) -> BaselineSettings:
@@ -26,7 +26,7 @@ class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class Baseline:
-    """Up on stagnation, down on improvement; never injects."""
+    """Raises the rate on stagnation and lowers it on improvement; injects no trees."""
 
     name = "baseline"
     Settings = BaselineSettings
@@ -40,7 +40,7 @@ class Baseline:
         self.settings = settings
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
-        """The rate now in force, moved by what the best fitness did."""
+        """See `Supervisor`. The present rate times a factor, within the limits."""
         how, stuck = self.settings, state.stagnant_generations
         if state.best_rose:
             factor, why = how.down, "the best fitness rose"

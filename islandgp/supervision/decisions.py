@@ -1,4 +1,4 @@
-"""What supervisors decided, counted: section 3.7 and Fig. 8 are made of it."""
+"""Counts of supervisors' decisions, for section 3.7 and Fig. 8."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from islandgp.gp.record import GuidanceRecord
 
 @dataclass(frozen=True, slots=True)
 class Decisions:
-    """How often each decision was taken."""
+    """Number of decisions of each kind."""
 
     total: int
-    sources: Counter[str]  # whose decisions they are
-    phases: Counter[str]  # rows of Table 8; decisions without a phase are left out
-    patterns: Counter[str]  # rows of Table 6, likewise
-    targets: Counter[str]  # rows of Table 7, of the trees that were injected
+    sources: Counter[str]  # by supervisor, or "fallback"
+    phases: Counter[str]  # by row of Table 8; decisions without a phase are left out
+    patterns: Counter[str]  # by row of Table 6, likewise
+    targets: Counter[str]  # by row of Table 7, of the injected trees
     crises: Counter[str]  # generations with the emergency rate, Eq. (7), by reason
-    episodes: Counter[str]  # crises that began, by reason: one that lasts counts once
-    interventions: int  # decisions that saw a need to step in
+    episodes: Counter[str]  # crises by reason; several generations in a row count once
+    interventions: int  # decisions that considered an intervention necessary
 
 
 def decisions(runs: Iterable[Sequence[GuidanceRecord]]) -> Decisions:
-    """Over all runs, each of them by generation."""
+    """Counts the decisions of all runs; each run is a sequence by generation."""
     runs = tuple(runs)
-    given = [g for run in runs for g in run]
+    guidance = [g for run in runs for g in run]
     return Decisions(
-        total=len(given),
-        sources=Counter(g.source for g in given),
-        phases=Counter(g.phase for g in given if g.phase),
-        patterns=Counter(g.pattern for g in given if g.pattern),
-        targets=Counter(g.target for g in given if g.target and g.injected),
-        crises=Counter(g.crisis for g in given if g.crisis),
+        total=len(guidance),
+        sources=Counter(g.source for g in guidance),
+        phases=Counter(g.phase for g in guidance if g.phase),
+        patterns=Counter(g.pattern for g in guidance if g.pattern),
+        targets=Counter(g.target for g in guidance if g.target and g.injected),
+        crises=Counter(g.crisis for g in guidance if g.crisis),
         episodes=Counter(why for run in runs for why, _ in groupby(g.crisis for g in run) if why),
-        interventions=sum(g.intervention for g in given),
+        interventions=sum(g.intervention for g in guidance),
     )

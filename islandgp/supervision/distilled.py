@@ -27,14 +27,14 @@ LARGEST: Final = 5_000_000  # bytes of a policy's file
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):
-    """A leaf: what the policy says, and the number of the teacher's decisions behind it."""
+    """A leaf of a decision tree."""
 
-    answer: str | FiniteFloat
-    cases: int
+    answer: str | FiniteFloat  # a target, or a mutation rate
+    cases: int  # decisions of the teacher in this leaf
 
 
 class Question(BaseModel, frozen=True, extra="forbid"):
-    """A field of the state is compared with a number."""
+    """An inner node of a decision tree: compares a field of the state with a number."""
 
     feature: str
     at_most: FiniteFloat
@@ -50,13 +50,13 @@ Rule = Annotated[
 
 
 class Policy(BaseModel, frozen=True, extra="forbid"):
-    """What `islandgp distill` writes."""
+    """Content of the file policy.json, written by `islandgp distill`."""
 
     format: Literal[1]
-    teacher: str  # the supervisor whose decisions these were
+    teacher: str  # the supervisor whose decisions it was fitted to
     target: Rule
     rate: Rule
-    report: dict[str, float]  # how well it agrees with its teacher; `study.distill` says what
+    report: dict[str, float]  # agreement with the teacher, as described in `study.distill`
 
 
 Question.model_rebuild()
@@ -67,12 +67,12 @@ def _keys(value: Any) -> Any:
 
 
 class DistilledSettings(ExpertSettings, frozen=True, extra="forbid"):
-    """The expert's, for phases and for the choice among a target's trees, and the policy."""
+    """The policy's folder; the expert's settings apply to phases and the choice of trees."""
 
     folder: str | None  # with a policy.json
 
     def policy(self) -> Policy:
-        """The policy. Raises SupervisionError where there is none."""
+        """Reads the policy. Raises SupervisionError if there is none."""
         if not self.folder:
             raise SupervisionError(
                 "Expected a policy, found none; make one with islandgp distill RUNS... -o FOLDER,"
@@ -82,7 +82,7 @@ class DistilledSettings(ExpertSettings, frozen=True, extra="forbid"):
 
 
 def read_policy(folder: Path) -> Policy:
-    """The policy in a folder. Raises SupervisionError where there is none, or another file."""
+    """Reads the policy in a folder. Raises SupervisionError if it is missing or not valid."""
     path = folder / NAME if folder.is_dir() else folder
     try:
         if path.stat().st_size > LARGEST:
@@ -101,13 +101,13 @@ def read_policy(folder: Path) -> Policy:
 
 
 def features(state: PopulationState, crisis: Crisis) -> dict[str, float]:
-    """The numbers of the state by field (`field_meanings`), and how far each behaviour is ahead.
+    """The features of a state: the numbers among its fields (`field_meanings`), and `ahead.NAME`.
 
-    `ahead.NAME` is the number of individuals that show a behaviour, above that of the rarest.
+    `ahead.NAME` is the number of individuals with a behaviour minus that of the rarest behaviour.
     """
-    found = dict(_numbers(state_json(state, crisis)))
+    numbers = dict(_numbers(state_json(state, crisis)))
     rarest = min(state.now.doing.values())
-    return found | {f"ahead.{name}": float(n - rarest) for name, n in state.now.doing.items()}
+    return numbers | {f"ahead.{name}": float(n - rarest) for name, n in state.now.doing.items()}
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -119,17 +119,17 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def decide(rule: Rule, known: Mapping[str, float]) -> str | float:
-    """What a decision tree says of a state."""
+    """Evaluates a decision tree on the features of a state."""
     while isinstance(rule, Question):
         rule = rule.yes if known[rule.feature] <= rule.at_most else rule.no
     return rule.answer
 
 
 def rules(rule: Rule, indent: str = "") -> Iterator[str]:
-    """A decision tree as indented lines."""
+    """Prints a decision tree as indented lines."""
     if isinstance(rule, Answer):
-        said = rule.answer if isinstance(rule.answer, str) else f"{rule.answer:.3f}"
-        yield f"{indent}{said} ({rule.cases} cases)"
+        answer = rule.answer if isinstance(rule.answer, str) else f"{rule.answer:.3f}"
+        yield f"{indent}{answer} ({rule.cases} cases)"
         return
     for word, below in (("<=", rule.yes), (">", rule.no)):
         yield f"{indent}{rule.feature} {word} {rule.at_most:g}"
@@ -137,14 +137,14 @@ def rules(rule: Rule, indent: str = "") -> Iterator[str]:
 
 
 class Distilled:
-    """Plays a policy: its rate and its target; the tree is one of the library's for the target."""
+    """Advises by a distilled policy: its rate, and a library tree for its target."""
 
     name = "distilled"
     Settings = DistilledSettings
 
     @classmethod
     def ready(cls, settings: DistilledSettings, context: RunContext) -> None:
-        """Raises SupervisionError where there is no policy, or one for other classes."""
+        """Raises SupervisionError if there is no policy, or one for other classes."""
         _check(settings.policy(), context)
 
     @classmethod
@@ -174,17 +174,17 @@ class Distilled:
 
 
 def _check(policy: Policy, context: RunContext) -> None:
-    """Raises SupervisionError where a policy asks or says what the run does not have."""
+    """Raises SupervisionError if a policy has features or targets that the run does not have."""
     known = _fields(context)
     for rule in (policy.target, policy.rate):
         for one in _walk(rule):
             if isinstance(one, Question) and one.feature not in known:
                 raise SupervisionError(
-                    f"Expected a policy for this experiment's states, found one that asks for"
+                    f"Expected a policy for this experiment's states, found one with the feature"
                     f" {one.feature!r}; distill one from runs with the same domain and classes."
                 )
-    said = {str(one.answer) for one in _walk(policy.target) if isinstance(one, Answer)}
-    if wrong := sorted(said - set(context.classes.targets)):
+    targets = {str(one.answer) for one in _walk(policy.target) if isinstance(one, Answer)}
+    if wrong := sorted(targets - set(context.classes.targets)):
         raise SupervisionError(
             f"Expected targets of this experiment ({', '.join(context.classes.targets)}), found"
             f" {wrong[0]!r} in the policy; distill one from runs with the same classes."
@@ -194,7 +194,7 @@ def _check(policy: Policy, context: RunContext) -> None:
 
 
 def _fields(context: RunContext) -> set[str]:
-    """The names in `features`: the history, and what is no number, are not among them."""
+    """The names of `features`; without the history and fields that are not numbers."""
     classes: Classes = context.classes
     numbers = (
         name

@@ -1,9 +1,9 @@
-"""A supervisor by rules that edits living trees: what does the fittest robot lack, who has it?
+"""A rule-based supervisor that edits trees of the population.
 
-It goes by what the run has measured, so it works in any domain. Tiers ask for counters. For a
-counter of which the fittest tree has too little a branch is looked for: in the library, by what its
-trees are for, and in trees that had the counter above 0, by the action that goes with it. The
-branch is put where its guard belongs, the narrowest guard first.
+It compares the counters of the fittest tree with the requirements of the tiers, so it works in any
+domain. For each counter that is too low it looks for a branch: in the library by target, and in
+evaluated trees by the action that occurs most often together with the counter. The branch is
+inserted by its guard, narrow guards first.
 """
 
 from __future__ import annotations
@@ -39,67 +39,67 @@ from islandgp.supervision.expert import (
 )
 from islandgp.supervision.library import Library
 
-WIDER: Final = 0.15  # by which a guard is widened, as a share of its key's range
-DONORS: Final = 5  # trees for each counter whose branches are looked at
+WIDER: Final = 0.15  # step by which a guard is widened, as a share of its key's range
+DONORS: Final = 5  # most trees per counter whose branches are candidates
 Key = tuple[str, str, str | None, float | None]
 """Kind, place, branch and number of an edit."""
 WORD: Final = re.compile(r"\w+")
 
 
 class EditorSettings(ExpertSettings, frozen=True, extra="forbid"):
-    """The expert's rates, and where branches come from."""
+    """The expert's settings, and the sources of branches."""
 
     sources: tuple[Literal["library", "archive"], ...] = Field(("library", "archive"), min_length=1)
-    """Where branches are looked for, in this order; archive: trees that the run has evaluated."""
+    """Sources of branches, in order of priority; archive: trees that the run has evaluated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """What a tier asks of one counter."""
+    """A lower bound of a tier on one counter."""
 
     counter: str
-    value: float  # the least, or what it must exceed
-    exceeds: bool  # whether the value itself is too little
-    milestone: int  # index of the easiest milestone that asks for it; of none: their number
+    value: float  # the bound
+    exceeds: bool  # True: the counter must be greater than the bound; False: it may be equal
+    milestone: int  # index of the easiest milestone that requires it; number of milestones if none
 
     def __str__(self) -> str:
-        """For people: `at least 2`."""
+        """The bound in words, e.g. `at least 2`."""
         return f"{'more than' if self.exceeds else 'at least'} {self.value:g}"
 
     def met(self, counters: Mapping[str, float]) -> bool:
-        """Whether these counters are enough."""
-        found = counters[self.counter]
-        return found > self.value if self.exceeds else found >= self.value
+        """True if the counters meet the bound."""
+        count = counters[self.counter]
+        return count > self.value if self.exceeds else count >= self.value
 
 
 def requirements(classes: Classes) -> tuple[Requirement, ...]:
-    """What the milestones' tiers ask of counters, those of the easiest first, each once.
+    """The distinct bounds of the milestones' tiers on counters, the easiest milestone first.
 
-    Then that each behaviour is shown: tiers may ask for nothing but points.
+    Followed by a bound of more than 0 for each behaviour, as tiers may be defined by points alone.
     """
-    found: list[Requirement] = []
+    bounds: list[Requirement] = []
     for k, milestone in enumerate(classes.milestones):
         for tier in (classes.tiers[name] for name in reversed(classes.needed(milestone))):
-            for exceeds, asked in ((False, tier.at_least), (True, tier.above)):
-                found += [Requirement(c, value, exceeds, k) for c, value in asked.items()]
+            for exceeds, values in ((False, tier.at_least), (True, tier.above)):
+                bounds += [Requirement(c, value, exceeds, k) for c, value in values.items()]
     last = len(classes.milestones)
-    found += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
-    once = {(r.counter, r.value, r.exceeds): r for r in reversed(found) if r.counter != "fitness"}
-    return tuple(r for r in found if r in once.values())
+    bounds += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
+    once = {(r.counter, r.value, r.exceeds): r for r in reversed(bounds) if r.counter != "fitness"}
+    return tuple(r for r in bounds if r in once.values())
 
 
 @dataclass(frozen=True, slots=True)
 class Branch:
-    """A branch that may be put into a tree."""
+    """A branch that can be inserted into a tree."""
 
     node: Node
-    source: str  # for people, e.g. "library tree single_charging"
+    source: str  # in words, e.g. "library tree single_charging"
 
 
 def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
-    """Share of the blackboards on which a condition holds, if values were spread evenly.
+    """Share of blackboards on which a condition holds, in [0, 1], for uniformly distributed values.
 
-    A flag holds on half of them. In [0, 1].
+    A flag holds on half of them.
     """
     if not isinstance(expr, Condition):
         parts = [width(part, vocabulary) for part in expr.parts]
@@ -117,14 +117,15 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
 
 
 def urgency(branch: Node, vocabulary: Vocabulary) -> float:
-    """How far in front a branch belongs: the width of its guard, 1 without one; least first."""
+    """Sort key of branches in a selector: the width of the guard, 1 without one; lowest first."""
     return width(branch.guard.condition, vocabulary) if branch.guard else 1.0
 
 
 def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
-    """The index among the root's children at which a branch belongs; None: the root is no selector.
+    """The index at which to insert a branch among the root's children.
 
-    It stands before the first child whose guard is as wide, or wider.
+    It is inserted before the first child with an equally wide or wider guard. None if the root is
+    not a selector.
     """
     if kind_of(tree).hands_over != FAILURE:
         return None
@@ -134,7 +135,7 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
 
 
 def guard_above(tree: Node, branch: Node) -> tuple[Path, Node] | None:
-    """The path and the node of the first guard in a tree that guards what a branch guards."""
+    """Path and node of the first guard in a tree with the same child as a branch's guard."""
     if not branch.guard:
         return None
     for path, node in nodes_with_paths(tree):
@@ -144,7 +145,7 @@ def guard_above(tree: Node, branch: Node) -> tuple[Path, Node] | None:
 
 
 def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
-    """The number of a single comparison, moved so that it holds more often; None: it cannot be."""
+    """The number of a single comparison, moved so that it holds more often; None if it cannot."""
     if not isinstance(expr, Condition) or expr.operator not in ("<", "<=", ">", ">="):
         return None
     key = vocabulary.keys[expr.key]
@@ -154,15 +155,12 @@ def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
 
 
 def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
-    """The fittest of those that keep all constraints; if there is none, the one that breaks least.
-
-    Of equals the first.
-    """
+    """The fittest feasible individual, or that with the smallest violation; the first of equals."""
     return max(individuals, key=lambda i: merit(i.fitness, violation(i.counters, constraints)))
 
 
 class Editor:
-    """See the module. Deterministic, but for the controls that draw."""
+    """Edits the fittest tree. Deterministic; some of its control arms draw at random."""
 
     name = "editor"
     Settings: ClassVar[type[EditorSettings]] = EditorSettings
@@ -177,14 +175,14 @@ class Editor:
         self.context = context
         self.requirements = requirements(context.classes)
         self._now: GenerationView | None = None
-        self._donors: dict[str, list[IndividualRecord]] = {}  # by counter, the most counts first
-        self._with: Counter[tuple[str, str]] = Counter()  # trees by counter they have, and action
+        self._donors: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
+        self._with: Counter[tuple[str, str]] = Counter()  # trees by counter above 0 and action
         self._all: Counter[str] = Counter()  # trees by action
-        self._tried: Counter[str] = Counter()  # edits by the branch that they put in
-        self._gained: Counter[str] = Counter()  # those that were better than the tree before
-        self._done: set[tuple[str, Key]] = set()  # the edits that were taken, by tree
+        self._tried: Counter[str] = Counter()  # edits by inserted branch
+        self._gained: Counter[str] = Counter()  # those that improved the tree
+        self._done: set[tuple[str, Key]] = set()  # accepted edits, by tree
 
-    # What the run has measured.
+    # Measurements of the run.
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -204,26 +202,26 @@ class Editor:
             del self._donors[counter][DONORS:]
 
     def _learn(self, generation: GenerationView) -> None:
-        """Which edits were taken, and which branches made a tree better in the same world."""
+        """Counts accepted edits and those that improved a tree in the same world."""
         if self._now is None or generation.guidance is None:
             return
         trees = {i.id: i.tree for i in self._now.individuals}
-        made = [edit for edit in generation.guidance.edits if not edit.refused]
-        for edit, trial in zip(made, generation.trials, strict=False):
+        accepted = [edit for edit in generation.guidance.edits if not edit.refused]
+        for edit, trial in zip(accepted, generation.trials, strict=False):
             if edit.of in trees:
                 self._done.add((trees[edit.of], (edit.kind, edit.at, edit.branch, edit.number)))
             if edit.branch is not None:
                 self._tried[edit.branch] += 1
                 self._gained[edit.branch] += trial.fitness > trial.parent_fitness
 
-    # What is advised.
+    # Advice.
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """The expert's rate, and edits of the best tree."""
+        """See `Supervisor`. The expert's rate, and edits of the best tree."""
         seen, how = self._now, self.settings
-        found: list[tuple[str, Edit]] = []
+        edits: list[tuple[str, Edit]] = []
         if seen is not None and seen.snapshot.generation == state.now.generation:
-            found = self.edits(seen, rng)
+            edits = self.edits(seen, rng)
         phase = classify_phase(state, how)
         return Guidance(
             mutation_rate=wanted_rate(state, how),
@@ -231,30 +229,30 @@ class Editor:
             source=self.name,
             phase=phase,
             pattern=classify_pattern(state, how),
-            reasoning="; ".join(edit.reason for _, edit in found) or "nothing to edit",
-            notes={"counters": " ".join(counter for counter, _ in found)} if found else {},
-            edits=tuple(edit for _, edit in found),
+            reasoning="; ".join(edit.reason for _, edit in edits) or "nothing to edit",
+            notes={"counters": " ".join(counter for counter, _ in edits)} if edits else {},
+            edits=tuple(edit for _, edit in edits),
         )
 
     def edits(self, seen: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
-        """At most as many as the run takes, each with the counter that it is for."""
+        """Edits with the counter of each; at most `supervisor.edits`."""
         fittest = best_of(seen.individuals, self.context.constraints)
-        each: dict[str, Iterator[Edit]] = {}
-        found: list[tuple[str, Edit]] = []
+        candidates: dict[str, Iterator[Edit]] = {}
+        edits: list[tuple[str, Edit]] = []
         for r in self.wanted(fittest):
-            if len(found) == self.context.edits:
+            if len(edits) == self.context.edits:
                 break
-            if r.counter not in each:
+            if r.counter not in candidates:
                 branches = self.branches(r.counter, rng)
-                each[r.counter] = self.new(self.tree(seen, fittest, rng), branches, r)
-            if (edit := next(each[r.counter], None)) is not None:
-                found.append((r.counter, edit))
-        return found
+                candidates[r.counter] = self.new(self.tree(seen, fittest, rng), branches, r)
+            if (edit := next(candidates[r.counter], None)) is not None:
+                edits.append((r.counter, edit))
+        return edits
 
     def new(
         self, i: IndividualRecord, branches: Sequence[Branch], r: Requirement
     ) -> Iterator[Edit]:
-        """The edits that put these branches into a tree, without those that it had already."""
+        """Edits that add the branches to a tree, without those accepted before."""
         done = {edit for tree, edit in self._done if tree == i.tree}
         for edit in (edit for branch in branches for edit in self.ways(i, branch, r)):
             text = None if edit.branch is None else to_text(edit.branch)
@@ -263,11 +261,11 @@ class Editor:
                 yield edit
 
     def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
-        """What the edits are for, in turn; controls ask for something else."""
+        """The requirements to edit for, in turn; control arms override it."""
         return self.unmet(fittest) * self.context.edits
 
     def unmet(self, i: IndividualRecord) -> list[Requirement]:
-        """What a tree does not meet: of the easiest milestone first, the furthest away first."""
+        """The requirements that a tree does not meet: easiest milestone first, then worst first."""
         missed = {r.counter: r for r in reversed(self.requirements) if not r.met(i.counters)}
         easiest = [r for r in self.requirements if missed.get(r.counter) is r]
         hardest = [self.context.classes.behaviours[name] for name in self.context.classes.hardest]
@@ -282,26 +280,26 @@ class Editor:
     def tree(
         self, seen: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
-        """The individual that is edited; controls take another one."""
+        """The individual to edit; control arms override it."""
         del seen, rng
         return fittest
 
     def branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
-        """Branches for a counter, each once, the most promising first; controls draw others."""
+        """Distinct branches for a counter, the most promising first; control arms override it."""
         del rng
-        found = self.known(counter)
+        branches = self.known(counter)
 
         def promise(branch: Branch) -> float:
             text = to_text(branch.node)
             return (self._gained[text] + 1) / (self._tried[text] + 2)
 
-        return sorted(found, key=promise, reverse=True)
+        return sorted(branches, key=promise, reverse=True)
 
     def known(self, counter: str) -> list[Branch]:
-        """Branches that should raise a counter, in the order of the sources."""
+        """Distinct branches that may raise a counter, in the order of the sources."""
         of = {"library": self._of_library, "archive": self._of_archive}
-        found = [branch for source in self.settings.sources for branch in of[source](counter)]
-        return list({branch.node: branch for branch in reversed(found)}.values())[::-1]
+        branches = [branch for source in self.settings.sources for branch in of[source](counter)]
+        return list({branch.node: branch for branch in reversed(branches)}.values())[::-1]
 
     def _of_library(self, counter: str) -> list[Branch]:
         """The first guarded branch of each library tree for the counter's behaviours."""
@@ -314,28 +312,28 @@ class Editor:
         ]
 
     def _of_archive(self, counter: str) -> list[Branch]:
-        """Guarded branches with the action that goes with a counter, the smallest first."""
-        shown = [action for name, action in self._with if name == counter]
-        if not shown:
+        """Guarded branches with the action most typical of a counter, the smallest first."""
+        actions = [action for name, action in self._with if name == counter]
+        if not actions:
             return []
-        action = max(shown, key=lambda a: (self._with[counter, a] / self._all[a], a))
-        found = [
+        action = max(actions, key=lambda a: (self._with[counter, a] / self._all[a], a))
+        branches = [
             Branch(branch, f"individual {i.id}")
             for i in self._donors[counter]
             for branch in branches_of(parse(i.tree))
             if branch.guard and any(node.action == action for node in walk(branch))
         ]
-        return sorted(found, key=lambda branch: size(branch.node))
+        return sorted(branches, key=lambda branch: size(branch.node))
 
     @cached_property
     def library(self) -> Library:
-        """The run's library; to find one may take a while."""
+        """The run's library; to search for one takes seconds."""
         return self.context.library()
 
     def ways(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Iterator[Edit]:
-        """The edits that put a branch where its guard belongs, or in front of the whole tree.
+        """Edits that insert a branch by its guard or in front of the whole tree.
 
-        Where the tree has the branch already, its guard is widened instead.
+        If the tree has the branch already, the edit widens its guard instead.
         """
         tree, words = parse(i.tree), self.context.schema.vocabulary
         why = f"{r.counter} {i.counters[r.counter]:g}, wanted {r}"

@@ -1,7 +1,7 @@
-"""The offline expert: Tables 6, 7 and 8 as a policy. Deterministic, free, no language model.
+"""The offline expert: Tables 6, 7 and 8 as a deterministic policy, without a language model.
 
-Like the paper's prompt it goes by quality first: whether Complete and Excellent
-Robots exist says more than raw fitness, which single-task specialists inflate.
+Like the paper's prompt it considers quality first: the existence of Complete and Excellent Robots
+is a better sign of progress than raw fitness, which single-task specialists inflate.
 """
 
 from __future__ import annotations
@@ -22,30 +22,30 @@ from islandgp.text import title
 
 
 class Size(BaseModel, frozen=True, extra="forbid"):
-    """The largest that a tree may be."""
+    """Upper limits of a tree's size."""
 
-    depth: int = Field(ge=1)  # levels at most
-    nodes: int = Field(ge=1)  # at most
+    depth: int = Field(ge=1)  # levels
+    nodes: int = Field(ge=1)
 
     def holds(self, tree: Node) -> bool:
-        """Whether `tree` is no larger."""
+        """True if `tree` is within the limits."""
         return within(tree, Limits(self.depth, self.nodes))
 
 
 class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
-    """Table 8's ranges and what the conditions of Tables 6-8 mean in numbers."""
+    """The ranges of Table 8 and the thresholds of the conditions in Tables 6 to 8."""
 
-    rates: dict[Phase, tuple[float, float]]  # Table 8
-    several: int = Field(ge=1)  # quality individuals that are "multiple"
-    plateau: int = Field(ge=1)  # generations without a better best that are "stagnating"
-    strong: float = Field(gt=0)  # rise of the best over the window, as a share, that is "strong"
+    rates: dict[Phase, tuple[float, float]]  # Table 8: lowest and highest rate by phase
+    several: int = Field(ge=1)  # number of quality individuals that is "multiple"
+    plateau: int = Field(ge=1)  # generations without improvement that are "stagnating"
+    strong: float = Field(gt=0)  # relative rise of the best over the window that is "strong"
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
-    collapse: float = Field(ge=0, le=1)  # Eq. (3) below which diversity has collapsed
-    compact: Size  # section 2.4.6: trees until a robot of the first milestone has existed
+    collapse: float = Field(ge=0, le=1)  # diversity, Eq. (3), below which it has collapsed
+    compact: Size  # section 2.4.6: of trees until the first robot of the first milestone
     hardest: tuple[str, ...] | None = None
-    """Behaviours, the hardest to find first: decides between equals. None: `classes.hardest`.
-    Names that the experiment does not have are passed over; behaviours that are not named follow,
-    the last one first."""
+    """Behaviours, the hardest to find first, to break ties. None: `classes.hardest`. Names that
+    the experiment does not have are skipped; behaviours that are not listed follow in reverse
+    order."""
 
     @model_validator(mode="after")
     def _complete(self) -> ExpertSettings:
@@ -59,7 +59,7 @@ def exploitation_level(state: PopulationState, how: ExpertSettings) -> float:
 
 
 def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
-    """Table 8: the phase that the state is in."""
+    """The phase of the state, Table 8."""
     good, stuck = state.quality, state.stagnant_generations >= how.plateau
     if not good:
         if state.ever_quality:
@@ -78,12 +78,12 @@ def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
 
 
 def rising(state: PopulationState, how: ExpertSettings) -> bool:
-    """Whether the best fitness rose strongly over the window."""
+    """True if the best fitness rose by more than `strong` over the window."""
     return state.best_rise > how.strong
 
 
 def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
-    """Table 6: the label of the evolutionary pattern."""
+    """The evolutionary pattern of the state, Table 6."""
     if state.crisis == "stagnation":
         return Pattern.STAGNATION
     if state.now.diversity < how.collapse:
@@ -94,17 +94,17 @@ def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
 
 
 def wanted_rate(state: PopulationState, how: ExpertSettings) -> float:
-    """A rate inside the phase's range, in [0, 1]: the more there is to lose, the lower."""
+    """The mutation rate, in [0, 1]: within the phase's range, lower with more working robots."""
     low, high = how.rates[classify_phase(state, how)]
     return high - (high - low) * exploitation_level(state, how)
 
 
 def choose_target(state: PopulationState, how: ExpertSettings) -> str:
-    """Table 7: what the next tree is for.
+    """The target of the next tree, Table 7.
 
-    What no individual does comes first, then a crisis, then what few do. Until a robot of the first
-    milestone has existed the rarest behaviour always is too rare: putting behaviours together
-    is left to evolution.
+    Missing behaviours come first, then a crisis, then rare behaviours. Before the first robot of
+    the first milestone the rarest behaviour always counts as rare: evolution alone combines
+    behaviours.
     """
     doing = state.now.doing
     order = [*(name for name in how.hardest or () if name in doing), *reversed(doing)]
@@ -119,12 +119,12 @@ def choose_target(state: PopulationState, how: ExpertSettings) -> str:
 
 
 def early(targets: Sequence[str]) -> tuple[str, ...]:
-    """The targets that there are before the first robot of the first milestone."""
+    """The targets that can be chosen before the first robot of the first milestone."""
     return tuple(target for target in targets if target not in (RARE, INTEGRATION))
 
 
 class Expert:
-    """The policy over a library of example trees."""
+    """Advises by the tables, with trees of a library."""
 
     name = "expert"
     Settings = ExpertSettings
@@ -150,15 +150,15 @@ class Expert:
         self.library = library
 
     def fitting(self, target: str, *, compact: bool) -> list[str]:
-        """The names of the trees for a target; with `compact` only those that are."""
+        """Names of the library's trees for a target; with `compact` only those within its size."""
         names = self.library.targets.get(target, ())
         fits = self.settings.compact.holds
         return [n for n in names if not compact or fits(self.library.trees[n])]
 
     def pick(self, target: str, state: PopulationState, rng: np.random.Generator) -> str:
-        """The name of a tree for a target, drawn where there are several.
+        """Draws the name of a tree for a target.
 
-        Where the library has none, one for the rarest behaviour that it has serves instead.
+        If the library has none, one for the rarest behaviour with a tree is drawn instead.
         """
         compact = not state.ever_quality
         each = (self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours))
@@ -166,7 +166,7 @@ class Expert:
         return names[rng.integers(len(names))]
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """A rate inside the phase's range, and a tree for what the population lacks most."""
+        """See `Supervisor`. A rate within the phase's range, and a tree for the chosen target."""
         how = self.settings
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)

@@ -10,13 +10,13 @@ from islandgp.supervision.base import Guidance, RunContext
 
 
 class FixedSettings(BaseModel, frozen=True, extra="forbid"):
-    """The constant."""
+    """The constant rate."""
 
     rate: float = Field(ge=0, le=1)  # of mutation, in every generation
 
 
 class Fixed:
-    """Says the same in every generation."""
+    """Advises the same mutation rate in every generation, and no tree."""
 
     name = "fixed"
     Settings = FixedSettings
@@ -30,5 +30,5 @@ class Fixed:
         self.settings = settings
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
-        """The settings' rate."""
+        """See `Supervisor`."""
         return Guidance(self.settings.rate, None, self.name, reasoning="constant")

@@ -1,4 +1,4 @@
-"""The trees that supervisors inject: a folder of files, by what each tree is for (Table 7)."""
+"""The library of trees to inject: a folder of files, grouped by target (Table 7)."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from islandgp.scoring.classes import Classes
 class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
     """The group `library`."""
 
-    folder: str | None = None  # of .bt files; None: a tree for each behaviour is searched for
+    folder: str | None = None  # of .bt files; None: a search finds a tree for each behaviour
     trees: dict[str, tuple[str, ...]] = Field(default_factory=dict)
-    """By target the names of trees; one of them is drawn. Each behaviour needs one."""
+    """Names of trees by target; one of them is drawn. Each behaviour needs at least one."""
     shown: dict[str, tuple[str, ...]] = Field(default_factory=dict)
-    """By prompt (explore, exploit, poor) the trees that a language model is shown."""
+    """Names of the example trees in each prompt (explore, exploit, poor)."""
     yardsticks: tuple[str, ...] = ()
-    """Trees that `islandgp compare` sets beside the champions in unseen worlds."""
+    """Reference trees that `islandgp compare` evaluates with the champions in unseen worlds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """Trees by name, and what they are for."""
+    """Trees by name, with their targets and prompts."""
 
     trees: Mapping[str, Node]
-    texts: Mapping[str, str]  # the same as written, comments included
+    texts: Mapping[str, str]  # as in the files, with comments
     targets: Mapping[str, tuple[str, ...]]  # names of trees by target
     shown: Mapping[str, tuple[str, ...]]  # names of trees by prompt
-    episodes: int = 0  # in which it was searched for
+    episodes: int = 0  # simulated in the search for it
 
 
 def library_folder(name: str, domain: Domain) -> Path:
-    """A folder of trees: beside the domain's module, here, or among the project's own.
+    """Finds a folder of trees beside the domain's module, here, or in the project's `grammar`.
 
-    Raises ConfigError where there is none.
+    Raises ConfigError if there is none.
     """
     module = getfile(type(domain))
     for folder in (Path(module).parent / name, Path(name), resource("grammar").parent / name):
@@ -59,11 +59,11 @@ def library_folder(name: str, domain: Domain) -> Path:
 def read_library(
     settings: LibrarySettings, folder: Path, vocabulary: Vocabulary, classes: Classes
 ) -> Library:
-    """The library in a folder.
+    """Reads the library in a folder.
 
     Raises:
         ConfigError: a file or a target is missing, or a target does not exist.
-        TreeError: a file is not a tree in the words of the vocabulary.
+        TreeError: a file is not a tree of the vocabulary.
     """
     for target in settings.trees:
         if target not in classes.targets:
@@ -85,7 +85,7 @@ def read_library(
 
 
 def read_tree(folder: Path, name: str) -> str:
-    """The text of a tree of a folder. Raises ConfigError where there is none."""
+    """The text of a tree in a folder. Raises ConfigError if it cannot be read."""
     path = folder / f"{name}.bt"
     try:
         return path.read_text(encoding="utf-8")

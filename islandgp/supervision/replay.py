@@ -1,8 +1,8 @@
-"""A recorded run again, offline: the answers come from its transcript.
+"""Replays a run with a language model offline, with the answers of its transcript.
 
-The states, the prompts, the validation and the fallback are worked out anew, by the
-same code as in the recorded run; only the network's part is read. So the
-records come out the same bit for bit, or the replay ends with the difference.
+States, prompts, validation and fallback are computed again by the same code; only the answers of
+the server are read. So the records are equal bit for bit, or the replay ends with an error that
+shows the first difference.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from islandgp.trust import must_trust_code
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
-    """Which record to repeat."""
+    """The recorded run to replay."""
 
     transcript: str | None  # a run's folder, or a transcript.jsonl
 
     def path(self) -> Path:
-        """The file. Raises SupervisionError where there is none."""
+        """The transcript's file. Raises SupervisionError if there is none."""
         if not self.transcript:
             raise SupervisionError(
                 "Expected a recorded run to replay, found none; name its folder with"
@@ -43,14 +43,14 @@ class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class Replay:
-    """Gives the guidance of a recorded run; its record keeps the recorded source."""
+    """Returns the guidance of a recorded run, under the recorded source."""
 
     name = "replay"
     Settings = ReplaySettings
 
     @classmethod
     def ready(cls, settings: ReplaySettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
-        """Raises SupervisionError where there is no transcript."""
+        """Raises SupervisionError if there is no transcript."""
         settings.path()
 
     @classmethod
@@ -58,7 +58,8 @@ class Replay:
         """See `Supervisor`.
 
         Raises:
-            UntrustedError: only the transcript names the class of its fallback.
+            SupervisionError: the transcript has no settings, or damaged ones.
+            UntrustedError: the class of its fallback is not in the user's own configuration.
         """
         path = settings.path()
         transcript = Transcript(path, fixed=True)
@@ -88,7 +89,7 @@ class Replay:
         """See `Supervisor`.
 
         Raises:
-            SupervisionError: the record has no answer to this state.
+            SupervisionError: the transcript has no answer for this state.
         """
         return self.adviser.advise(state, rng, self._calls, self._dialects.at)
 
@@ -103,14 +104,14 @@ class RecordedCalls:
         """See `Calls`.
 
         Raises:
-            SupervisionError: the transcript has no answer, or one to another request.
+            SupervisionError: the transcript has no answer, or one for another request.
         """
         done = self.transcript.of(call)
         name = self.transcript.path or "the transcript"
         if not done:
             raise SupervisionError(
                 f"Expected an answer in {name} for the {call}, found none: the recorded run"
-                " ended before, or asked for less."
+                " ended earlier, or made fewer requests."
             )
         same = [a for a in done if a.request.digest == request.digest]
         if not same:
@@ -123,12 +124,12 @@ class RecordedCalls:
         return same[-1].answer
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
-        """See `Calls`: nothing is gained by it."""
+        """See `Calls`; always False, as a replay sends nothing ahead."""
         return False
 
 
 def difference(recorded: Request, now: Request) -> str:
-    """Where two requests differ, as a unified diff of at most 40 lines."""
+    """The unified diff of two requests, at most 40 lines."""
     lines = list(
         difflib.unified_diff(_lines(recorded), _lines(now), "recorded", "now", lineterm="", n=1)
     )

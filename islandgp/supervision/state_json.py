@@ -1,7 +1,7 @@
-"""Table 5 as JSON: what a language model is shown of a population (sections 2.4.1 and 2.4.5).
+"""Table 5 as JSON: the state of a population in prompts (sections 2.4.1 and 2.4.5).
 
-Numbers are rounded, points from 100 on to whole ones, smaller ones to three digits, and shares to
-three places: a prompt stays short, and the last digits of a sum never change its hash.
+Numbers are rounded: points of at least 100 to whole ones, smaller ones to three digits, shares to
+three places. This keeps prompts short and their hashes independent of rounding errors.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.text import rounded
 
-SMALL: Final = 1e-6  # points: of a best below it no share is told
+SMALL: Final = 1e-6  # points: relative changes of smaller values are 0
 
 
 @cache
 def words(section: str) -> dict[str, str]:
-    """A section of `prompts/words.yaml`: what the names in it mean, as a language model is told."""
-    found: dict[str, dict[str, str]] = yaml.safe_load(
+    """A section of `prompts/words.yaml`: meanings by name, for prompts."""
+    sections: dict[str, dict[str, str]] = yaml.safe_load(
         resource("prompts/words.yaml").read_text(encoding="utf-8")
     )
-    return found[section]
+    return sections[section]
 
 
 def field_meanings(
     schema: Schema, classes: Classes, multiplied: Collection[str] | None = None
 ) -> dict[str, str]:
-    """Every field of `state_json` and what it means, in the order in which they stand there.
+    """The meaning of each field of `state_json`, in the same order.
 
-    `multiplied` are the components that the curriculum has a factor for; None: any of them.
+    `multiplied` are the components with a factor in the curriculum; None: all of them.
     """
     s = classes.specialists
     sorts: dict[str, dict[str, str]] = {
-        # what a <sort> in the name of a field stands for, and what is <said> of each
+        # by <sort> in the name of a field: the names of that sort, with the text for <said>
         "milestone": {name: classes.tier_title(name) for name in classes.milestones},
         "tier": {name: classes.tier_title(name) for name in classes.tiers},
         "idle": {s.idle: ", ".join(s.of)},
@@ -58,17 +58,17 @@ def field_meanings(
             if multiplied is None or name in multiplied
         },
     }
-    found = {}
+    meanings = {}
     for field, meaning in words("fields").items():
         before, _, rest = field.partition("<")
         sort, _, after = rest.partition(">")
-        for name, said in sorts[sort].items() if sort else [("", "")]:
-            found[f"{before}{name}{after}"] = meaning.replace("<said>", said)
-    return found
+        for name, description in sorts[sort].items() if sort else [("", "")]:
+            meanings[f"{before}{name}{after}"] = meaning.replace("<said>", description)
+    return meanings
 
 
 def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
-    """The state as plain JSON values; `field_meanings` says what each means."""
+    """The state as plain JSON values; see `field_meanings` for their meanings."""
     now = state.now
     return {
         "generation": now.generation,
@@ -119,7 +119,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
 
 
 def state_text(state: PopulationState, crisis: Crisis) -> str:
-    """The JSON as a prompt shows it: one line for each group, and for each line of the history."""
+    """The JSON text of a prompt: one line per group and per generation of the history."""
     lines = []
     for key, value in state_json(state, crisis).items():
         if key == "history":
@@ -148,5 +148,5 @@ def _three(value: float) -> float:
 
 
 def _share(change: float, before: float) -> float:
-    """A change as a share of what was before; 0 where there was nothing."""
+    """The relative change, rounded; 0 if the value before was about 0."""
     return _three(change / abs(before)) if abs(before) >= SMALL else 0.0

@@ -1,8 +1,7 @@
-"""The ablation "random injection": as many trees, of the same library, blind to what lacks.
+"""The ablation "random injection": the expert's rates, with trees for targets drawn at random.
 
-If targeting is what helps (Table 7), the expert beats this; if any good tree
-helps, the two are alike. Both have the same trees to choose from: compact ones
-until a Complete Robot has existed.
+If targeting (Table 7) matters, the expert beats this; if any good tree helps, both do equally
+well. Both choose from the same trees: compact ones until the first Complete Robot.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ class Untargeted(Expert):
     name = "untargeted"
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """Every target with a tree that the expert could have now is as likely as another."""
+        """See `Supervisor`. Draws uniformly from the targets that the expert can choose now."""
         guidance = super().advise(state, rng)
         now = state.targets if state.ever_quality else early(state.targets)
         targets = [target for target in now if self.library.targets.get(target)]

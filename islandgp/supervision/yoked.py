@@ -1,8 +1,8 @@
-"""The ablation "another seed's record": guidance that was given to another population.
+"""The ablation "another seed's record": repeats the guidance of another run.
 
-Rates and trees are those that some supervisor gave in another run, generation
-by generation, whatever the state is here. If reading the state is what helps,
-the supervisor beats this; if its schedule alone helps, the two are alike.
+Rates and trees are those that a supervisor advised in another run after the same generation,
+independent of the state of this run. If the state matters, the supervisor beats this; if its
+schedule alone helps, both do equally well.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
-    """Whose record it is."""
+    """The other run."""
 
     record: str = Field(min_length=1)  # a run's folder; {seed} is replaced by the other seed
-    first: int = Field(ge=0)  # the sweep's least seed
-    seeds: int = Field(ge=2)  # how many there are from it on
+    first: int = Field(ge=0)  # lowest seed of the sweep
+    seeds: int = Field(ge=2)  # number of consecutive seeds of the sweep
 
     def leader(self, seed: int) -> int:
-        """The other seed: the next of the sweep's, the first after the last.
+        """The seed of the other run: the sweep's next seed, or its first after the last.
 
         Raises:
-            SupervisionError: the seed is none of the sweep's.
+            SupervisionError: the seed is not in the sweep.
         """
         if not self.first <= seed < self.first + self.seeds:
             raise SupervisionError(
@@ -42,19 +42,22 @@ class YokedSettings(BaseModel, frozen=True, extra="forbid"):
         return self.first + (seed - self.first + 1) % self.seeds
 
     def folder(self, seed: int) -> Path:
-        """The run that leads the run of a seed. Raises SupervisionError."""
+        """The folder of the other run for a seed. Raises SupervisionError as `leader`."""
         return Path(self.record.replace("{seed}", str(self.leader(seed))))
 
 
 class Yoked:
-    """Repeats another run's guidance, blind to the state."""
+    """Repeats the guidance of another run; ignores the state."""
 
     name = "yoked"
     Settings = YokedSettings
 
     @classmethod
     def ready(cls, settings: YokedSettings, context: RunContext) -> None:
-        """Raises SupervisionError where the record is missing or too short, and not yet to come."""
+        """Raises SupervisionError if the record is missing or too short.
+
+        A run that the same command does before this one need not exist yet.
+        """
         if settings.folder(context.seed).resolve() not in context.coming:
             cls.lines(settings, context)
 
@@ -73,7 +76,7 @@ class Yoked:
 
     @classmethod
     def lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
-        """The other run's records, a generation a line. Raises SupervisionError as `ready`."""
+        """The other run's records, one line per generation. Raises SupervisionError as `ready`."""
         folder = settings.folder(context.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():
@@ -89,30 +92,30 @@ class Yoked:
             )
         return lines
 
-    def __init__(self, given: Sequence[Guidance]) -> None:
-        """`given` is what to say after each generation."""
-        self.given = given
+    def __init__(self, schedule: Sequence[Guidance]) -> None:
+        """`schedule` is the guidance by generation."""
+        self.schedule = schedule
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
-        """What was said after the same generation of the other run."""
-        return self.given[state.now.generation]
+        """See `Supervisor`. The other run's guidance after the same generation."""
+        return self.schedule[state.now.generation]
 
 
 def repeated(line: bytes) -> Guidance:
-    """The guidance of a generation's record. Raises ValueError or TreeError where it has none."""
-    said = validate_json(GenerationRecord, line)["guidance"]
-    if said is None:
+    """The guidance in a generation's record. Raises ValueError or TreeError if it is damaged."""
+    recorded = validate_json(GenerationRecord, line)["guidance"]
+    if recorded is None:
         return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
     return Guidance(
-        mutation_rate=said["wanted_rate"],
-        tree=None if said["tree"] is None else parse(said["tree"]),
+        mutation_rate=recorded["wanted_rate"],
+        tree=None if recorded["tree"] is None else parse(recorded["tree"]),
         source=Yoked.name,
-        phase=None if said["phase"] is None else Phase(said["phase"]),
-        pattern=None if said["pattern"] is None else Pattern(said["pattern"]),
-        target=said["target"],
-        intervention=said["intervention"],
-        risk=said["risk"],
-        reasoning=said["reasoning"],
-        rationale=said["rationale"],
-        notes={"led_by": said["source"]},
+        phase=None if recorded["phase"] is None else Phase(recorded["phase"]),
+        pattern=None if recorded["pattern"] is None else Pattern(recorded["pattern"]),
+        target=recorded["target"],
+        intervention=recorded["intervention"],
+        risk=recorded["risk"],
+        reasoning=recorded["reasoning"],
+        rationale=recorded["rationale"],
+        notes={"led_by": recorded["source"]},
     )

@@ -41,7 +41,7 @@ class SweepJob:
 
 @dataclass(frozen=True, slots=True)
 class SweepFile:
-    """What sweep.json holds."""
+    """Content of sweep.json."""
 
     id: str
     started: int  # ms since 1970
@@ -49,7 +49,7 @@ class SweepFile:
     jobs: tuple[SweepJob, ...]
 
     def arm(self, job: SweepJob) -> str:
-        """What a job has in common with those that differ from it by the seed only."""
+        """Name of a job's arm: its supervisor, and the overrides that are not common to all."""
         everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
         own = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
         return " ".join([job.supervisor, *sorted(own)])
@@ -100,7 +100,7 @@ class SweepFolder:
         self._lock.release()
 
     def read(self) -> SweepFile | None:
-        """What was asked for; None if there was no sweep. Raises RunError for a damaged file."""
+        """The content of sweep.json; None if there is none. Raises RunError if it is damaged."""
         path = self.path / "sweep.json"
         for file in (path, self.path / ".lock", self.path / "tracking.json"):
             must_be_no_link(file)
@@ -121,11 +121,11 @@ class SweepFolder:
         return RunFolder(self.path / job.folder)
 
     def at_work(self) -> bool:
-        """Whether a process holds the sweep."""
+        """True if a process is working on the sweep."""
         return locked(self.path / ".lock")
 
     def status(self, file: SweepFile) -> Status:
-        """How far the jobs are, taken together, wherever they run.
+        """The common status of all jobs.
 
         Stopped jobs count for more than failed ones: the sweep is not at its end.
         """

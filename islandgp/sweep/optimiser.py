@@ -131,7 +131,7 @@ def run_search(searched: Searched, command: str, launch: Launch) -> int:
 
 
 def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
-    """What a sweeper has written into RESULTS, for people.
+    """The results of a sweeper (RESULTS) as text.
 
     Args:
         results: Hydra's form: best_params and best_value, or solutions with params and values.
@@ -235,9 +235,9 @@ def _must_be_whole(override: Override, settings: Settings) -> None:
 
 
 AT_WORK: Final[dict[int, Callable[[int, float], bool]]] = {}
-"""By the number of a trial's job in Hydra's count: takes a generation and its highest fitness, and
-tells whether the trial is to be stopped as others are better. The search fills it, so it works
-where the launcher runs the jobs in the process of the search."""
+"""Pruning functions by Hydra's job number: called with a generation and its highest fitness, True
+to stop the trial. Filled by the sweeper, so pruning needs a launcher that runs the jobs in the
+sweeper's process."""
 
 
 def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[float, ...] | None]:

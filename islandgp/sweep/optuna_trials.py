@@ -104,8 +104,8 @@ def search(
     )
     space = {a.key: a.distribution for a in axes}
     known: dict[Words, Outcome] = {}
-    while (told := len(study.trials)) < n_trials:
-        batch = [study.ask(space) for _ in range(min(n_jobs, n_trials - told))]
+    while (done := len(study.trials)) < n_trials:
+        batch = [study.ask(space) for _ in range(min(n_jobs, n_trials - done))]
         jobs = [(*fixed, *(a.override(trial.params[a.key]) for a in axes)) for trial in batch]
         new = {job: trial for job, trial in zip(jobs, batch, strict=True) if job not in known}
         known |= _launched(new, launch, len(known), bool(pruner))

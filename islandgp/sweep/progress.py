@@ -1,4 +1,4 @@
-"""How far a sweep is, in one line: read from its folders, so that no launcher matters."""
+"""Progress of a sweep in one line, read from its folders and so independent of the launcher."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Start:
         return (self.run(named) for named in self.jobs)
 
     def failed(self, run: RunFolder) -> bool:
-        """Whether a job has failed since. The file system's clock may differ from this one's."""
+        """True if a job has failed since the start."""
         file = _error_file(run)
         return file is not None and file != self.errors.get(str(run.path))
 
@@ -159,13 +159,13 @@ class Watch:
     def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
         """The jobs at each look, and those that have ended since the look before."""
         start = self.look()
-        told = {run.path for run in start.runs() if run.finished()}
+        reported = {run.path for run in start.runs() if run.finished()}
         yield start, []
         over = False
         while not over:
             over = self._over.wait(PERIOD)
             start = self.look()
             runs = (run for run in start.runs() if run.finished() or start.failed(run))
-            ended = [run for run in runs if run.path not in told]
-            told.update(run.path for run in ended)
+            ended = [run for run in runs if run.path not in reported]
+            reported.update(run.path for run in ended)
             yield start, ended

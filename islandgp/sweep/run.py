@@ -77,7 +77,7 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
 
 
 def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bool) -> int:
-    """Sends what the tracking store lacks, tells the results; returns the exit code."""
+    """Sends missing records to the tracking store and prints the results; returns the exit code."""
     try:
         _send(entries, settings)
     except KeyboardInterrupt:
@@ -178,7 +178,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
 
 
 def _begun(start: Start) -> list[int]:
-    """When each job was last begun, ns since 1970; 0 if never."""
+    """Time of each job's last start, ns since 1970; 0 if it was never started."""
     files = (run.path / "about.json" for run in start.runs())
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
 

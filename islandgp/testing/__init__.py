@@ -1,1 +1,1 @@
-"""Stand-ins for what a run asks outside of itself, for tests and for `make demo-llm`."""
+"""Test doubles for external services, for tests and `make demo-llm`, and tests of domains."""

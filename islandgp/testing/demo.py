@@ -18,7 +18,7 @@ from islandgp.running.app import main
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 
-TOLD: Final = """\
+INTRODUCTION: Final = """\
 This shows supervision by a language model without one: the answers below are a mock's.
 A server on this machine gives them by rules, and spoils every third one on purpose.
 """
@@ -44,7 +44,7 @@ QUICK: Final = (
 
 def demo(overrides: Sequence[str]) -> int:
     """Runs, repeats, compares; returns the exit code."""
-    print(TOLD)
+    print(INTRODUCTION)
     home = Path(tempfile.mkdtemp(prefix="islandgp-demo-llm-"))
     common = ["experiment=smoke", "gp.generations=11", "tracking=off", "progress=off", *overrides]
     os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not reach a server of ours
@@ -74,7 +74,7 @@ def _folder(runs: Path) -> Path:
 
 
 def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], asked: int) -> None:
-    """Where each generation's guidance came from, and what it took."""
+    """The source and the costs of each generation's guidance."""
     print("generation  rate  guidance")
     for record in records:
         if (given := record["guidance"]) is not None:

@@ -34,20 +34,20 @@ _PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
 _COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 
 SPOILS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
-STUCK: Final = 5  # generations without a better best
-DIED: Final = 2  # trees for a target that died out, after which it tries another one
+STUCK: Final = 5  # generations without improvement
+DIED: Final = 2  # extinct trees for a target, after which it chooses another target
 
 
 @dataclass(frozen=True)
 class MockModel:
-    """Answers a request of `supervisor=llm`; a function of its fields and the request."""
+    """Answers requests of `supervisor=llm`; a function of its settings and the request."""
 
     seed: int = 0
-    noise: float = 0.0  # share of answers that are drawn at random instead of judged
-    faults: float = 0.0  # share of answers that cannot be used
+    noise: float = 0.0  # share of answers drawn at random, in [0, 1]
+    faults: float = 0.0  # share of unusable answers, in [0, 1]
 
     def __call__(self, request: Mapping[str, Any]) -> Any:
-        """The answer as JSON values; as a text where it is spoiled."""
+        """The answer as JSON values, or as a text if it is made unusable."""
         user = str(request["messages"][0]["content"])
         edits = user.startswith("After generation")
         if (found := _STATE.search(user)) is None and not edits:  # the probe
@@ -67,13 +67,13 @@ class MockModel:
         return answer
 
     def _draws(self, request: Mapping[str, Any]) -> np.random.Generator:
-        """Draws of this request's own: the order in which requests come changes nothing."""
-        said = json.dumps([self.seed, request.get("system", ""), request["messages"]])
-        return np.random.default_rng(list(hashlib.sha256(said.encode()).digest()))
+        """A generator seeded by the request, so that the order of requests does not matter."""
+        content = json.dumps([self.seed, request.get("system", ""), request["messages"]])
+        return np.random.default_rng(list(hashlib.sha256(content.encode()).digest()))
 
 
 def _text(system: Any) -> str:
-    """A system prompt's text, whether it came as one text or in blocks."""
+    """The text of a system prompt, given as one text or as blocks."""
     return system if isinstance(system, str) else "".join(str(block["text"]) for block in system)
 
 
@@ -135,7 +135,7 @@ def _tree(
 
 
 def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
-    """The first branch of an example for what lacks most, in front of the first tree shown."""
+    """An edit that adds an example's first branch for the rarest behaviour to the first tree."""
     shown = system.partition("## Examples")[2].partition("\n## ")[0]
     examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(shown)]
     lacking = _URGENT.findall(user)
@@ -159,7 +159,7 @@ def _target(
     rng: np.random.Generator,
     guess: bool,
 ) -> str:
-    """What lacks most; another behaviour where trees for it have died out again and again."""
+    """The rarest behaviour, or another one if trees for it have died out DIED times."""
     lacking: list[str] = state["behaviours"]["lacking"]
     if guess:
         known = [*lacking, *(t for names in named for t in names.split(", ") if t)]
@@ -191,7 +191,7 @@ def _actions(*nodes: Node) -> set[str]:
 
 
 def _varied(tree: Node, rng: np.random.Generator) -> Node:
-    """The same tree with other numbers in its conditions."""
+    """The tree with other numbers in its conditions."""
 
     def other(match: re.Match[str]) -> str:
         return f"{match[1]} {round(int(match[2]) * rng.uniform(0.6, 1.6))}"

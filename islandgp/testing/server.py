@@ -32,11 +32,11 @@ _BODIES: Final[dict[Fault, dict[str, Any]]] = {
     },
     Fault.WRONG_BODY: {"content": 7, "usage": "many", "stop_reason": ["end_turn"]},
 }
-"""What is other in the messages of faults that are a message."""
+"""Fields of the message that these faults change."""
 
 
 class MessagesServer:
-    """The server, as a context manager; `requests` and `keys` hold what came in."""
+    """The server, a context manager; `requests` and `keys` are those received."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class MessagesServer:
         self._http.server_close()
 
     def take(self, request: dict[str, Any], key: str) -> Fault | None:
-        """Notes a request down; returns what goes wrong with it."""
+        """Records a request and returns its fault, or None."""
         with self._lock:
             self.requests.append(request)
             self.keys.append(key)
@@ -92,12 +92,12 @@ class _Http(ThreadingHTTPServer):
         self.owner = owner
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """A client that goes away is what these tests are about."""
+        """Ignores closed connections, which these tests cause on purpose."""
 
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
-    disable_nagle_algorithm = True  # else each answer takes 40 ms
+    disable_nagle_algorithm = True  # saves 40 ms per answer
     server: _Http
 
     def log_message(self, format: str, *args: object) -> None:
@@ -114,8 +114,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._fail(fault, request, key)
             return
         if "temperature" in request and not owner.temperature:
-            said = "temperature: Extra inputs are not permitted"
-            self._send(400, _error("invalid_request_error", said))
+            error = _error("invalid_request_error", "temperature: Extra inputs are not permitted")
+            self._send(400, error)
             return
         message = _message(request, *self._text(request, fault))
         if not owner.usage:
@@ -139,8 +139,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _fail(self, fault: Fault, request: Mapping[str, Any], key: str) -> None:
         body = json.dumps(_message(request, json.dumps(self.server.owner.answer(request)))).encode()
         if fault in _ERRORS:
-            status, kind, said, headers = _ERRORS[fault]
-            self._send(status, _error(kind, said.format(key=key)), headers)
+            status, kind, text, headers = _ERRORS[fault]
+            self._send(status, _error(kind, text.format(key=key)), headers)
             return
         if fault in _BODIES:
             self._send(200, {**_message(request, ""), **_BODIES[fault]})
@@ -167,7 +167,7 @@ class _Handler(BaseHTTPRequestHandler):
                 self.wfile.write(body[: len(body) // 2])
 
     def _drip(self, first: bytes = b"") -> None:
-        """A byte now and then, until the other side goes or the server is closed."""
+        """Sends single bytes until the client or the server closes the connection."""
         self.close_connection = True
         owner = self.server.owner
         self.wfile.write(first)

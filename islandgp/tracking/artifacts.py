@@ -1,4 +1,4 @@
-"""The files that go with a run into MLflow, in forms that its UI shows."""
+"""The artifacts of a run in MLflow, in formats that its UI displays."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ FILES: Final = (
     "run.html",
     "transcript.jsonl",
 )
-"""Files of the folder that are sent as they are. Not error.txt, which the note tells: MLflow
-takes no file back, and a run that failed may go on."""
+"""Files of the folder that are sent unchanged. Without error.txt, whose content is in the note:
+MLflow cannot delete a file, and a failed run may be resumed."""
 
 TABLE: Final = "generations.json"  # in the form of MLflow's log_table
 DECIMALS: Final = {**dict.fromkeys(FITNESS_KEYS, 1), "diversity": 3, "working": 3}
@@ -39,15 +39,15 @@ class Artifact:
     """One file in MLflow."""
 
     name: str
-    content: Path | Callable[[], str]  # a file of that name, or a text made for the purpose
+    content: Path | Callable[[], str]  # the path of a file, or a function that makes the text
 
 
 def artifacts(folder: RunFolder) -> Iterator[Artifact]:
-    """All files of a run that is over; what a run has not come to is left out."""
+    """All files of a run that has ended; those that it has not written are left out."""
     for name in FILES:
         if (file := folder.path / name).exists():
             yield Artifact(name, file)
-    # Without their individuals, which would be nearly all of a long run's memory.
+    # Without individuals, which take most of the memory of a long run.
     records = [{key: r[key] for key in ("snapshot", "guidance")} for r in folder.records()]
     if records:
         yield Artifact(TABLE, lambda: json.dumps(table(records)))
@@ -60,11 +60,11 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
 
 
 def table(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """One row a generation."""
+    """The table of the run in MLflow: one row per generation."""
     rows = []
     for record in records:
         s, guidance = record["snapshot"], record["guidance"] or {}
-        said = ("crisis", "source", "phase", "pattern", "target")
+        texts = ("crisis", "source", "phase", "pattern", "target")
         rows.append(
             {
                 "generation": s["generation"],
@@ -72,7 +72,7 @@ def table(records: list[dict[str, Any]]) -> dict[str, Any]:
                 **s["tiers"],
                 **s["specialists"],
                 "rate": round(s["rate"], 3),
-                **{name: guidance.get(name) or "" for name in said},
+                **{name: guidance.get(name) or "" for name in texts},
                 "injected": guidance.get("injected", False),
             }
         )
@@ -88,7 +88,7 @@ def _points(summary: Mapping[str, Any]) -> str:
 
 
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
-    """What MLflow shows as the run's description, in Markdown."""
+    """The run's description in MLflow, in Markdown."""
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
         s, agent = folder.summary(), folder.agent

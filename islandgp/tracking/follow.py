@@ -64,7 +64,7 @@ class SyncRequest:
 
 
 class EventKind(StrEnum):
-    """What a child reports."""
+    """A message of the sync process."""
 
     PREPARING = "preparing"  # `text` names what takes time: MLflow loads, a store is made; "": done
     PROGRESS = "progress"  # more records are in the store

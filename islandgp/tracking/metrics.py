@@ -1,4 +1,4 @@
-"""Which numbers of a generation become MLflow metrics; the part before "/" is a chart section."""
+"""The MLflow metrics of a generation and of a run; the part before "/" is a section of charts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, vio
 from islandgp.supervision.decisions import Decisions, decisions
 
 COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operators": "operators_s"}
-"""Costs whose metric says the unit; the others keep their names."""
+"""Costs whose metrics have the unit in the name."""
 
 
 def metrics(
@@ -85,7 +85,7 @@ def _supervision(record: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _edits(record: Mapping[str, Any]) -> dict[str, float]:
-    """Edits that were advised after this generation, and how those before it did; {} for none."""
+    """Edits advised after this generation, and results of those before it; {} for none."""
     advised = (record["guidance"] or {}).get("edits", ())
     trials = record.get("trials", ())
     if not advised and not trials:
@@ -110,9 +110,9 @@ def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str,
 
 
 def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:
-    """What can be said of a whole run only: emergence, and the shares of Fig. 8's decisions."""
+    """The metrics of a whole run: emergence of tiers, and the decisions of Fig. 8."""
     first: dict[str, int] = {}
-    given: list[GuidanceRecord] = []
+    guidance: list[GuidanceRecord] = []
     diversities: list[float] = []
     edited: list[GenerationRecord] = []
     for record in records:
@@ -124,15 +124,15 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
             if n:
                 first.setdefault(tier, s["generation"])
         if record["guidance"] is not None:
-            given.append(GuidanceRecord(**record["guidance"]))
+            guidance.append(GuidanceRecord(**record["guidance"]))
     yield "run/mean_diversity", total(diversities) / len(diversities)
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
     yield from _fates(edit_fates(edited))
-    yield from _decisions(decisions([given]))
+    yield from _decisions(decisions([guidance]))
 
 
 def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
-    """The run's edits: shares of those that were evaluated, in [0, 1], and generations."""
+    """Shares of the run's evaluated edits, in [0, 1]."""
     tried = [fate for fate in fates if fate.trial is not None]
     if tried:
         yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in tried) / len(tried)
@@ -141,13 +141,13 @@ def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
 
 
 def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:
-    """The run's decisions as Fig. 8 shows them.
+    """The run's decisions as in Fig. 8.
 
-    phases/<name>, patterns/<name>   share of the decisions that name it, in [0, 1]
-    decisions/<source>               share of the decisions from a source, as "llm_and_fallback"
-    decisions/interventions          decisions that saw a need to step in
+    phases/<name>, patterns/<name>   share of the decisions with this phase or pattern, in [0, 1]
+    decisions/<source>               share of the decisions of a source, e.g. "llm_and_fallback"
+    decisions/interventions          decisions that considered an intervention necessary
     decisions/crises                 generations with the emergency rate, Eq. (7)
-    decisions/fallbacks              decisions that came from the fallback, wholly or in part
+    decisions/fallbacks              decisions that are wholly or partly the fallback's
     """
     sections = {"phases": found.phases, "patterns": found.patterns, "decisions": found.sources}
     for section, counts in sections.items():

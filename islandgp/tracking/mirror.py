@@ -1,8 +1,8 @@
-"""Sends a run's folder to MLflow: whatever of it is not there yet, each point once.
+"""Sends the missing parts of a run's folder to MLflow.
 
-The child beside a run and `islandgp sync` both do this. Doing it twice changes nothing: a run is
-found again by its own id, points are sent from the last step that the store has, and a point's
-time is part of the folder, so that MLflow takes a repeated point for the one it has.
+Used by the sync process of a run and by `islandgp sync`. It is idempotent: a run is found by its
+id, points are sent from the last step in the store on, and their times are read from the folder,
+so that MLflow recognises a repeated point.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
 
 MARK: Final = "fitness/max"  # a metric that every generation has
 TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
-PAGE_PERIOD: Final = 30.0  # s between two copies of the page of a run that goes on
+PAGE_PERIOD: Final = 30.0  # s between two copies of the page of an unfinished run
 
 
 def must_be_sendable(folder: RunFolder, status: Status) -> None:
     """Checks a run before a store is opened for it.
 
     Raises:
-        IslandError: the run is damaged, or was never sent and is of a domain that is not trusted.
+        IslandError: the run is damaged, or it was never sent and its domain is not trusted.
     """
     if status is Status.FINISHED and folder.finished():
         folder.must_be_sound()
@@ -57,32 +57,38 @@ def must_be_sendable(folder: RunFolder, status: Status) -> None:
 def _must_be_trusted(folder: RunFolder) -> None:
     config = folder.configuration()
     check_version(config)
-    if folder.finished():  # its replay is made of an episode
+    if folder.finished():  # an episode is run for its replay
         must_trust_domain(config)
 
 
 class Mirror:
-    """One run's folder and its MLflow run."""
+    """Mirrors one run's folder in an MLflow run."""
 
     def __init__(
         self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
     ) -> None:
-        """`alive` is called when records have arrived.
+        """Opens nothing.
 
-        Raises TrackingError where the folder has not been started.
+        Args:
+            folder: of the run.
+            store: to send it to.
+            alive: called each time when records have arrived.
+
+        Raises:
+            TrackingError: no run was started in the folder.
         """
         about = folder.about()
         if about is None:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
         self.folder, self.store, self.about, self._alive = folder, store, about, alive
-        self.has_sent = False  # whether the store lacked anything
+        self.has_sent = False  # True once anything was sent
         self._lock = FileLock(folder.path / LOCK)
         self._key = key_of(about)
-        self._sure = False  # whether tracking.json was compared with the store
+        self._sure = False  # True once tracking.json was compared with the store
         self._page_due = monotonic()
 
     def send(self, status: Status) -> str:
-        """Sends what is missing; returns the MLflow run's id. Raises whatever MLflow raises."""
+        """Sends everything missing and returns the MLflow run's id. Errors of MLflow propagate."""
         if status is Status.FINISHED and self.folder.finished():
             self.folder.must_be_sound()
         with self._lock:
@@ -95,12 +101,12 @@ class Mirror:
                 else:
                     sent = self._end(sent, status)
             except BaseException:
-                self._sure = False  # the store may hold more or less than we think
+                self._sure = False  # the contents of the store are unknown now
                 raise
             return sent.run
 
     def _sent(self, status: Status) -> SyncState:
-        """What the store has got, asked where it is not known for sure."""
+        """The state of the store; queried unless it is known."""
         sent = read_state(self.folder.path)
         if self._sure and sent is not None:
             return sent
@@ -116,7 +122,7 @@ class Mirror:
         elif run.info.run_id != sent.run:
             sent = replace(nothing, run=str(run.info.run_id))
         there = self.store.last_step(sent.run, MARK) + 1
-        if there < sent.generations:  # an older copy of the store: what else it lacks is not known
+        if there < sent.generations:  # an older copy of the store, which may lack other parts too
             sent = replace(sent, begun=False, done="")
         if run is None or run.info.status != status:
             sent = replace(sent, done="")
@@ -162,7 +168,7 @@ class Mirror:
         return sent
 
     def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
-        """A call's fill of points from the generation `first` on, and the generation after it."""
+        """The points of one call from generation `first` on, and the generation after them."""
         batch: list[Metric] = []
         pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
         step, constraints = first, recorded_constraints(self.folder.configuration())
@@ -180,7 +186,7 @@ class Mirror:
         return batch, step
 
     def _page(self, run: str) -> None:
-        """Sends the page of a run that goes on, seldom; at its end it is one of its artifacts."""
+        """Sends the page of an unfinished run every PAGE_PERIOD; afterwards it is an artifact."""
         file = self.folder.path / NAME_OF_PAGE
         if file.exists() and monotonic() >= self._page_due:
             log_files(self.store, run, [Artifact(NAME_OF_PAGE, file)])
@@ -193,54 +199,55 @@ class Mirror:
             return sent
         _must_be_trusted(self.folder)
         client, ended = self.store.client, self._ended()
-        # First: whatever fails below, it is not RUNNING.
+        # First, so that it is not RUNNING if anything below fails.
         client.set_terminated(sent.run, status, ended)
         log_files(self.store, sent.run, artifacts(self.folder))
         self._progress()
         client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
         self._tag_pruned(sent.run, status)
         client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
-        # A point cannot be taken back, and a stopped run may go on.
+        # Points cannot be deleted, and a stopped run may be resumed.
         if status is Status.FINISHED and sent.generations:
             last = sent.generations - 1
-            found = dict(final_metrics(self.folder.records()))
+            numbers = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
                 summary = self.folder.summary()
                 figures = values(summary)
-                found |= {
+                numbers |= {
                     f"run/{name}": value
                     for name in ("validation_mean", "fitness_max")
                     if (value := figures[name]) is not None
                 }
-                found |= {f"run/{name}": value for name, value in kept_constraints(summary).items()}
-            points = [metric(key, value, ended, last) for key, value in found.items()]
+                kept = kept_constraints(summary)
+                numbers |= {f"run/{name}": value for name, value in kept.items()}
+            points = [metric(key, value, ended, last) for key, value in numbers.items()]
             client.log_batch(sent.run, metrics=points)
         sent = replace(sent, done=done)
         write_state(self.folder.path, sent)
         return sent
 
     def _tag_pruned(self, run: str, status: Status) -> None:
-        """Says in which generation a search stopped the run, as long as it has not gone on."""
+        """Tags a run that a sweeper pruned with the generation; removes the tag once it goes on."""
         _, job = job_of(self.folder.path)
         if job is not None and job.pruned is not None and status is not Status.FINISHED:
             self.store.client.set_tag(run, "pruned", f"generation {job.pruned}")
             return
-        found = self.store.find(self._key, run)
-        if found is not None and "pruned" in found.data.tags:
+        stored = self.store.find(self._key, run)
+        if stored is not None and "pruned" in stored.data.tags:
             self.store.client.delete_tag(run, "pruned")
 
     def _ended(self) -> int:
-        """When the last generation was written down, ms since 1970."""
+        """Time of the last recorded generation, ms since 1970."""
         return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
 
 
 def key_of(about: RunMetadata) -> str:
-    """What `Store.find` finds a run by: a folder may hold another run after `resume=force`."""
+    """The key of a run for `Store.find`; a folder has another run after `resume=force`."""
     return f"{about.id}.{about.identity}"
 
 
 def log_files(store: Store, run: str, files: Iterable[Artifact]) -> None:
-    """The files of an MLflow run, in one call."""
+    """Sends files of an MLflow run, in one call."""
     with tempfile.TemporaryDirectory(prefix="islandgp-") as folder:
         for artifact in files:
             file = Path(folder) / artifact.name

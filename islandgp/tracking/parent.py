@@ -1,4 +1,4 @@
-"""The MLflow run of a whole sweep: parent of its jobs, with what can be said of them together."""
+"""The MLflow run of a whole sweep: parent of its jobs, with their mean curves and a summary."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
-    """The parent of a run in `folder`, made if need be; None if the run is no job of a sweep."""
+    """The parent of the run in `folder`, created if missing; None if it is not a sweep's job."""
     sweep = SweepFolder(folder.parent)
     file = sweep.read()
     if file is None or folder.name not in {job.folder for job in file.jobs}:
@@ -36,9 +36,9 @@ def parent_run(folder: Path, store: Store) -> str | None:
 
 
 def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
-    """Sends what can be said of the sweep as a whole; returns the parent's id.
+    """Sends the sweep's curves and summary; returns the parent's id.
 
-    Each job must have been sent before. Raises whatever MLflow raises.
+    All jobs must have been sent before. Errors of MLflow propagate.
     """
     file = sweep.read()
     if file is None:
@@ -93,7 +93,7 @@ def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
 
 
 def _digest(found: list[ArmSummary]) -> str:
-    """Of the runs that the curves are made from; "" while there are none."""
+    """Identity of the runs in the curves; "" if there are none."""
     names = sorted(run.folder for arm in found for run in arm.finished)
     return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
 
@@ -109,7 +109,7 @@ def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]
 
 
 def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
-    """The mean and, of two seeds or more, the deviation over them, as metrics of the parent."""
+    """Mean and standard deviation over the seeds, as metrics of the parent."""
     points = [metric(name, value, at, step) for name, value, step in _points(found)]
     for i in range(0, len(points), POINTS):
         store.client.log_batch(run, metrics=points[i : i + POINTS])
@@ -125,14 +125,14 @@ def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
 
 
 def _ended(sweep: SweepFolder, file: SweepFile) -> int:
-    """When the last generation of any job was written down, ms since 1970."""
+    """Time of the last recorded generation of any job, ms since 1970."""
     records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
     times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
     return max(times, default=file.started)
 
 
 def metric_names(arms: Sequence[str]) -> list[str]:
-    """What the arms are called in metrics: each differently, LONGEST characters at most."""
+    """Names of the arms in metrics: unique, of at most LONGEST characters."""
     safe = [_safe(arm) for arm in arms]
     often = Counter(safe)
     return [
@@ -142,5 +142,5 @@ def metric_names(arms: Sequence[str]) -> list[str]:
 
 
 def _safe(name: str) -> str:
-    """MLflow's metric names know letters, digits, and _-. :/ only."""
+    """A valid metric name of MLflow: letters, digits, and _-. :/ only."""
     return "".join(c if c.isalnum() or c in "_-. " else "_" for c in name)

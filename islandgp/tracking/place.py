@@ -1,4 +1,4 @@
-"""Which store is meant: by a command's option, or by the configuration of runs."""
+"""The MLflow store of a command: by its option, or by the configuration of runs."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def place_from(uri: str, experiment: str) -> Place:
 
 
 def place_of(folder: RunFolder) -> Place | None:
-    """Where a run's configuration sends it, if anywhere.
+    """The store in a run's configuration; None without tracking.
 
     Raises:
         RunError, TrackingError: the folder is damaged.

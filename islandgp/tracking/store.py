@@ -1,7 +1,7 @@
-"""The place where MLflow keeps its runs: a SQLite file by default, or a tracking server.
+"""The MLflow store: a SQLite file by default, or a tracking server.
 
-A fresh SQLite file is made by one process only: several that start at once on
-no file at all would trip over each other's table creation.
+Only one process creates a new SQLite file, because MLflow's creation of tables fails if several
+processes do it at once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 LONGEST: Final = 6000  # MLflow's limit of characters a parameter
-KEY: Final = "islandgp.id"  # the tag by which a run is found again
+KEY: Final = "islandgp.id"  # tag with the key of a run
 ARM: Final = "islandgp.sweep.arm"
 """The tag with the name of a run's arm in its sweep.
 
@@ -48,23 +48,23 @@ Preparing = Callable[[str], None]
 
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
-    # This package tries again by itself, and first asks what became of the lost request.
+    # The sync process repeats failed requests itself, after querying the store.
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
-    "MLFLOW_DISABLE_TELEMETRY": "true",  # a run tells nobody that it runs
+    "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
     "GIT_PYTHON_REFRESH": "quiet",
 }
-"""MLflow's own settings, where the user has not set them."""
+"""MLflow's settings, unless the user has set them."""
 
 
 class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
-    """Where MLflow's records go."""
+    """Settings of `tracking=mlflow`."""
 
     # In a file's name ? and % would be read as parts of an address: MLflow writes elsewhere.
     uri: str = Field(pattern=r"^(sqlite:///[^?%]+|https?://.+)$")
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
-    experiment: str = Field(min_length=1)  # of MLflow, where runs are kept
-    patience: float = Field(ge=0, le=3600)  # s of silence that the end of a run waits for
+    experiment: str = Field(min_length=1)  # name of the MLflow experiment
+    patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
 
     @field_validator("uri")
     @classmethod
@@ -83,7 +83,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A store and an experiment in it, the same for every process and folder."""
+    """The address of a store and an experiment in it, independent of the working folder."""
 
     uri: str
     artifacts: str | None  # absolute folder; None: the server decides
@@ -92,11 +92,11 @@ class Place:
 
     @classmethod
     def of(cls, settings: MLflowSettings, home: Path) -> Place:
-        """Relative paths are meant from the folder in which the command was given."""
+        """The place by settings; relative paths are resolved from `home`."""
         if not settings.uri.startswith(SQLITE):
             uri = CREDENTIALS.sub("", settings.uri).rstrip("/")
-            found = CREDENTIALS.search(settings.uri)
-            credentials = found[0].removesuffix("@") if found else ""
+            match = CREDENTIALS.search(settings.uri)
+            credentials = match[0].removesuffix("@") if match else ""
             return cls(uri, None, settings.experiment, credentials)
         file = (home / settings.uri.removeprefix(SQLITE)).resolve()
         artifacts = (home / settings.artifacts).resolve()
@@ -109,9 +109,9 @@ class Place:
 
 
 def check_place(place: Place) -> None:
-    """Raises TrackingError where a SQLite file can never be made or written.
+    """Raises TrackingError if a SQLite file cannot be created or written.
 
-    A disk may have room again at the end of a run: that is not looked at.
+    A full disk is no error, as it may have space again at the end of the run.
     """
     file = place.file
     if file is None:
@@ -132,12 +132,17 @@ def check_place(place: Place) -> None:
 
 
 class Store:
-    """An open store. Each method may raise MLflow's errors: the store may be away."""
+    """An open store. Each method may raise MLflow's errors, e.g. if the server is unreachable."""
 
     def __init__(self, place: Place, preparing: Preparing = lambda _: None) -> None:
-        """`preparing` is told what takes its time here before anything is asked; "": no more.
+        """Opens the store.
 
-        Raises TrackingError where the SQLite file cannot be used.
+        Args:
+            place: of the store.
+            preparing: called with the name of each slow step, and with "" at the end.
+
+        Raises:
+            TrackingError: the SQLite file cannot be used.
         """
         self.place = place
         self._client = _client(place, preparing)
@@ -145,7 +150,7 @@ class Store:
 
     @property
     def client(self) -> MlflowClient:
-        """MLflow's client; its requests have the name and password of this place alone."""
+        """MLflow's client, with the name and password of this place."""
         _authenticate(self.place)
         return self._client
 
@@ -170,7 +175,7 @@ class Store:
     def create(
         self, key: str, name: str, *, command: str, started: int, tags: Mapping[str, str]
     ) -> str:
-        """A new run that `find(key)` finds again; returns its id. `started`: ms since 1970."""
+        """Creates a run with the key `key` and returns its id. `started`: ms since 1970."""
         own = {
             KEY: key,
             "mlflow.user": getuser(),
@@ -183,7 +188,7 @@ class Store:
         return str(run.info.run_id)
 
     def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
-        """Sends keys with values, as many in a call as MLflow takes; long values are cut."""
+        """Sends parameters in calls of the size that MLflow accepts; long values are cut."""
         from mlflow.entities import Param
 
         waiting = iter(pairs)
@@ -191,21 +196,20 @@ class Store:
             self.client.log_batch(run, params=batch)
 
     def find(self, key: str, known: str = "") -> Run | None:
-        """The run whose tag `KEY` is `key`: the one with the id `known`, or else the fullest.
+        """Finds the run with the key `key`; of several that with the id `known` or the most data.
 
-        A request to create a run may be carried out after its sender has given up and sent
-        another one. What such a request leaves behind has the same key and nothing in it: it
-        is deleted.
+        A server may carry out a request to create a run after the client has given up and sent
+        another one. Such duplicates without data are deleted.
         """
-        found = self.client.search_runs([self.experiment], f"tags.`{KEY}` = '{key}'")
-        if not found:
+        runs = self.client.search_runs([self.experiment], f"tags.`{KEY}` = '{key}'")
+        if not runs:
             return None
 
         def fullness(run: Run) -> tuple[bool, int, int, str]:
             data = run.data
             return run.info.run_id == known, len(data.metrics), len(data.params), run.info.run_id
 
-        run, *others = sorted(found, key=fullness, reverse=True)
+        run, *others = sorted(runs, key=fullness, reverse=True)
         for other in others:
             if not other.data.metrics and not other.data.params:
                 self.client.delete_run(other.info.run_id)
@@ -224,30 +228,29 @@ def metric(key: str, value: float, at: int, step: int) -> Metric:
 
 
 UNNEEDED: Final = ("pandas", "scipy", "pyarrow", "pygments")
-"""What MLflow loads if it is there; its small edition has none of them."""
+"""Packages that MLflow imports if they are installed; mlflow-skinny does without them."""
 
 
 def quiet() -> None:
-    """Makes MLflow behave as a part of a run should: no telemetry, no talk, no endless waits."""
+    """Turns off MLflow's telemetry, log output and long timeouts."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
-    # It prints a traceback for each error that it raises as well.
+    # This logger prints a traceback for each error that is raised anyway.
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
 
 
 def load_alone() -> None:
-    """Loads MLflow in a process that does nothing else meanwhile, in two thirds of the time.
+    """Imports MLflow in two thirds of the time, in a process with no other thread.
 
-    What MLflow imports only where it is installed, and does not need to keep runs, is out of
-    sight as long as it loads.
+    Optional packages that are not needed for tracking are hidden during the import.
     """
     quiet()
     hidden = [name for name in UNNEEDED if name not in sys.modules]
     sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type] # None: not to be had
-    gc.disable()  # all that is loaded stays
+    gc.disable()  # imported objects stay in use
     try:
-        import_module("mlflow.tracking")  # by name: a linter takes out what nothing uses
+        import_module("mlflow.tracking")  # not an import statement, which would be unused
         import_module("mlflow.store.tracking.sqlalchemy_store")
     finally:
         for name in hidden:
@@ -319,5 +322,5 @@ def _make(file: Path) -> bool:
 
 
 def there(file: Path) -> bool:
-    """Whether there is a SQLite file with anything in it."""
+    """True if there is a SQLite file that is not empty."""
     return file.exists() and file.stat().st_size > 0

@@ -1,7 +1,7 @@
-"""A sweep's results over its seeds: curves and tables, arm by arm.
+"""Results of a sweep over its seeds: curves and tables by arm.
 
-An arm is what the jobs share that differ by nothing but their seed. Statistics
-proper are `islandgp.study`'s; here are means and deviations to look at.
+An arm is a group of jobs that differ only in seed. This module has means and standard deviations;
+statistical tests are in `islandgp.study`.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class ArmSummary:
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
-    """The arms with what their finished runs came to. Raises RunError where that is damaged."""
+    """The arms with the summaries of their finished runs. Raises RunError if one is damaged."""
     return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
 
 
@@ -65,7 +65,7 @@ def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
 
 
 def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
-    """The tiers whose first robots the runs tell, the easiest first."""
+    """The tiers whose first robots are in the summaries, the easiest first."""
     return tuple(dict.fromkeys(tier for s in summaries for tier in s["first"]))
 
 
@@ -84,13 +84,16 @@ def _curve(name: str, columns: list[list[float]]) -> Curve:
     )
 
 
-FALLBACK: Final = "fallback's answers"  # one column more where any were
+FALLBACK: Final = "fallback's answers"  # head of a column if there are any
 
 
 def arm_rows(found: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
-    """A head, and a row for each arm: the validation mean with its standard deviation, the
-    median generation of the first robot of a milestone over all runs, and the mean diversity; and
-    how many answers were the fallback's, where any were."""
+    """A head and one row per arm.
+
+    Columns: the validation mean with its standard deviation, the median generation of the first
+    robot of each milestone over all runs, the mean diversity, and the share of the fallback's
+    answers if there are any.
+    """
     tiers = milestones([s for arm in found for s in arm.summaries])
     head = ("arm", "finished", "validation mean", *map(title, tiers), "diversity")
     rows = [head, *(_row(arm, tiers) for arm in found)]
@@ -135,7 +138,7 @@ def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
 
 
 def _emergence(arm: ArmSummary, tier: str) -> str:
-    """The median over all finished runs, and how many got there; the others count as never."""
+    """The median over all finished runs, and the number of runs with one; others are censored."""
     firsts = [s["first"][tier] for s in arm.summaries if tier in s["first"]]
     if not firsts:  # it is another experiment's, in the same sweep
         return ""
@@ -148,7 +151,7 @@ def _emergence(arm: ArmSummary, tier: str) -> str:
 def sweep_note(
     sweep: SweepFolder, file: SweepFile, found: Sequence[ArmSummary], status: Status
 ) -> str:
-    """What MLflow shows as the sweep's description, in Markdown."""
+    """The sweep's description in MLflow, in Markdown."""
     seeds = sorted({job.seed for job in file.jobs})
     lines = [
         arm_table(found),

@@ -18,7 +18,7 @@ from islandgp.tracking.store import Place, Preparing, Store
 
 @dataclass(slots=True)
 class Synced:
-    """What became of the folders."""
+    """Result of sending the folders."""
 
     sent: list[Path] = field(default_factory=list)
     known: list[Path] = field(default_factory=list)  # the store had all of them

@@ -1,4 +1,4 @@
-"""How much of a folder is in MLflow, kept in the folder's `tracking.json`."""
+"""The sync state of a run's folder, stored in its `tracking.json`."""
 
 from __future__ import annotations
 

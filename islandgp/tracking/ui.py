@@ -1,8 +1,8 @@
-"""MLflow's web pages for a store, with a server as light as MLflow has one.
+"""Starts MLflow's UI for a store, with the smallest server that MLflow offers.
 
-They open on two views of the runs page: the arms of the latest sweep as charts, and all runs as a
-table. MLflow keeps such a view as a tag of the experiment, and opens it by its key in the page's
-address. A page that does not know the key shows all runs.
+It opens on two views of the runs page: the arms of the latest sweep as charts, and all runs as a
+table. MLflow stores a view as a tag of the experiment and opens it by its key in the address;
+without a stored view of that key the page lists all runs.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from urllib.request import urlopen
 from islandgp.errors import TrackingError, brief
 from islandgp.tracking.store import ARM, Place, Store
 
-RECENT: Final = 100  # runs whose milestones are looked at
-MOST: Final = 5  # milestones with a chart: a tag's text has 5000 characters
+RECENT: Final = 100  # runs whose milestones are read
+MOST: Final = 5  # milestones with a chart; a tag has at most 5000 characters
 HOST: Final = "mlflow.localhost"
 """The host in the pages' addresses, which browsers resolve to 127.0.0.1.
 
@@ -131,8 +131,8 @@ def served(place: Place, port: int) -> Iterator[Pages]:
             yield _pages(f"http://{HOST}:{port}", store.experiment, sweep)
         except TrackingError as error:
             log.seek(0)
-            said = log.read().decode(errors="replace").strip()[-1000:]
-            raise TrackingError(f"{error}\n{said}") from None
+            output = log.read().decode(errors="replace").strip()[-1000:]
+            raise TrackingError(f"{error}\n{output}") from None
         finally:
             _stop(process)
 

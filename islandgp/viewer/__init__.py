@@ -1,1 +1,1 @@
-"""What a tree does in an episode: recorded, traced, and shown as a page to watch."""
+"""Episodes of trees: recordings, traces and replay pages."""

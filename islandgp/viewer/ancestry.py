@@ -1,4 +1,4 @@
-"""How a tree came to be: the chain of its ancestors, from a run's records.
+"""The lineage of a tree: the chain of its ancestors, from a run's records.
 
 The chain follows the first parent of each individual, whose tree the child's was made of, to an
 individual without parents. Individuals in a row that have one tree are one step of it.
@@ -88,7 +88,7 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
 
 
 def tree_changes(old: str, new: str) -> list[TreeChange]:
-    """What differs between two trees, given as text, node by node."""
+    """The differences between two trees, given as texts, node by node."""
     found = []
     for line in compare(parse(old), parse(new)):
         if line.mark is not Mark.SAME:

@@ -15,7 +15,7 @@ from islandgp.viewer.recording import record
 
 @dataclass(frozen=True, slots=True)
 class EpisodePlace:
-    """Where an individual was evaluated."""
+    """The world and stage of an individual's evaluation."""
 
     seed: int  # of the world
     stage: int  # index into Table 2

@@ -17,12 +17,12 @@ from islandgp.domain import Thing
 from islandgp.viewer.recording import Recording, SceneTrack, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
-GRID: Final = 3000  # places are told in so many parts of the picture's longer side
-MOST_FRAMES: Final = 4_000_000  # bytes of PNG in a page; of more, evenly spread ones are left out
+GRID: Final = 3000  # grid cells along the picture's longer side, for positions
+MOST_FRAMES: Final = 4_000_000  # most bytes of PNG in a page; further frames are left out evenly
 
 
 def encode(recording: Recording, *, title: str) -> dict[str, Any]:
-    """What the page's script reads; `page/data.js` is its counterpart."""
+    """Encodes a recording for the page's script; `page/data.js` decodes it."""
     schema = recording.schema
     components = [*schema.components]
     return {
@@ -147,7 +147,7 @@ def _paints(recording: Recording) -> dict[str, int]:
 
 
 class _Scene:
-    """A film as plain values. Places are told on a grid whose zero is the lower left corner."""
+    """Encodes a scene track as plain values; positions are on a grid from the lower left corner."""
 
     def __init__(self, recording: Recording, film: SceneTrack) -> None:
         self.film = film
@@ -160,7 +160,7 @@ class _Scene:
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
-        """What the page's script draws."""
+        """The scene data for the page's script."""
         film = self.film
         found = {
             "width": round(self.width / self.unit, 3),
@@ -186,7 +186,7 @@ class _Scene:
         ways = [[(thing.x, thing.y) for thing in mover] for mover in movers]
         found = []
         for place, (way, mover) in enumerate(zip(ways, movers, strict=True)):
-            first = ways.index(way)  # what moves as one with another is told once
+            first = ways.index(way)  # movers with equal positions share them
             looks = changes((form, size, text) for form, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
             found.append({"way": first if first < place else self._way(way), "looks": looks})

@@ -1,4 +1,4 @@
-"""How the champion came to be, on a run's page: its ancestors, a list item each."""
+"""The champion's lineage on a run's page: one list item per ancestor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOTE: Final = 300  # characters of a supervisor's reasons
 
 
 def lineage_section(view: RunView) -> Iterator[str]:
-    """How the champion came to be, a list item a tree."""
+    """The champion's lineage, one list item per tree."""
     if view.champion is None:
         yield "<p>None yet.</p>"
         return
@@ -35,7 +35,7 @@ def lineage_section(view: RunView) -> Iterator[str]:
 
 
 def _chain(found: Lineage) -> str:
-    """What can be said of all steps."""
+    """A paragraph on the lineage as a whole."""
     steps = found.steps
     if not steps:
         return "The records of its generation are missing."
@@ -50,8 +50,8 @@ def _chain(found: Lineage) -> str:
     if not found.whole:
         text += " What was before the first of them is not known."
     return text + (
-        " A gain is to the parent in the same worlds where it says so; else the worlds differ, and"
-        " part of it is luck." * any(s.gain is not None for s in steps)
+        " Gains marked as such are against the parent in the same worlds; for the others the worlds"
+        " differ, so part of the gain is luck." * any(s.gain is not None for s in steps)
     )
 
 
@@ -82,7 +82,7 @@ def _item(view: RunView, step: LineageStep, most: float) -> str:
 
 
 def _origin(step: LineageStep) -> str:
-    """How a tree came to be, in words."""
+    """The origin of a tree, in words."""
     names = [name for name, _ in step.parents]
     first = names[0] if names else "a tree that is not in the records"
     origins = {
@@ -133,6 +133,6 @@ def _changes(step: LineageStep) -> str:
 
 
 def _counts(changes: Sequence[Any], marks: Mapping[str, str]) -> str:
-    """How many nodes of each kind of change, e.g. `2 deleted, 1 inserted`."""
+    """Number of nodes by kind of change, e.g. `2 deleted, 1 inserted`."""
     counts = {word: sum(c.mark == mark for c in changes) for mark, word in marks.items()}
     return "What changed: " + ", ".join(f"{n} {word}" for word, n in counts.items() if n)

@@ -1,7 +1,7 @@
-"""The replay page: an episode as one HTML file that needs nothing else.
+"""The replay page: an episode as one self-contained HTML file.
 
-The parts of the page stand in the folder `page`; here they are put together
-with the tree's picture and the episode's data.
+The parts of the page are in the folder `page`; this module combines them with the picture of the
+tree and the data of the episode.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def page(recording: Recording, *, title: str) -> str:
 
 
 def script_data(value: Any) -> str:
-    """A value as JSON that can stand inside a script element."""
+    """A value as JSON, escaped for a script element."""
     data = json.dumps(value, separators=(",", ":"), allow_nan=False)
-    # Inside a script element only this could end it, or begin a comment.
+    # Only these could end a script element or begin a comment in it.
     return data.replace("</", "<\\/").replace("<!--", "<\\u0021--")
 
 

@@ -131,7 +131,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
 
 
 class Recorder:
-    """An observer that keeps all it is told."""
+    """An observer that records an episode."""
 
     def __init__(self, tree: Node, schema: Schema) -> None:
         self.counts = [[0] * 5 for _ in range(size(tree))]
@@ -177,7 +177,7 @@ class Recorder:
     def finish(self) -> int:
         """The number of ticks, once the episode is over; at least one.
 
-        Nodes of which no tick was told are in one more.
+        Nodes that were ticked after the last `tick` call belong to a further tick.
         """
         if not self.boards or self._now != self._idle:
             self.tick(self.boards[-1] if self.boards else [0.0] * self._keys, None)
@@ -227,7 +227,7 @@ class Camera:
         self._there = there
 
     def film(self, ticks: int, schema: Schema) -> SceneTrack:
-        """What was seen in an episode of so many ticks. Raises DomainError."""
+        """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
         left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._there.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         film = SceneTrack(

@@ -115,7 +115,7 @@ def _best_robot(view: RunView) -> str:
 
 
 def _milestones(view: RunView) -> str:
-    """Which tiers the best robot reaches in worlds that trained nobody."""
+    """The tiers that the best robot reaches in validation worlds."""
     if view.validation is None:
         return ""
     reached = view.validation["reached"]
@@ -126,7 +126,7 @@ def _milestones(view: RunView) -> str:
 
 
 def _constrained(view: RunView) -> str:
-    """Whether the best robot keeps the constraints in these worlds; "" without any."""
+    """A text on the feasibility of the best robot in these worlds; "" without constraints."""
     if view.validation is None or view.validation.get("feasible") is None:
         return ""
     kept = "breaks" if view.validation["violation"] else "keeps"

@@ -1,4 +1,4 @@
-"""What the sections of a run's page have in common."""
+"""Data that the sections of a run's page share."""
 
 from __future__ import annotations
 

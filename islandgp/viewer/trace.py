@@ -1,4 +1,4 @@
-"""What each node of a tree did in an episode, drawn on the tree, with the decisions in order."""
+"""The trace of a tree's episode: counts at each node, and the actions in order."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class ActionSpan:
 
 
 def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
-    """What the actions started from a tick on, in order of their start.
+    """The spans of actions that start at a tick or later, in order of their start.
 
     Each is found when it is asked for: large trees can have millions of them.
     """
@@ -69,7 +69,7 @@ def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
 
 
 def merged(found: Iterable[ActionSpan]) -> Iterator[ActionSpan]:
-    """The same with instant ends of one action told once where they repeat."""
+    """Merges repeated spans of one action and result that last no time."""
     last: ActionSpan | None = None
     for span in found:
         same = last is not None and (last.place, last.result) == (span.place, span.result)
@@ -118,9 +118,9 @@ def drawn(recording: Recording) -> Text:
 
 
 def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iterator[Text]:
-    """A heading, and a line for each thing that an action began between two times, in s.
+    """A heading and one line per action that began between two times, in s.
 
-    After MOST_LINES a last line tells that there is more.
+    After MOST_LINES a last line has the number of those left out.
     """
     from rich.text import Text
 

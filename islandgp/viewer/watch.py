@@ -58,7 +58,7 @@ def points_at(recording: Recording, tick: int) -> float:
 
 
 def frame(recording: Recording, tick: int) -> Group:
-    """What is shown at a tick."""
+    """The display of a tick."""
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -80,7 +80,7 @@ def frame(recording: Recording, tick: int) -> Group:
 
 
 def _map(recording: Recording, film: SceneTrack, tick: int) -> Text:
-    """The world in letters; what is told later hides what is told before."""
+    """The world as letters; later things are drawn over earlier ones."""
     from rich.text import Text
 
     left, low, right, top = film.bounds

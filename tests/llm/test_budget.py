@@ -281,7 +281,7 @@ def test_the_record_and_the_person_are_told(caplog: pytest.LogCaptureFixture) ->
         assert guidance.tree is not None
     said = [r.getMessage() for r in caplog.records if r.name == "islandgp"]
     assert said == [
-        "Supervision goes on with the fallback from generation 1:"
+        "Supervision continues with the fallback from generation 1:"
         " another request could pass the cap requests=3"
     ]
 
@@ -496,9 +496,9 @@ def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> 
     if loss in changed:
         file.write_bytes(changed[loss])
     again, client = supervisor(answering(), folder=tmp_path)
-    with pytest.raises(SupervisionError, match=r"Expected the 7 requests that .* begin again") as e:
+    with pytest.raises(SupervisionError, match=r"Expected the 7 requests .* start again at 0") as e:
         again.start()
-    assert "Put the transcript back, or begin again with resume=never" in str(e.value)
+    assert "Restore the transcript, or start the run again with resume=never" in str(e.value)
     assert client.requests == []
     file.write_bytes(whole)
     once_more, client = supervisor(answering(), folder=tmp_path)

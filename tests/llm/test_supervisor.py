@@ -431,7 +431,7 @@ def test_a_server_that_is_only_busy_does_not_stop_the_run(kind: FailureKind) -> 
     """The run starts, and says that it will ask again."""
     line, requests = probed(*[failed(kind)] * 3)
     assert "no answer yet: a made-up" in line
-    assert "the fallback stands in, and each generation asks again" in line
+    assert "the fallback is used, and each generation tries again" in line
     assert len(requests) == 3
 
 
@@ -488,7 +488,7 @@ def test_an_outage_can_stop_the_run(tmp_path: Path) -> None:
     stop = "on_outage=stop"
     for times in (3, 3):  # once more before anything is known, then in the middle of a run
         llm, _ = supervisor(busy(times), stop, folder=tmp_path)
-        with pytest.raises(SupervisionError, match=r"on_outage=stop says\. The same command"):
+        with pytest.raises(SupervisionError, match=r"on_outage=stop\)\. The same command"):
             llm.start()
     sensible = answering()
 
@@ -721,7 +721,7 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
         ((), ""),
         (
             ("cache=true",),
-            "from 4,096 tokens on; too short, or nearly so, are mutation_rate (about",
+            "at least 4,096 tokens; too short or nearly too short: mutation_rate (about",
         ),
         (("cache=true", "model=claude-haiku-5-5"), ""),
         (("cache=true", "model=mine"), ""),
@@ -825,7 +825,7 @@ def test_closing_leaves_no_trace_of_a_call_under_way() -> None:
             return super().send(request, seconds=seconds)
 
     calls.client = Slow(answering())  # type: ignore[assignment]
-    with pytest.raises(SupervisionError, match="nobody waits"):
+    with pytest.raises(SupervisionError, match="run has ended"):
         advise(llm)
     assert len(calls.transcript.attempts) == before
     assert client.closed

@@ -134,7 +134,7 @@ def test_a_changed_line_is_told(tmp_path: Path, old: str, new: str) -> None:
     edited(path, old, new)
     with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as caught:
         Transcript(path)
-    assert "its checksum differs; put the original back" in str(caught.value)
+    assert "its checksum differs; restore the original" in str(caught.value)
 
 
 def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_without_a_folder_nothing_is_written() -> None:
 
 def test_finding_one(tmp_path: Path) -> None:
     """By the run's folder or by the file; nothing there is told with a remedy."""
-    with pytest.raises(SupervisionError, match="supervisor=llm leaves one"):
+    with pytest.raises(SupervisionError, match="supervisor=llm writes one"):
         find_transcript(tmp_path)
     (tmp_path / NAME).touch()
     assert find_transcript(tmp_path) == find_transcript(tmp_path / NAME) == tmp_path / NAME

@@ -16,6 +16,7 @@ import pytest
 
 from islandgp.testing.server import MessagesServer
 from tests.domains.test_tutorial import EXAMPLE, follow
+from tests.running.commands import Say
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("conf", "grammar", "prompts")
@@ -112,7 +113,11 @@ def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
 def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
     """docs/own_domain.md, each command of it, with the wheel alone."""
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    assert "First Placed One Robot" in follow(tmp_path, python, env)
+
+    def place(here: Path) -> Say:
+        return lambda *words: call(python.with_name("islandgp"), *words, cwd=here, env=env)
+
+    assert "First Placed One Robot" in follow(tmp_path, place)
 
 
 @pytest.mark.slow

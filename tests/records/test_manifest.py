@@ -222,7 +222,7 @@ def test_records_that_change_under_a_run_end_it(how: str, last: bool, tmp_path: 
         case "gone":
             file.unlink()
     goes_on = partial(folder.finish, end) if last else partial(folder.append, done[3])
-    with pytest.raises(RunError, match=r"generations\.jsonl as this run left them, found them"):
+    with pytest.raises(RunError, match=r"generations\.jsonl as this run wrote them, found them"):
         goes_on()
     folder.close()
     assert not folder.finished()

@@ -1,16 +1,26 @@
-"""The command in a process of its own, as a user starts it, and what it leaves behind."""
+"""Commands of the documentation in this process or another, and what they leave behind."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
+import pytest
+
+from islandgp.cli import main
+
 ROOT = Path(__file__).resolve().parents[2]
+Say = Callable[..., str]
+"""Runs `islandgp` with these words, which must succeed; returns what it printed."""
+
 TINY = ("supervisor=baseline", "gp.population=8", "gp.generations=6", "progress=plain")
 
 
@@ -21,6 +31,29 @@ def fake(kind: str, **policy: object) -> list[str]:
         f"evaluator.factory=tests.running.evaluators:{kind}",
         *(f"+evaluator.policy.{key}={value}" for key, value in policy.items()),
     ]
+
+
+def here(cwd: Path) -> Say:
+    """Runs `islandgp` in this process, in the folder `cwd`; returns what it printed."""
+
+    def say(*words: str) -> str:
+        before = set(sys.modules)
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
+            patch.chdir(cwd)
+            patch.setattr(sys, "argv", ["islandgp", *words])
+            patch.setattr(sys, "path", sys.path.copy())
+            code: object = 0
+            try:
+                main()
+            except SystemExit as stop:
+                code = stop.code
+        assert not code, f"{shlex.join(words)}\n{out.getvalue()}"
+        for name in set(sys.modules) - before:
+            if str(getattr(sys.modules[name], "__file__", "")).startswith(str(cwd)):
+                del sys.modules[name]
+        return out.getvalue()
+
+    return say
 
 
 def start(cwd: Path, *words: str) -> subprocess.Popen[str]:

@@ -39,7 +39,7 @@ def full() -> Iterator[int]:
 @pytest.mark.parametrize(
     ("where", "sweep"),
     [
-        pytest.param(full, (), id="full-run"),
+        pytest.param(full, (), id="full-run", marks=pytest.mark.slow),
         pytest.param(without_reader, (), id="no reader-run", marks=pytest.mark.slow),
         pytest.param(without_reader, SWEEP, id="no reader-sweep", marks=pytest.mark.slow),
         pytest.param(full, SWEEP, id="full-sweep", marks=pytest.mark.slow),

@@ -9,17 +9,15 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
-from io import StringIO
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from islandgp.cli import main
 from islandgp.domains.island.vocabulary import SCHEMA
-from tests.running.commands import ROOT
+from islandgp.testing.domain_suite import DomainSuite
+from tests.running.commands import ROOT, Say, here
 
 pytestmark = pytest.mark.process
 
@@ -30,9 +28,16 @@ NEAR = ("--set", "world.waypoints=[[150,160],[150,140]]")
 LAPS = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 HOME = "selector { when batteryLevel < 65 { ReturnToStart } PatrolWaypoint }"
 COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
-CALL = "from islandgp.cli import main; main()"  # what the command `islandgp` does
+IN_A_PROCESS = """
+import json, sys
+from pathlib import Path
+from islandgp.testing.domain_suite import DomainSuite
+from tests.running.commands import here
 
-Say = Callable[..., str]
+DomainSuite.random_trees, DomainSuite.grown_trees = 2, 8
+say = here(Path.cwd())
+print(json.dumps([say(*words) for words in json.loads(sys.argv[1])]))
+"""
 
 
 def blocks(kind: str, text: str = TEXT) -> list[str]:
@@ -63,45 +68,19 @@ def words_of(words: list[str]) -> list[str]:
     return ["run", *words[3:], "evaluator=serial", *SMALL]
 
 
-def here(cwd: Path) -> Say:
-    """Runs `islandgp` in this process, in the folder `cwd`; returns what it printed."""
-
-    def say(*words: str) -> str:
-        before = set(sys.modules)
-        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
-            patch.chdir(cwd)
-            patch.setattr(sys, "argv", ["islandgp", *words])
-            patch.setattr(sys, "path", sys.path.copy())
-            code: object = 0
-            try:
-                main()
-            except SystemExit as stop:
-                code = stop.code
-        assert not code, f"{shlex.join(words)}\n{out.getvalue()}"
-        for name in set(sys.modules) - before:
-            if str(getattr(sys.modules[name], "__file__", "")).startswith(str(cwd)):
-                del sys.modules[name]
-        return out.getvalue()
-
-    return say
-
-
-def in_a_process(folder: Path) -> Say:
-    """Runs `islandgp` with the package of a folder, in that folder; returns what it printed."""
-
-    def say(*words: str) -> str:
-        done = subprocess.run(
-            [sys.executable, "-c", CALL, *words],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": str(folder)},
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, f"{shlex.join(words)}\n{done.stdout}{done.stderr}"
-        return done.stdout
-
-    return say
+def in_a_process(folder: Path, *commands: list[str]) -> list[str]:
+    """Runs commands with the package of a folder, in that folder; returns what each printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", IN_A_PROCESS, json.dumps(commands)],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found: list[str] = json.loads(done.stdout)
+    return found
 
 
 def records(folder: Path, run: str) -> Iterator[Any]:
@@ -110,11 +89,13 @@ def records(folder: Path, run: str) -> Iterator[Any]:
     return (json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
 
 
+PLAY = ("play", "tree.bt", "--set", "curriculum=flat", "--seeds", "2", "--json")
+
+
 def played(say: Say, folder: Path, tree: str, *words: str) -> list[Any]:
     """A tree's outcomes in two worlds, without a multiplier."""
-    flat = ("--set", "curriculum=flat", "--seeds", "2", "--json", *words)
     (folder / "tree.bt").write_text(tree, encoding="utf-8")
-    found: list[Any] = json.loads(say("play", "tree.bt", *flat))
+    found: list[Any] = json.loads(say(*PLAY, *words))
     return found
 
 
@@ -126,8 +107,11 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     say = here(folder)
     found = commands("sh")
     assert len(found) == 10
-    for words in found:
-        say(*words_of(words))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DomainSuite, "random_trees", 2)
+        patch.setattr(DomainSuite, "grown_trees", 8)
+        for words in found:
+            say(*words_of(words))
     return folder
 
 
@@ -137,10 +121,9 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if shutil.which("git") is None:
         pytest.skip("git is not installed, and applies the changes")
     folder = tmp_path_factory.mktemp("checkout")
-    leave = shutil.ignore_patterns("__pycache__")
     for name in COPIED:
         if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, folder / name, ignore=leave)
+            shutil.copytree(ROOT / name, folder / name)
         else:
             shutil.copy(ROOT / name, folder / name)
     changes = blocks("diff")
@@ -221,13 +204,13 @@ def test_an_action(outside: Path) -> None:
 
 def test_an_event(checkout: Path) -> None:
     """The event pays by the file's row."""
-    say = in_a_process(checkout)
-    for words in commands("sh checkout"):
-        assert "FAILED" not in say(*words_of(words))
+    (checkout / "tree.bt").write_text(LAPS, encoding="utf-8")
+    own = (*PLAY, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
+    words = [*map(words_of, commands("sh checkout")), own, (*PLAY, *NEAR)]
+    *said, laps, paper = in_a_process(checkout, *map(list, words))
+    assert "FAILED" not in "".join(said)
     assert list(checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl"))
-    own = played(say, checkout, LAPS, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
-    paper = played(say, checkout, LAPS, *NEAR)
-    for a, b in zip(own, paper, strict=True):
+    for a, b in zip(json.loads(laps), json.loads(paper), strict=True):
         assert a["counters"]["laps"] > 0
         gained = a["components"]["patrol"] - b["components"]["patrol"]
         assert gained == 500 * a["counters"]["laps"]

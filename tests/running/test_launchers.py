@@ -20,8 +20,10 @@ pytestmark = pytest.mark.process
 WORDS = (
     "supervisor=baseline",
     "experiment=smoke",
-    "gp.population=8",
-    "gp.generations=4",
+    "gp.population=4",
+    "gp.tournament=2",
+    "gp.generations=2",
+    "world.episode.length=20",
     "tracking=off",
     "progress=plain",
     "seed=0,1",
@@ -81,6 +83,7 @@ def test_clusters_give_the_same_records(
     assert records(tmp_path / "other") == records(tmp_path / "basic")
 
 
+@pytest.mark.slow
 def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Path) -> None:
     """joblib gives up when a worker is killed; the launcher is started again for the rest."""
     flag = tmp_path / "flag"

@@ -134,7 +134,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
         ["gp.mutation_rate=range(0.1,0.4,0.1)"],
         ["gp.trees.depth=[2,3],[2, 4]"],
         ["supervisor=choice(baseline,expert)"],
-        ["supervisor=glob(*e*,exclude=[yoked,replay])"],
+        ["supervisor=glob(*e*,exclude=[yoked,replay,editor*,distilled,untargeted])"],
         ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
     ],
 )
@@ -145,6 +145,24 @@ def test_the_same_of_composed_jobs(
     jobs = jobs_of(tmp_path, *words, "seed=0,1")
     run_sweep(jobs, "c", lambda _job, _extra: None)
     check_all_there(jobs, capsys.readouterr().out, file_in(jobs[0].folder.parent))
+
+
+def test_a_launcher_that_breaks_down_is_started_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Once a job has begun, for those that are not finished; by joblib: test_launchers."""
+    jobs, begun = jobs_of(tmp_path, "seed=0,1"), list[Path]()
+
+    def launch(_job: object, _words: object) -> None:
+        begun.append(jobs[len(begun)].folder / "about.json")
+        begun[-1].parent.mkdir()
+        begun[-1].write_text("{}")
+        if len(begun) == 1:
+            raise OSError("a worker was killed")
+
+    run_sweep(jobs, "c", launch)
+    assert "the launcher broke down (a worker was killed)" in capsys.readouterr().err
+    assert len(begun) == 2
 
 
 @given(st.lists(st.text(min_size=1, max_size=100), min_size=2, max_size=2, unique=True))

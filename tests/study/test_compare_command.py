@@ -52,6 +52,7 @@ def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "4" in page
 
 
+@pytest.mark.usefixtures("blank")
 def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Three arms on different seeds need --force, and the page says so."""
     refused = _compare(home, [word for word in THREE[2:] if word != "--force"], monkeypatch)
@@ -85,6 +86,7 @@ def test_a_report_that_cannot_be_written_is_told(
     assert str(error).endswith("give another with -o.")
 
 
+@pytest.mark.usefixtures("blank")
 def test_an_unreachable_store_costs_no_report(
     home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

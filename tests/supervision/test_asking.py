@@ -22,7 +22,7 @@ from tests.running.commands import TINY, fake
 from tests.running.supervisors import Answers
 
 TREE = parse("PatrolWaypoint")
-MINE = "Expected from the supervisor tests.running.supervisors:Answers"
+MINE = "Expected tests.running.supervisors:Answers.advise to return"
 
 WRONG: list[tuple[Any, str]] = [
     # an answer, and what the line says of it
@@ -125,6 +125,6 @@ def test_the_command_says_it_in_one_line(
     said = capsys.readouterr().err
     assert "Traceback" not in said
     assert (
-        "from the supervisor tests.running.supervisors:TooMuch a Guidance whose mutation_rate"
+        "Expected tests.running.supervisors:TooMuch.advise to return a Guidance whose mutation_rate"
         in said
     )

@@ -244,7 +244,7 @@ def test_yoked(tmp_path: Path) -> None:
     words = (f"supervisor.policy.record='{tmp_path}/led{{seed}}'", "gp.generations=8", "seed=0")
     supervisor = editor("editor_yoked", *words)
     assert isinstance(supervisor, EditorYoked)
-    assert supervisor.given == (*([("charges", "pickups")] * 7), ())
+    assert supervisor.counters == (*([("charges", "pickups")] * 7), ())
     all_of_it = individual(
         "0.0", PATROL, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
     )

@@ -16,9 +16,16 @@ __all__ = ["home", "islandgp", "store", "template"]
 
 @pytest.fixture(scope="session")
 def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A fresh store without our experiment; making it takes a second."""
+    """A fresh store without our experiment; making it takes a second.
+
+    From then on MLflow reads its migrations, to learn the newest, no more: once is enough.
+    """
     home = tmp_path_factory.mktemp("template")
     Store(place(home, "another")).client.search_experiments()
+    from mlflow.store.db import utils
+
+    newest = utils._get_latest_schema_revision()
+    utils._get_latest_schema_revision = lambda: newest
     return home / "mlflow.db"
 
 

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
+from islandgp.running.app import main
 from islandgp.tracking.follow import Follower, SyncEvent, SyncRequest
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
@@ -27,42 +28,57 @@ PIECE = "s3cret"
 BASIC = "Basic " + b64encode(b"me:s3cret-w@rd").decode()
 
 
-@pytest.mark.process
-@pytest.mark.parametrize(
-    "how",
-    [
-        pytest.param("command", marks=pytest.mark.slow),
-        pytest.param("sweep", marks=pytest.mark.slow),
-        pytest.param("joblib", marks=pytest.mark.slow),
-        "file",
-    ],
-)
-def test_only_the_server_gets_the_password(how: str, tmp_path: Path) -> None:
-    """No file below the folder holds a piece of it, no line on the screen shows it."""
-    asked: list[str] = []
-    conf = tmp_path / "conf/tracking"
-    conf.mkdir(parents=True)
-    with servers.broken(asked) as address:
-        uri = address.replace("://", f"://me:{PASSWORD}@")
-        words = [f"tracking.policy.uri={uri}"]
-        if how == "file":
-            (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
-            words = ["tracking=mine", "--config-dir", "conf"]
-        if how in ("sweep", "joblib"):
-            words += ["seed=0,1", "-m"]
-        if how == "joblib":  # the jobs' processes send, and at the end this one
-            words += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-        home = tmp_path / "home"
-        home.mkdir()
-        (home / "conf").symlink_to(tmp_path / "conf")
-        code, said = finish(
-            start(home, *TINY, *fake("Instant"), *words, "tracking.policy.patience=15")
-        )
-    assert code == 0, said
+def secret_words(how: str, address: str, home: Path) -> list[str]:
+    """Overrides of a command in `home` that send to the address, with the password in it."""
+    uri = address.replace("://", f"://me:{PASSWORD}@")
+    words = [*TINY, *fake("Instant"), f"tracking.policy.uri={uri}"]
+    if how == "file":
+        conf = home.parent / "conf/tracking"
+        conf.mkdir(parents=True)
+        (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
+        (home / "conf").symlink_to(conf.parent)
+        words[-1:] = ["tracking=mine", "--config-dir", "conf"]
+    if how in ("sweep", "joblib"):
+        words += ["seed=0,1", "-m"]
+    if how == "joblib":  # the jobs' processes send, and at the end this one
+        words += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    return words
+
+
+def check_secret(home: Path, said: str, asked: list[str]) -> None:
+    """The server got the password; no file below the folder and no line has a piece of it."""
     assert set(asked) == {BASIC}
     assert PIECE not in said
     assert "***@127.0.0.1" in (next(home.rglob("config.yaml"))).read_text()
     assert [f for f in home.rglob("*") if f.is_file() and PIECE in f.read_text()] == []
+
+
+@pytest.mark.parametrize("how", ["command", "file"])
+def test_only_the_server_gets_the_password(
+    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A run in this process."""
+    home, asked = tmp_path / "home", list[str]()
+    home.mkdir()
+    monkeypatch.chdir(home)
+    with servers.broken(asked) as address:
+        words = secret_words(how, address, home)
+        assert main([*words, "gp.generations=2", "tracking.policy.patience=2"]) == 0
+    check_secret(home, "".join(capfd.readouterr()), asked)
+
+
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["command", "sweep", "joblib", "file"])
+def test_only_the_server_gets_the_password_of_a_process(how: str, tmp_path: Path) -> None:
+    """Runs and sweeps as a user starts them."""
+    home, asked = tmp_path / "home", list[str]()
+    home.mkdir()
+    with servers.broken(asked) as address:
+        words = secret_words(how, address, home)
+        code, said = finish(start(home, *words, "tracking.policy.patience=15"))
+    assert code == 0, said
+    check_secret(home, said, asked)
 
 
 @pytest.mark.parametrize("given", [True, False])
@@ -141,11 +157,13 @@ def test_each_store_has_its_own_password(monkeypatch: pytest.MonkeyPatch) -> Non
     assert [os.environ.get(variable) for variable in ACCOUNT] == ["outside", None]
 
 
-@pytest.mark.usefixtures("home")
-def test_a_wrong_address_is_told_without_its_password(tmp_path: Path) -> None:
+def test_a_wrong_address_is_told_without_its_password(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     """The message of a mistake shows the value that is wrong."""
-    code, said = finish(start(tmp_path, f"tracking.policy.uri=ftp://me:{PASSWORD}@host"))
-    assert code == 2
+    monkeypatch.chdir(tmp_path)
+    assert main([f"tracking.policy.uri=ftp://me:{PASSWORD}@host"]) == 2
+    said = "".join(capfd.readouterr())
     assert "ftp://***@host" in said
     assert PIECE not in said
 

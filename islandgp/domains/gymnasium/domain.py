@@ -30,7 +30,7 @@ HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 
 @once_a_thread
 def environment(name: str, options: str, render: bool) -> Any:
-    """An environment, one for all episodes of a thread; `reset` makes it anew.
+    """An environment; shared by all episodes of a thread, which reset it.
 
     Args:
         name: as `gymnasium.make` takes it.

@@ -1,4 +1,4 @@
-"""Which of MuJoCo's OpenGL backends renders here, found out in a child process."""
+"""Finds an OpenGL backend of MuJoCo that works on this machine, in a child process."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def without_shadows(env: Any) -> Any:
 
 
 def import_fault(message: str) -> str:
-    """Why MuJoCo could not be imported, "" if that is not what failed.
+    """The reason why MuJoCo cannot be imported; "" for other errors.
 
     Args:
         message: of the error with which `gymnasium.make` failed.

@@ -14,7 +14,7 @@ Read = Callable[[Any], list[float]]
 
 @dataclass(frozen=True)
 class Spaces:
-    """How an environment's observations are read, and how its actions are made."""
+    """Conversion of an environment's observations and actions."""
 
     read: Read  # an observation as its numbers
     places: Mapping[int | str, int]  # their indices, by place and, of a Dict, by `key.place`
@@ -38,7 +38,7 @@ class Spaces:
         return f"0 to {self.observed - 1}" + (f" or one of {', '.join(words)}" if words else "")
 
     def fault(self, action: int | tuple[float, ...]) -> str:
-        """What an action must be, if it is not one of the environment; else ""."""
+        """A text on the expected actions if an action is not one of the environment; else ""."""
         if self.bounds:
             whole = f"a list of {len(self.bounds)} numbers"
             if isinstance(action, int) or len(action) != len(self.bounds):
@@ -58,7 +58,7 @@ class Spaces:
 
 
 def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
-    """How an observation is read, and the path of each of its numbers; "" where it has none."""
+    """A function that reads an observation, and the paths of its numbers ("" if they have none)."""
     kind = type(space).__name__
     if kind == "Discrete":
         return lambda found: [float(found)], [""]
@@ -103,7 +103,7 @@ def _actions(
     tuple[int, ...],
     tuple[tuple[float, float], ...],
 ]:
-    """How an action is made, the action of zeros, the counts and the bounds of `Spaces`."""
+    """A function that makes an action, the zero action, and the counts and bounds of `Spaces`."""
     kind = type(space).__name__
     if kind == "Discrete" and space.start == 0:
         return None, 0, (int(space.n),), ()

@@ -161,7 +161,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
         return self
 
     def declared(self) -> Schema:
-        """What the domain declares. Raises DomainError for names that the language has."""
+        """The schema of the domain. Raises DomainError for keywords of the language."""
         signals = {name: Event(signal.meaning) for name, signal in self.signals.items()}
         counts = {name: Counter(signal.meaning) for name, signal in self.signals.items()}
         return Schema(

@@ -1,10 +1,10 @@
 """The seven actions of section 2.2.3, each a function of the island.
 
-An action is called once a tick while its leaf runs; `fresh` is true on the
-first call. It returns a status and turns the wheels or not. While it is RUNNING
-it says with `wake_at` when its status may change, and where its answer depends on
-the robot's place, with `same_for` how far the robot may drive until a fresh call
-would do something else. `docs/extending.md` adds one from outside of the package.
+An action is called once per tick while its leaf runs; `fresh` is True on the first call. It
+returns a status and may turn the wheels. While it is RUNNING it calls `wake_at` with the step at
+which its status may change and, if its result depends on the robot's position, `same_for` with the
+distance within which a fresh call would have the same result. `docs/extending.md` shows how to add
+an action.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from islandgp.domains.island.state import State
 IslandAction = Callable[[State, bool], int]
 """(island, fresh) to a status."""
 
-AIM_EVERY = 5  # steps: how often MoveToHumanoid aims anew at a walking humanoid
+AIM_EVERY = 5  # steps after which MoveToHumanoid updates its aim at a walking humanoid
 
 
 def move_to_garbage(island: State, fresh: bool) -> int:
@@ -65,7 +65,7 @@ def seek_charger(island: State, fresh: bool) -> int:
 
 
 def execute_charge(island: State, fresh: bool) -> int:
-    """Charges until full; an attempt counts anew when a good part of a charge was used up."""
+    """Charges until full; a further attempt counts after enough of the charge was used."""
     robot = island.robot
     beyond = min(_distances(island, island.world.chargers)) - robot.settings.station_reach
     island.same_for(abs(beyond))
@@ -179,9 +179,9 @@ def _distances(island: State, stations: Sequence[tuple[float, float]]) -> list[f
 
 
 def _pursue(island: State, at: complex, gap: float) -> None:
-    """Drives to where the humanoid, now at `at`, was last aimed at; aims anew now and then."""
+    """Drives to the last aim at a humanoid, now at `at`; updates the aim every AIM_EVERY steps."""
     robot, people, here = island.robot, island.humanoids, complex(island.robot.x, island.robot.y)
-    island.same_for(0)  # a fresh call would aim anew
+    island.same_for(0)  # a fresh call would update the aim
     if island.step >= island.aim_end or abs(island.aim - here) < robot.stride:
         island.aim = at
         island.aim_end = island.step + AIM_EVERY

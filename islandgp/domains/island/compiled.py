@@ -60,7 +60,7 @@ def _turns(schedule: Schedule) -> tuple[array[int], array[int], array[float]]:
 
 @lru_cache(maxsize=16)
 def _cells(places: Places) -> tuple[array[float], array[float], array[int], array[int]]:
-    """Where items are, and the items near each cell, one cell after the other."""
+    """Positions of items, and the items near each cell, by cell."""
     first = array("q", [0])
     for near in places.near:
         first.append(first[-1] + len(near))

@@ -181,7 +181,7 @@ class Island:
         )
 
     def _fixed(self) -> tuple[Thing, ...]:
-        """What stands still in every picture of an episode."""
+        """The things that do not move, for every picture of an episode."""
         world = self.world
         stations = (
             ("waypoint", world.waypoints),

@@ -1,4 +1,4 @@
-"""What an episode asks of Chipmunk thousands of times: to step, where a body is, to steer it.
+"""Direct calls of Chipmunk's functions that an episode calls often: step, position, velocity.
 
 pymunk's wrappers take a third of the time of a step, and most of the time of the
 other two. What they look after does not happen in an episode: bodies and shapes
@@ -48,7 +48,7 @@ def wrapped() -> Engine:
 
 
 def _addresses() -> dict[str, int]:
-    """Where the functions are that compiled code calls."""
+    """Addresses of the functions that compiled code calls."""
     from pymunk._chipmunk_cffi import ffi, lib
 
     names = ("cpSpaceStep", "cpBodyGetPosition", "cpBodySetVelocity")
@@ -56,14 +56,14 @@ def _addresses() -> dict[str, int]:
 
 
 def address(thing: Handle) -> int:
-    """Where a space or a body is in memory."""
+    """The address of a space or a body."""
     from pymunk._chipmunk_cffi import ffi
 
     return int(ffi.cast("uintptr_t", thing))
 
 
 def data_address(held: array[Any] | bytearray) -> int:
-    """Where the items of an array are in memory, as long as its length does not change."""
+    """The address of an array's items, valid while its length does not change."""
     from pymunk._chipmunk_cffi import ffi
 
     return int(ffi.cast("uintptr_t", ffi.from_buffer(held)))

@@ -1,11 +1,10 @@
 """An episode: one robot with one tree on one day of the island (section 2.2.2).
 
-Time goes in steps of a tenth of a second. A step at which nothing can change
-is left to the physics engine alone: everybody who could change something tells
-from which step on, and the loop goes there in one go. `stepwise=True` looks at
-everything in every step instead; the outcome is the same to the last bit.
+Time advances in steps of a tenth of a second. Each part reports the next step at which it can
+change something; until the first of these only the physics engine is stepped. `stepwise=True`
+checks all parts in every step instead; the outcome is equal to the last bit.
 
-In `advance` time passes: the physics steps between two looks, with the schedule's cues.
+`advance` runs the physics steps between two checks, with the events of the schedule.
 """
 
 from __future__ import annotations
@@ -80,7 +79,7 @@ def _touch(island: State) -> None:
     for h in sorted(contacts.touching):
         if h >= 0:
             island.humanoids.step_aside(h, positions[h], here)
-    robot.leg_end = island.step  # the wheels are set anew
+    robot.leg_end = island.step  # so that the wheels are set again
     robot.rolling = True
     island.ground.due = island.wake = island.step
     island.humanoids.look_at_all(island.step)
@@ -133,7 +132,7 @@ def _notice(island: State, x: float, y: float) -> None:
 
 
 class Ending(StrEnum):
-    """Why an episode ended."""
+    """Reason for the end of an episode."""
 
     TIME = "time"  # 420 s are over
     STAGNATION = "stagnation"  # no better fitness for 120 s (180 s with a low battery)
@@ -143,7 +142,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What happened in an episode."""
+    """The outcome of an episode."""
 
     events: tuple[tuple[int, IslandEvent, float], ...]  # (step, event, amount), in order
     steps: int  # simulated steps, >= 1
@@ -307,7 +306,7 @@ def _account(island: State, steps: int) -> None:
 
 
 def _ending(island: State) -> Ending:
-    """Why the episode is over."""
+    """The reason for the end of the episode."""
     if island.robot.battery <= 0:
         island.log(IslandEvent.SHUTDOWN, 1)
         return Ending.SHUTDOWN

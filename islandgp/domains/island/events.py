@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class IslandEvent(StrEnum):
-    """What can be worth points (Table 3); `vocabulary` says what the amounts are."""
+    """Events that can earn points (Table 3); their amounts are described in `vocabulary`."""
 
     PICKUP = "pickup"
     INTERACTION = "interaction"

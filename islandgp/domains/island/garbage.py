@@ -11,7 +11,7 @@ from islandgp.domains.island.schedule import Schedule
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Where all items of a day lie; an item is known by its number."""
+    """Positions of all items of an episode, by the item's number."""
 
     x: tuple[float, ...]  # m
     y: tuple[float, ...]  # m
@@ -59,7 +59,7 @@ class Ground:
 
     @property
     def count(self) -> int:
-        """How many items lie there."""
+        """Number of items on the ground."""
         return sum(self.there)
 
     def drop(self, item: int) -> None:
@@ -74,7 +74,7 @@ class Ground:
         self.due = 0
 
     def items(self) -> list[complex]:
-        """Where all items are, x + iy in metres, in the order in which they came."""
+        """Positions of all items, x + iy in metres, in the order of their appearance."""
         places = zip(self.places.x, self.places.y, self.there, strict=True)
         return [complex(x, y) for x, y, there in places if there]
 

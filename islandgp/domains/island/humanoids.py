@@ -26,12 +26,12 @@ class Humanoids:
         self.due = 0  # the earliest of them
 
     def position(self, h: int) -> complex:
-        """Where `h` is now, x + iy in metres."""
+        """Position of humanoid `h`, x + iy in metres."""
         at = engine.position(self.bodies[h])
         return complex(at.x, at.y)
 
     def asks(self, h: int) -> bool:
-        """Whether humanoid `h` wants to be cleared."""
+        """True if humanoid `h` has garbage to hand over."""
         return self.items[h] >= self.settings.ask_from
 
     def turn(self, h: int, vx: float, vy: float, step: int) -> None:

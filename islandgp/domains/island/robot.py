@@ -4,10 +4,9 @@ Charge is counted in whole millionths of a percent, and distance in whole steps
 of driving, so that many steps at once add up to exactly what they add up to
 one by one.
 
-The way to a goal is a chain of straight legs: to the goal itself where nothing
-stands between, else along the tangent of the first obstacle in the way. A leg
-that would run into another obstacle on its way to the tangent point gives way
-to the tangent of that one, and so on.
+The way to a goal consists of straight legs: to the goal itself if no obstacle is in the way, else
+along the tangent of the first obstacle. If another obstacle is in the way to the tangent point,
+the leg follows the tangent of that one, and so on.
 """
 
 from __future__ import annotations
@@ -130,7 +129,7 @@ class IslandRobot:
 
     @property
     def room(self) -> int:
-        """How many items more it can carry."""
+        """Number of further items that it can carry."""
         return self.settings.capacity - self.load
 
     def drive_to(self, x: float, y: float, reach: float, lead: float = inf) -> None:
@@ -154,7 +153,7 @@ class IslandRobot:
         return inf if straight and self.lead > TOLERANCE else self.lead / 2
 
     def turn_wheels(self, step: int) -> bool:
-        """Drives on, begins another leg, or stands; true when the velocity is another one."""
+        """Continues the leg, begins another one or stops; returns True if the velocity changed."""
         if not self.driving:
             self.leg_end = 0
             if not self.rolling:

@@ -1,7 +1,6 @@
-"""What a world's seed decides: where things lie and stand, and what comes when.
+"""The schedule of a world, drawn from its seed: positions of things and times of events.
 
-Nothing here depends on what the robot does, so the whole of it is drawn once
-and shared by every episode in the same world.
+It does not depend on the robot, so it is drawn once and shared by all episodes in the same world.
 """
 
 from __future__ import annotations

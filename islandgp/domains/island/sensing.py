@@ -65,12 +65,11 @@ def visit_left(island: State) -> float:
 
 
 def look_for_garbage(island: State) -> None:
-    """Whether garbage is in sight; new items are discovered. Says when to look again.
+    """Updates whether garbage is in sight, discovers new items, and sets the step to look again.
 
-    Seen from a robot on a straight leg, an item is in sight along one stretch of
-    the way. Something changes when a stretch begins that matters, when the last
-    one ends that the robot is in, or when the robot comes near items of other
-    cells. A robot that stands sees nothing new.
+    From a robot on a straight leg an item is visible along one stretch of the way. The result
+    changes when a relevant stretch begins, when the last of the present stretches ends, or when
+    the robot approaches items of other cells. For a robot at rest it does not change.
     """
     robot, ground = island.robot, island.ground
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
@@ -115,7 +114,7 @@ def look_for_garbage(island: State) -> None:
 
 
 def _look_for_humanoids(island: State, always: bool) -> bool:
-    """Whether a humanoid in sight asks; new ones are discovered. Says when to look again."""
+    """Looks for humanoids with garbage, discovers new ones, and sets the step to look again."""
     people, step = island.humanoids, island.step
     new = 0
     soon = FAR if always else step + TOGETHER

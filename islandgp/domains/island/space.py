@@ -36,7 +36,7 @@ class CollisionType(IntEnum):
 
 @dataclass(slots=True)
 class Contacts:
-    """What the robot touches now, kept up to date by the physics engine."""
+    """The robot's contacts, updated by the physics engine."""
 
     begun: list[int] = field(default_factory=list)  # humanoids touched since last asked
     touching: set[int] = field(default_factory=set)  # humanoids; -1 and below: static shapes
@@ -91,12 +91,12 @@ class Space:
             self.space.add(body, shape)
 
     def robot_position(self) -> complex:
-        """Where the robot is now, x + iy in metres."""
+        """Position of the robot, x + iy in metres."""
         at = engine.position(self._robot)
         return complex(at.x, at.y)
 
     def humanoid_positions(self) -> list[complex]:
-        """Where the humanoids are now, in metres; one call of the engine for all of them."""
+        """Positions of the humanoids in metres, read in one call of the engine."""
         self._read()
         found: list[complex] = self._positions[1:-1].tolist()
         return found

@@ -18,7 +18,7 @@ from islandgp.domains.island.world import FAR, EpisodeSettings, IslandWorld
 
 @dataclass(frozen=True, slots=True)
 class Deadlines:
-    """When an episode ends, in steps (section 2.2.2)."""
+    """Limits of an episode in steps (section 2.2.2)."""
 
     length: int
     stagnation: int
@@ -75,8 +75,8 @@ class State:
     patrol_steps: int = 0  # steps of patrol so far
     rewarded_segment: int = -1  # last stretch of patrol that had a discovery
     item: int = -1  # garbage that MoveToGarbage drives to
-    humanoid: int = -1  # whom MoveToHumanoid drives to
-    aim_end: int = 0  # step at which it aims anew
+    humanoid: int = -1  # humanoid that MoveToHumanoid drives to
+    aim_end: int = 0  # step at which it updates its aim
     quick: Callable[[int], int] | None = None  # the compiled loop
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
@@ -96,9 +96,9 @@ class State:
             self.wake = step
 
     def same_for(self, metres: float) -> None:
-        """Called fresh, this action would do the same until the robot has driven `metres`.
+        """Declares that a fresh call of the action has the same result for the next `metres`.
 
-        What blackboard, load and new garbage in sight change need not be told.
+        Changes of the blackboard, the load and garbage in sight are detected anyway.
         """
         if metres < self.free:
             self.free = metres

@@ -1,4 +1,4 @@
-"""What the island's robot can do and know, what is counted and what earns points.
+"""The island's schema: actions, keys, counters and rewarded events.
 
 Sections 2.2.2 and 2.2.3, Table 3.
 """

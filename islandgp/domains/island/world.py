@@ -1,7 +1,7 @@
-"""What an island is made of: the settings of the simulated world, section 2.2.2.
+"""Settings of the simulated world, section 2.2.2.
 
-The values stand in `conf/world/`; this file tells what they mean and which are
-allowed. Lengths are metres, times simulated seconds, charge percent.
+The values are in `conf/world/`; this module has their meanings and ranges. Lengths are in metres,
+times in simulated seconds, charge in percent.
 """
 
 from __future__ import annotations
@@ -63,14 +63,14 @@ class HumanoidSettings(BaseModel, frozen=True, extra="forbid"):
 class ObstacleSettings(BaseModel, frozen=True, extra="forbid"):
     """Rocks and trees: the same on every day of the island."""
 
-    count: int = Field(ge=0, le=500)  # that stand on the island
+    count: int = Field(ge=0, le=500)  # on the island
     radius: tuple[Positive, Positive]  # m, least and most
     gap: Positive  # m of free ground around each
     layout_seed: int = Field(ge=0)  # of the obstacles' places, the same in every world
 
 
 class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
-    """When an episode ends."""
+    """Limits of an episode."""
 
     step: Positive  # s a tick and a step of the physics
     length: Positive  # s at most
@@ -118,7 +118,7 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def cells(self) -> int:
-        """How many cells the ground has."""
+        """Number of cells of the ground."""
         return ceil(self.side / self.cell) ** 2
 
     @model_validator(mode="after")

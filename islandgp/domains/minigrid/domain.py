@@ -50,7 +50,8 @@ class MiniGrid(Stepped):
                 near = get_close_matches(level, known, 1, 0.4)
                 hint = f"did you mean {near[0]}?" if near else f"there is, e.g., {known[0]}"
                 raise ConfigError(
-                    f"world.levels: expected levels of MiniGrid that stand still, found {level!r};"
+                    f"world.levels: expected levels of MiniGrid without moving obstacles, found"
+                    f" {level!r};"
                     f" {hint}"
                 )
         return cls(world, rewards)

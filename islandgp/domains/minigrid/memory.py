@@ -1,4 +1,4 @@
-"""What the robot has seen of a level, and the ways through it.
+"""The robot's map of a level, and shortest paths in it.
 
 Places are bits of an integer: a set of places is a number, and a step of a search in all
 directions is four shifts. The field of view is MiniGrid's own (`Grid.process_vis`).
@@ -40,7 +40,7 @@ class Memory:
         return 1 << (y + VIEW) * self.stride + x + VIEW
 
     def fill(self, free: int, transparent: int) -> None:
-        """Says which places can be walked on, and which can be seen through."""
+        """Sets the cells that can be walked on and those that can be seen through, as bits."""
         self.free = free
         everything = (1 << self.stride * self._tall) - 1
         self._opaque = everything & ~transparent
@@ -128,7 +128,7 @@ def bits(places: int) -> Iterator[int]:
 
 @cache
 def spread(row: int, opaque: int) -> tuple[int, int]:
-    """What is seen of a row of the view and of the next one, from what is seen of it so far."""
+    """The visible cells of a row of the view and of the next row, from those visible so far."""
     clear = row & ~opaque
     while True:
         more = (clear << 1 | clear >> 1) & ROW & ~opaque & ~clear

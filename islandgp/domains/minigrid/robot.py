@@ -38,9 +38,9 @@ def levels() -> dict[str, str]:
 
 @once_a_thread
 def environment(level: str) -> Any:
-    """The environment of a level, one for all episodes of a thread; `reset` makes it anew.
+    """The environment of a level; shared by all episodes of a thread, which reset it.
 
-    It draws no observation: the robot's own memory sees the same, forty times as fast.
+    Observations are switched off: `memory` computes the same view forty times as fast.
     """
     import gymnasium
 
@@ -50,7 +50,7 @@ def environment(level: str) -> Any:
 
 
 def mission(level: str, seed: int) -> str:
-    """What the robot is to do in a level, in MiniGrid's words."""
+    """The mission of a level, in MiniGrid's terms."""
     env = environment(level)
     env.reset(seed=seed)
     return str(env.mission)
@@ -117,7 +117,7 @@ class GridRobot:
         self.memory.fill(places["free"], places["clear"])
 
     def _look(self) -> None:
-        """Sees what is in view, and brings what the keys tell up to date."""
+        """Updates the memory and the blackboard keys from the present view."""
         x, y = map(int, self.env.agent_pos)
         direction = int(self.env.agent_dir)
         new = self.memory.look(x, y, direction)
@@ -221,7 +221,7 @@ class GridRobot:
         yield
 
     def _ahead(self) -> Any:
-        """What is in front, or None."""
+        """The thing in front of the robot, or None."""
         x, y = self.env.agent_pos
         dx, dy = STEPS[self.env.agent_dir]
         return self.env.grid.get(x + dx, y + dy)
@@ -249,7 +249,7 @@ class GridRobot:
         return "time" if truncated or not self.left else ""
 
     def _handled(self, action: int, thing: Any, locked: bool) -> None:
-        """Tells what a hand did, each thing's first time, and takes in where things are now."""
+        """Logs the first use of each thing, and updates the positions of things."""
         self._survey()
         if action == PUT:
             if self.env.carrying is None:

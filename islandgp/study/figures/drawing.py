@@ -1,4 +1,4 @@
-"""What figures have in common: colours and lines of arms and categories, curves, bars, legends.
+"""Common parts of figures: colours and lines of arms and categories, curves, bars, legends.
 
 Arms have strong colours and differ in line and marker as well; categories (classes,
 components, patterns) have pale colours and hatching, and never an arm's colour. So a
@@ -89,7 +89,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How an arm is drawn everywhere."""
+    """Style of an arm in all figures."""
 
     colour: str
     line: LineStyle

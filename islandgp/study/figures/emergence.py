@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 Firsts = Sequence[int | None]  # the generation of each run's first one
 
 PANELS = 3  # beside each other
-BANDS = 3  # arms whose bands can be told apart
+BANDS = 3  # most arms with distinguishable bands
 TOP, ROW = -0.27, 0.065  # below the axes, in their heights: numbers at risk, a row for each arm
 
 

@@ -131,7 +131,7 @@ def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
 
 
 def components(study: Comparison) -> drawing.Picture:
-    """Where the best individual's fitness comes from."""
+    """Fitness of the best individual by component."""
 
     def fill(axes: Axes, arm: Arm) -> None:
         names = tuple(arm.runs[0].champion.record.components)

@@ -20,7 +20,7 @@ Champions = Mapping[str, Sequence[Generalisation]]  # by arm
 
 
 def lineage(study: Comparison) -> drawing.Picture | None:
-    """How long newcomers' lines last; None when no arm has any newcomer."""
+    """Survival of newcomers' lineages; None if no arm has a newcomer."""
     curves: list[tuple[str, int, int, list[float]]] = []
     for i, arm in enumerate(study.arms):
         found = [n for run in arm.runs for n in newcomers(run)]

@@ -19,7 +19,7 @@ PANELS: Final = 2  # side by side; more could not be read in a narrow column
 WIDTH: Final = 5.6  # inches, so that letters can be read where it is shown 400 pixels wide
 HEIGHT: Final = 2.3  # inches, of a panel
 LETTERS: Final = 60  # of a line of the legend
-BANDS: Final = 4  # arms whose bands can be told apart
+BANDS: Final = 4  # most arms with distinguishable bands
 
 Panels = dict[str, dict[str, Strata]]  # by title and arm
 

@@ -19,7 +19,7 @@ EARLY: Final = 2  # the generation of the paper's example
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """A tree worth drawing, and what is to be said of it."""
+    """A tree to draw, with the values of its caption."""
 
     figure: str  # its key
     tree: str  # canonical text
@@ -85,7 +85,7 @@ def _last_stage(run: Run) -> range:
 
 
 def _values(study: Comparison, arm: Arm, run: Run, tree: str, key: str) -> dict[str, object]:
-    """Whose a tree is, its name in the library if it has one, and what a paper draws there."""
+    """Values of a caption: run, name in the library, size, and the tree in the publication."""
     name, node = library_names(run.config).get(tree), parse(tree)
     figure = study.paper.drawn_after.get(name) if study.paper and name else None
     after = f", modelled on the paper's {figure}" if figure else ""

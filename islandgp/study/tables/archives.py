@@ -18,7 +18,7 @@ def archives(run: Run) -> Sequence[ArchiveRecord]:
 
 
 def one_grid(study: Comparison) -> bool:
-    """Whether all runs kept an archive, over one grid and above one floor."""
+    """True if all runs have an archive with the same grid and floor."""
     runs = [run for arm in study.arms for run in arm.runs]
     if not all(archives(run) for run in runs):
         return False

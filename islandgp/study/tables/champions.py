@@ -19,7 +19,7 @@ from islandgp.text import title
 
 
 def specialists_table(study: Comparison) -> Table:
-    """Table 13: how many individuals show a behaviour, over all generations of all runs."""
+    """Table 13: number of individuals with a behaviour, over all generations of all runs."""
     classes = study.classes
     labels = [name for name in classes.behaviours if name not in classes.specialists.of]
     known = study.paper.specialists if study.paper else None
@@ -36,14 +36,14 @@ def specialists_table(study: Comparison) -> Table:
             cells.append((f"{arm.name} range", f"{min(counts)}-{max(counts)}"))
         rows.append([*cells, *published(known, name, theirs)])
     sizes = {str(run.flat.get("gp.population")) for arm in study.arms for run in arm.runs}
-    said = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
+    text = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
     if labels:
-        said += f" {_list(labels)}: labels that any individual can carry."
+        text += f" {_list(labels)}: labels that any individual can carry."
     return Table.of(
         "table-13",
         f"Table 13. Specialists in a population of {' and '.join(sorted(sizes))}",
         rows,
-        (f"{said} SD over all generations of all runs.", *footnotes(study.paper)),
+        (f"{text} SD over all generations of all runs.", *footnotes(study.paper)),
     )
 
 
@@ -52,7 +52,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def components_table(study: Comparison) -> Table:
-    """Where the champions' fitness comes from, Eq. (1)."""
+    """The champions' fitness by component, Eq. (1)."""
     champions = [(arm.name, [run.champion.record for run in arm.runs]) for arm in study.arms]
     rows = [
         [
@@ -161,7 +161,7 @@ def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
 
 
 def constraints_table(study: Comparison) -> Table:
-    """Whether the best robots keep their runs' constraints in validation worlds."""
+    """Feasibility of the best robots in validation worlds."""
     rows: list[Row] = []
     for arm in study.arms:
         shares = [run.feasible for run in arm.runs if run.feasible is not None]

@@ -27,7 +27,7 @@ from islandgp.study.texts import note
 
 NEVER: Final = "never in either arm"
 UNDECIDED: Final = "no difference shown (no evidence either way)"
-"""The verdict where a claim of no difference meets a test that finds none."""
+"""The verdict on a claim of no difference if the test finds none."""
 
 
 def claims_table(
@@ -131,14 +131,14 @@ def test_cells(f: Finding) -> Row:
 
 
 def test_name(f: Finding) -> str:
-    """Which test belongs to the difference."""
+    """The name of the test of a difference."""
     if f.paired is None:
         return "Mann-Whitney U"
     return f"signed-rank, {f.paired.pairs} pairs"
 
 
 def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
-    """What a test says of a claim; `direction` as in `paper.Claim`."""
+    """The verdict of a test on a claim; `direction` as in `paper.Claim`."""
     if f.never:
         return NEVER
     shown = f.p_bh < LEVEL
@@ -152,7 +152,7 @@ def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
 
 
 def found(f: Finding, margin: float | None, p: float | None = None) -> str:
-    """What a test says of two arms; `p`: its own in place of the adjusted one."""
+    """The verdict of a test on two arms; `p` replaces the adjusted p-value."""
     if f.never:
         return NEVER
     if f.equal:
@@ -164,7 +164,7 @@ def found(f: Finding, margin: float | None, p: float | None = None) -> str:
 
 
 def alike(f: Finding, margin: float | None) -> bool:
-    """Whether the interval of the difference lies within a margin."""
+    """True if the interval of the difference lies within a margin."""
     shift = f.shift
     return (
         margin is not None and not isnan(shift.low) and -margin < shift.low <= shift.high < margin

@@ -40,7 +40,7 @@ PAPER_GENERATIONS: Final = 41  # of the runs of Table 11
 
 
 def families_note(findings: Sequence[Finding]) -> str:
-    """What each measure's p-values are adjusted with."""
+    """A note on the families in which p-values are adjusted."""
     families = {(f.family, f.size): [g for g in findings if g.family == f.family] for f in findings}
     each = [
         f"'{name}', {size} comparisons"

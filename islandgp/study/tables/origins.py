@@ -22,7 +22,7 @@ EVOLVED: Final = (lineage.RANDOM, lineage.BRED, lineage.HEIR)
 
 
 def lineage_table(study: Comparison) -> Table:
-    """How long the lines of injected trees last, beside the random ones of the diversity slots."""
+    """Survival of the lineages of injected trees, and of random trees of diversity slots."""
     rows = []
     for arm in study.arms:
         found = [n for run in arm.runs for n in lineage.newcomers(run)]
@@ -50,7 +50,7 @@ def lineage_table(study: Comparison) -> Table:
 
 
 def edits_table(study: Comparison) -> Table | None:
-    """What became of the edits of each arm; None: no arm has any."""
+    """Results of the edits of each arm; None if there are none."""
     rows = []
     for arm in study.arms:
         fates = [fate for run in arm.runs for fate in edit_fates(run.records)]
@@ -72,7 +72,7 @@ def edits_table(study: Comparison) -> Table | None:
 
 
 def sources_table(study: Comparison) -> Table:
-    """Whether the first robots of the milestones were given or evolved."""
+    """Origins of the first robots of the milestones: injected or evolved."""
     tiers = study.milestones
     counts = [
         Counter(lineage.descent_of_first(run, tier) for run in arm.runs)

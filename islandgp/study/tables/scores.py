@@ -98,7 +98,7 @@ def _digits(rows: Sequence[ScoreRow]) -> int:
 
 
 def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
-    """Why cells have a dash."""
+    """Notes on cells with a dash."""
     reasons = []
     shown = [i for row in rows for i in (row.mean, row.improvement) if i is not None]
     if any(isnan(i.low) and not isnan(i.estimate) for i in shown):

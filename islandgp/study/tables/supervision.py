@@ -97,7 +97,7 @@ def _cell(o: Overheads, what: str | Callable[[Overheads], str], digits: int) -> 
 
 
 def episodes_table(study: Comparison) -> Table:
-    """What a run of each arm costs in episodes."""
+    """Costs of a run of each arm in episodes."""
     rows = []
     for arm in study.arms:
         cost = episode_cost(arm)

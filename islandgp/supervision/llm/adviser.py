@@ -1,8 +1,7 @@
-"""From a state to questions, and from answers to guidance (section 2.4).
+"""Makes prompts from a state, and guidance from answers (section 2.4).
 
-Everything here is a function of the state, the settings and the answers. Who
-gives the answers, the network or a record, is not known here, so that a replay
-goes through the same code as the run it repeats.
+The guidance is a function of the state, the settings and the answers, which come from the network
+or a transcript. So a replay uses the same code as the recorded run.
 """
 
 from __future__ import annotations
@@ -68,8 +67,8 @@ from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
-NEAR: Final = 1.2  # times a prompt's least length; tokens are only guessed here
-REASON: Final = 600  # characters of a fallback's reason that the record keeps
+NEAR: Final = 1.2  # factor on the shortest cached length, as tokens are only estimated
+REASON: Final = 600  # most characters of a fallback's reason in the record
 _PROMPTS: Final = {
     "rate": ("mutation_rate",),
     "tree": ("tree_explore", "tree_exploit"),
@@ -80,7 +79,7 @@ FILLS: Final = {
     "tree": ("tree", "target", "rationale"),
     "edits": ("edits",),
 }
-"""By part of the guidance: the fields that its answer fills in."""
+"""Fields of the guidance that each part's answer sets."""
 
 _PER_GENERATION: Final = (  # known only in a generation
     "generation", "state", "urgency", "answer", "tree_field", "stage", "error",
@@ -94,13 +93,13 @@ _TREES_FIELD: Final = (
 
 
 class Adviser:
-    """Asks for a rate and for a tree, and puts the guidance together."""
+    """Asks for a rate, a tree and edits, and combines the answers to a guidance."""
 
     def __init__(self, settings: LLMSettings, context: RunContext) -> None:
         """Reads the prompts.
 
         Raises:
-            SupervisionError: a prompt cannot be filled in, or there is nothing to ask for.
+            SupervisionError: a prompt has an unknown variable, or no part of the guidance is used.
         """
         self.settings, self.context = settings, context
         if not self.parts:
@@ -139,7 +138,7 @@ class Adviser:
             raise SupervisionError(
                 "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
                 f" {folder}, as supervisor.policy.candidates={settings.candidates} needs them,"
-                " found none; write them there, or set candidates=1."
+                " found none; add them, or set candidates=1."
             )
         self.uses_history = bool(used.intersection(RUN_VALUES))
         self._history = RunHistory()
@@ -160,12 +159,13 @@ class Adviser:
         calls: Calls,
         dialect: Callable[[int], Dialect | Failure],
     ) -> Guidance:
-        """Guidance from the answers; the fallback, which consumes `rng`, fills in what lacks.
+        """Asks for all parts of the guidance; the fallback provides those without a usable answer.
 
-        `dialect` tells how requests are made in a generation, or why none can be.
+        `rng` is consumed by the choice of models and by the fallback; `dialect` returns a
+        generation's dialect, or the failure to probe it.
 
         Raises:
-            SupervisionError: the answers were of no use for too long, and the run is to stop.
+            SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
         """
         generation = state.now.generation
         models = self._choose_models(rng)
@@ -189,17 +189,18 @@ class Adviser:
         for part, outcome in found.items():
             if kind_of(part) == "edits":
                 continue
-            if (said := outcome.value or backup) is not None:
-                guidance = replace(guidance, **{name: getattr(said, name) for name in FILLS[part]})
+            if (advice := outcome.value or backup) is not None:
+                values = {name: getattr(advice, name) for name in FILLS[part]}
+                guidance = replace(guidance, **values)
         return replace(guidance, edits=tuple(edits))
 
     def on_generation(self, generation: GenerationView) -> None:
-        """See `GenerationListener`: keeps what prompts show of a run; others need nothing of it."""
+        """See `GenerationListener`. Keeps the history, if prompts or checks use it."""
         if self.uses_history or self.settings.refuse_copies or self.context.edits:
             self._history = self._history.followed_by(generation)
 
     def too_short(self) -> str:
-        """Which system prompts the model will not keep, in words; "" for none, or unknown."""
+        """A line on system prompts that are too short for the model's cache; "" for none."""
         least = self.settings.facts.caches_from
         if not self.settings.cache or least is None:
             return ""
@@ -214,13 +215,13 @@ class Adviser:
         if not short:
             return ""
         return (
-            f"cache=true: {self.settings.model_name} keeps prompts from {least:,} tokens on;"
-            f" too short, or nearly so, are {', '.join(short)}"
+            f"cache=true: {self.settings.model_name} caches prompts of at least {least:,} tokens;"
+            f" too short or nearly too short: {', '.join(short)}"
         )
 
     @property
     def parts(self) -> list[str]:
-        """What the model is asked for in each generation."""
+        """The parts of the guidance that the model is asked for in each generation."""
         samples = range(1, self.settings.samples + 1) if self.context.edits else ()
         return [
             *["rate"] * self.context.adapt_mutation,
@@ -229,9 +230,9 @@ class Adviser:
         ]
 
     def _choose_models(self, rng: np.random.Generator) -> dict[str, str]:
-        """By part, the model that is asked for edits; {}: `model` is, without a draw.
+        """Draws a model for each part that asks for edits; {} if only `model` is configured.
 
-        With choice=bandit by Thompson sampling over the share of each model's edits that gained.
+        With choice=bandit by Thompson sampling on the share of each model's successful edits.
         """
         weights, gains = self.settings.edit_models, self._history.gains
         if not weights:
@@ -248,7 +249,7 @@ class Adviser:
         return chosen
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
-        """Why the model is not asked any more; None: it is."""
+        """The failure if the model is no longer asked, because of unusable answers; else None."""
         how, found = self.settings.useless, calls.transcript.useless_before(generation)
         if how is None or len(found) < how.most:
             return None
@@ -266,7 +267,7 @@ class Adviser:
     def _answers(
         self, state: PopulationState, calls: Calls, dialect: Dialect, models: Mapping[str, str]
     ) -> dict[str, Conversation[Any]]:
-        """Asks for all parts: at the same time, unless the budget is nearly used up."""
+        """Asks for all parts at the same time, or one by one if a cap is near."""
         requests = {
             part: self.request(part, state, dialect, models.get(part)) for part in self.parts
         }
@@ -279,7 +280,7 @@ class Adviser:
     def _ask(
         self, part: str, state: PopulationState, calls: Calls, request: Request
     ) -> Conversation[Any]:
-        """Asks for one part; of several candidates for a tree the best is chosen."""
+        """Asks for one part; chooses the best of several candidates for a tree."""
         how, generation = self.settings, state.now.generation
         check: Check[Any] = check_decision(how.rate)
         if part == "tree":
@@ -309,7 +310,7 @@ class Adviser:
         return known_texts(() if now is None else nameable(now).values(), self._examples)
 
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
-        """Section 2.4.6: exploration until robots of quality exist, exploitation after."""
+        """Section 2.4.6: exploration until the milestone `exploit_from`, then exploitation."""
         how = self.settings
         found = state.reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
@@ -317,7 +318,7 @@ class Adviser:
     def request(
         self, part: str, state: PopulationState, dialect: Dialect, model: str | None = None
     ) -> Request:
-        """The question for a part: "rate", "tree" or "edits"; to `model`, None: the settings'."""
+        """The request for a part ("rate", "tree", "edits") to a model; None: the settings'."""
         how, name = self.settings, "mutation_rate"
         answer: type[BaseModel] = DecisionAnswer
         values: dict[str, str] = {}
@@ -356,7 +357,7 @@ class Adviser:
         )
 
     def _run_values(self, state: PopulationState) -> RunValues:
-        """What prompts show of the run so far; worked out once a generation."""
+        """The prompts' values on the run so far; computed once per generation."""
         if self._last is None or self._last[0] is not state:
             found = NO_VALUES
             if self.uses_history:
@@ -378,7 +379,7 @@ def kind_of(part: str) -> str:
 
 
 def _source(missing: int, asked: int) -> str:
-    """Who the guidance comes from, in the record's words."""
+    """The source of the guidance, as in the record."""
     if missing == 0:
         return "llm"
     return "fallback" if missing == asked else "llm and fallback"

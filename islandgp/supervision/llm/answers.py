@@ -18,7 +18,7 @@ from islandgp.supervision.llm.message import SANE, Reply, clean
 
 A = TypeVar("A", bound=BaseModel)
 
-_CANDIDATES: Final = 2000  # places of a text where a JSON object is looked for
+_CANDIDATES: Final = 2000  # most places of a text at which a JSON object is searched
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 
@@ -141,7 +141,7 @@ def faults(error: ValidationError, model: type[BaseModel], found: Mapping[str, A
 
 
 class RejectionStage(StrEnum):
-    """Where an answer is rejected."""
+    """The check that rejects an answer."""
 
     REFUSED = "refused"  # the model declined
     JSON = "json"
@@ -150,21 +150,21 @@ class RejectionStage(StrEnum):
     GRAMMAR = "grammar"
     NAMES = "names"
     LIMITS = "limits"
-    COPY = "copy"  # a tree that is no news
-    LINT = "lint"  # a tree that `islandgp check` warns of
-    EDITS = "edits"  # no edit makes a tree that can be used
+    COPY = "copy"  # the tree is known already
+    LINT = "lint"  # `islandgp check` warns of the tree
+    EDITS = "edits"  # no edit makes a usable tree
 
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Why an answer cannot be used."""
+    """A rejected answer."""
 
     stage: RejectionStage
     error: str  # for the model, and for the record
 
 
 def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
-    """The JSON object of an answer's text as its model."""
+    """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it."""
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     cut_off = reply.stop_reason == "max_tokens"
@@ -173,12 +173,12 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
         why = why if cut_off else "an empty answer"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     found = find_object(reply.text, model.model_fields)
-    # Where another object was begun when the tokens ran out, those before it are drafts.
+    # If a further object was begun when the tokens ran out, those before it are drafts.
     if found is None or (cut_off and "{" in _objects(reply.text)[1]):
         why = "an answer that was cut off; make it much shorter"
         why = why if cut_off else "none that can be read"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
-    # JSON inside a text can spell characters that the text itself could not have.
+    # JSON escapes can encode characters that were removed from the text itself.
     values = {key: cleaned(value) for key, value in found.items()}
     try:
         return model.model_validate(values)
@@ -187,32 +187,39 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
 
 
 def cleaned(value: Any) -> Any:
-    """A text, or the texts of a list, with characters that can be stored."""
+    """A value with `clean` applied to a text or to the texts of a list."""
     if isinstance(value, list):
         return [clean(each) if isinstance(each, str) else each for each in value]
     return clean(value) if isinstance(value, str) else value
 
 
 def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
-    """The last JSON object in a text that has all of the fields, else any of them, else the last.
+    """Finds the JSON object of an answer from a server without schemas.
 
-    It may stand between other words, as in the answers of servers that take no schema:
-    drafts come before it, and what stands inside `<think>` is none of the answer.
+    Other text may surround it. Drafts come before it, and text inside `<think>` is ignored.
+
+    Args:
+        text: of the answer.
+        fields: that the object should have.
+
+    Returns:
+        The last object with all of the fields, or else with any of them, or else the last one;
+        None if there is none or the text is too long.
     """
     if len(text) > SANE:
         return None
-    found, _ = _objects(text)
-    whole = [value for value in found if all(field in value for field in fields)]
-    some = [value for value in found if any(field in value for field in fields)]
-    return next((values[-1] for values in (whole, some, found) if values), None)
+    objects, _ = _objects(text)
+    whole = [value for value in objects if all(field in value for field in fields)]
+    some = [value for value in objects if any(field in value for field in fields)]
+    return next((values[-1] for values in (whole, some, objects) if values), None)
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
-    """The JSON objects of an answer that are in no other one, and the text after the last."""
+    """The outermost JSON objects of an answer, and the text after the last one."""
     text = _THINKING.sub(" ", text)
-    text = _THOUGHT.split(text)[-1]  # some servers leave the opening tag out
-    decoder = json.JSONDecoder(strict=False)  # line breaks inside a text do no harm
-    found: list[dict[str, Any]] = []
+    text = _THOUGHT.split(text)[-1]  # some servers omit the opening tag
+    decoder = json.JSONDecoder(strict=False)  # accepts line breaks inside strings
+    objects: list[dict[str, Any]] = []
     end, at = 0, text.find("{")
     for _ in range(_CANDIDATES):
         if at < 0:
@@ -222,6 +229,6 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
         except (ValueError, RecursionError):
             at = text.find("{", at + 1)
         else:
-            found.append(value)
+            objects.append(value)
             at = text.find("{", end)
-    return found, text[end:]
+    return objects, text[end:]

@@ -1,11 +1,10 @@
-"""Calls: a request goes out, is tried again if that may help, and is written down.
+"""Calls: requests with retries, recorded in the transcript.
 
-`LiveCalls` asks the network, and what is written down already it does not ask
-again. `supervision.replay.RecordedCalls` reads a transcript.
+`LiveCalls` uses the network, except for calls that are in the transcript already.
+`supervision.replay.RecordedCalls` uses a transcript only.
 
-There is one retry layer: how many attempts, and how long to wait between them (section 2.4.5).
-`converse` asks one question with its repairs: where an answer cannot be used, it says what was
-wrong, for the model to mend it.
+This is the only layer with retries (section 2.4.5). `converse` sends a question and, if the answer
+is rejected, repair turns that quote the error.
 """
 
 from __future__ import annotations
@@ -45,19 +44,19 @@ T = TypeVar("T")
 
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
-    """Whether a call ends with the answer to attempt number `attempt` (from 1)."""
+    """True if no further attempt follows the one with number `attempt` (from 1)."""
     if isinstance(answer, Reply) or attempt >= how.attempts:
         return True
-    said = answer.should_retry  # by the server
-    may_help = answer.kind in TRANSIENT if said is None else said
+    requested = answer.should_retry  # by the server
+    may_help = answer.kind in TRANSIENT if requested is None else requested
     return not may_help or (answer.retry_after or 0) > how.retry_after_most
 
 
 def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Generator) -> float:
-    """Seconds to wait after the failed attempt number `attempt`.
+    """Seconds to wait after the failed attempt number `attempt` (from 1).
 
-    What the server asks for, else half to all of an exponentially growing time:
-    runs of a sweep that fail together do not come back together.
+    At least what the server requests; otherwise exponential backoff times a factor in [0.5, 1], so
+    that the runs of a sweep do not retry at the same time.
     """
     backoff = min(how.longest_wait, how.first_wait * 2.0 ** (attempt - 1))
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
@@ -67,27 +66,32 @@ _SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETW
 
 
 def _slot(part: str) -> int:
-    """Of a part of the guidance, or of one of several samples of it, such as `edits 2`."""
+    """The stream's slot of a part of the guidance, or of a sample of it such as `edits 2`."""
     name, _, sample = part.partition(" ")
     return _SLOTS[name] + int(sample or 1) - 1
 
 
 class Calls(Protocol):
-    """What answers calls: the network, or a transcript."""
+    """Interface of what answers calls: the network or a transcript."""
 
-    transcript: Transcript  # what was asked and answered so far, and what came of it
+    transcript: Transcript  # of all calls so far
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
-        """The answer to a call, after as many attempts as it takes."""
+        """Returns the answer to a call after all attempts.
+
+        Args:
+            call: its place in the run.
+            request: the request.
+        """
         ...
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
-        """Whether these may be asked at the same time, each with so many repairs."""
+        """True if the requests may be sent at the same time, with `repairs` further turns each."""
         ...
 
 
 class LiveCalls:
-    """Asks a client, within a budget."""
+    """Sends requests by a client, within the caps."""
 
     def __init__(
         self,
@@ -102,22 +106,32 @@ class LiveCalls:
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """After `useless` calls in a row that may be charged and brought nothing, none waits.
+        """Sends nothing yet.
 
-        `sleep` and `clock` take the time's place in tests.
+        Args:
+            client: makes the attempts.
+            transcript: of the run.
+            ledger: of the run, with its caps.
+            retry: number of attempts and waiting times.
+            seed: of the run, for the jitter of waiting times.
+            on_outage: reaction to a server that does not answer.
+            useless: number of calls in a row without an answer that may be charged; after these
+                `on_outage="wait"` waits no longer. None: it always waits.
+            sleep: replaces time.sleep in tests.
+            clock: replaces time.monotonic in tests.
         """
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
         self.seed, self.on_outage, self.useless = seed, on_outage, useless
         self.sleep, self.clock = sleep, clock
         self._closed = False
-        self._sending = Lock()  # between the look at the caps and the note of what is sent
-        self._not_before = -inf  # by the clock: when the server lets itself be asked again
+        self._sending = Lock()  # held from the check of the caps until the request is recorded
+        self._not_before = -inf  # clock time before which the server accepts no request
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
-        """See `Calls`. An answer that is written down for the same request is given again.
+        """See `Calls`. An answer in the transcript to the same request is used again.
 
         Raises:
-            SupervisionError: no server answers, and an outage is to stop the run.
+            SupervisionError: no server answers, and `on_outage` is "stop".
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         rng = stream(
@@ -128,7 +142,7 @@ class LiveCalls:
         )
         answer = done[-1].answer if done else None
         number = done[-1].number if done else 0
-        before = 0  # attempts that do not count any more
+        before = 0  # earlier attempts that no longer count
         if (
             answer is not None
             and final(answer, number, self.retry)
@@ -140,7 +154,7 @@ class LiveCalls:
             while answer is None or not final(answer, number - before, self.retry):
                 if isinstance(answer, Failure):
                     due = wait(answer, number - before, self.retry, rng)
-                else:  # what an earlier call was told holds for this one, too
+                else:  # a waiting time requested for an earlier call holds for this one as well
                     due = max(0.0, self._not_before - self.clock())
                 due = min(due, max(0.0, self.ledger.seconds_left() - pause))
                 if due:
@@ -155,9 +169,9 @@ class LiveCalls:
             answer, before = None, number
 
     def _forgotten(self, call: Call, answer: Reply | Failure) -> bool:
-        """Whether a written answer is asked for again, as it may be mended by now.
+        """True if a resumed run does not use a recorded failure but makes the call again.
 
-        So it is with a failure that ended a run, or kept one from starting.
+        This applies to failures that stopped a run or kept it from starting.
         """
         if isinstance(answer, Reply) or answer.kind is FailureKind.BUDGET:
             return False
@@ -166,7 +180,7 @@ class LiveCalls:
         return answer.kind in TRANSIENT and self.on_outage != "fallback"
 
     def _is_outage(self, call: Call, answer: Reply | Failure) -> bool:
-        """Whether no server answers and the fallback must not stand in."""
+        """True if the server does not answer and the fallback must not be used."""
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return False
         never_there = call.generation < 0 and answer.kind is FailureKind.UNREACHABLE
@@ -174,7 +188,7 @@ class LiveCalls:
         return self.on_outage != "fallback" and not never_there and not paid
 
     def _is_useless(self) -> bool:
-        """Whether the last attempts, as many as `useless` calls make, may all be charged."""
+        """True if the last `useless` calls failed and all of their attempts may be charged."""
         count = 0
         for attempt in reversed(list(self.transcript.attempts)):
             if isinstance(attempt.answer, Reply):
@@ -183,12 +197,12 @@ class LiveCalls:
         return self.useless is not None and count >= self.useless * self.retry.attempts
 
     def _sit_out(self, failure: Failure) -> float:
-        """Waits for the server; returns for how long, s."""
+        """Waits for the server; returns the waiting time in s. Raises with `on_outage="stop"`."""
         if self.on_outage == "stop":
             raise SupervisionError(
                 f"Expected an answer of the model, found {failure.kind} ({failure.message}); the"
-                " run stops, as supervisor.policy.on_outage=stop says. The same command goes on"
-                " once the server answers."
+                " run stops (supervisor.policy.on_outage=stop). The same command continues it once"
+                " the server answers."
             )
         asked = max(failure.retry_after or 0.0, self.retry.longest_wait)
         pause = min(asked, self.ledger.seconds_left())
@@ -201,11 +215,10 @@ class LiveCalls:
         return pause
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
-        """See `Calls`: as long as no cap could end one of them.
+        """See `Calls`. False if a cap could stop one of the requests.
 
-        Near a cap they are asked one after the other: which of them it ends must not
-        depend on which answer comes first. The cap on seconds depends on time in any case; of
-        it there must be enough for an attempt at each.
+        Near a cap they are sent one after the other, so that the order of answers does not decide
+        which of them is stopped. Of the cap on seconds enough must be left for one attempt each.
         """
         attempts, turns = self.retry.attempts, 1 + repairs
         count = attempts * turns * len(requests)
@@ -221,10 +234,7 @@ class LiveCalls:
         )
 
     def close(self) -> None:
-        """Ends a call that is under way in another thread: it leaves no trace in the record.
-
-        A run that goes on later makes the attempt again.
-        """
+        """Ends a call in another thread without recording it; a resumed run makes it again."""
         self._closed = True
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
@@ -240,7 +250,7 @@ class LiveCalls:
         if why:
             answer = Failure(FailureKind.BUDGET, why)
         else:
-            answer = self._told(self.client.send(request, seconds=seconds), seconds)
+            answer = self._with_remedy(self.client.send(request, seconds=seconds), seconds)
         asked = answer.retry_after if isinstance(answer, Failure) else None
         if asked is not None and asked <= self.retry.retry_after_most:
             self._not_before = self.clock() + asked
@@ -263,8 +273,8 @@ class LiveCalls:
             self.ledger.settle(attempt, most)
         return answer
 
-    def _told(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
-        """The answer; one that was too late with the setting that gives it more time."""
+    def _with_remedy(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
+        """The answer; the message of a timeout names the setting that allows more time."""
         if isinstance(answer, Reply) or answer.kind is not FailureKind.TIMEOUT:
             return answer
         short = seconds < self.retry.deadline
@@ -277,17 +287,17 @@ class LiveCalls:
 
     def _check_open(self) -> None:
         if self._closed:
-            raise SupervisionError("The run is over; nobody waits for this answer.")
+            raise SupervisionError("The run has ended; this answer is not needed.")
 
 
 @dataclass(frozen=True, slots=True)
 class Conversation(Generic[T]):
-    """A question with its repairs, and the result."""
+    """The result of a question with its repair turns."""
 
     value: T | None  # None: no usable answer
-    end: Conclusion  # as the transcript keeps it
+    end: Conclusion  # as recorded in the transcript
     prompts: tuple[str, ...] = ()  # SHA-256 of each rendered prompt, hexadecimal
-    trial: str = ""  # which of several candidates was chosen, and why
+    trial: str = ""  # choice among several candidates, with the reason
 
 
 def converse(
@@ -300,7 +310,20 @@ def converse(
     repairs: int,
     repair: Callable[[Rejection], str],
 ) -> Conversation[T]:
-    """Asks, with at most `repairs` turns more; `repair` words what is wrong."""
+    """Asks a question, with repair turns if the answer is rejected.
+
+    Args:
+        calls: to make the calls with.
+        generation: to which the question belongs.
+        part: of the guidance.
+        request: the question.
+        check: turns an answer into a value or a rejection.
+        repairs: most repair turns, >= 0.
+        repair: makes the text of a repair turn from a rejection.
+
+    Returns:
+        The value or None, with the conclusion that was added to the transcript.
+    """
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
     value, source, why, failed = None, "fallback", "", ""
@@ -310,37 +333,37 @@ def converse(
         if isinstance(answer, Failure):
             why, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
-        found = check(answer)
-        if not isinstance(found, Rejection):
-            words = ("llm", "repaired" if turn else "", found.change)
-            value, source, why = found.value, ", ".join(word for word in words if word), ""
+        checked = check(answer)
+        if not isinstance(checked, Rejection):
+            words = ("llm", "repaired" if turn else "", checked.change)
+            value, source, why = checked.value, ", ".join(word for word in words if word), ""
             break
-        rejected.append(found.stage)
-        why = f"{found.stage}: {found.error}"
-        if found.stage is RejectionStage.REFUSED:
+        rejected.append(checked.stage)
+        why = f"{checked.stage}: {checked.error}"
+        if checked.stage is RejectionStage.REFUSED:
             break
-        request = request.followed_by(answer.text[:QUOTED], repair(found))
+        request = request.followed_by(answer.text[:QUOTED], repair(checked))
     end = Conclusion(generation, part, source, why, tuple(rejected), failed)
     calls.transcript.add(end)
     return Conversation(value, end, tuple(prompts))
 
 
 def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[Any]:
-    """A question that is not asked, and why."""
-    said = f"{why.kind}: {why.message}"
-    end = Conclusion(generation, part, "fallback", said, (), why.kind.value)
+    """The conversation of a question that is not asked because of a failure."""
+    reason = f"{why.kind}: {why.message}"
+    end = Conclusion(generation, part, "fallback", reason, (), why.kind.value)
     calls.transcript.add(end)
     return Conversation(None, end)
 
 
 def in_thread(work: Callable[[], T]) -> Future[T]:
-    """Start a function in a daemon thread, which does not keep the process from ending."""
+    """Starts a function in a daemon thread, which does not keep the process alive."""
     future: Future[T] = Future()
 
     def run() -> None:
         try:
             future.set_result(work())
-        except BaseException as error:  # raised again where the result is fetched
+        except BaseException as error:  # raised again by `result`
             future.set_exception(error)
 
     Thread(target=run, name="tree", daemon=True).start()

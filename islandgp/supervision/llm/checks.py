@@ -37,14 +37,14 @@ from islandgp.supervision.llm.settings import RateSettings
 
 T = TypeVar("T")
 
-LONGEST: Final = 1000  # characters of an explanation that the record keeps
-MOST_EDITS: Final = 20  # edits of an answer that are checked
+LONGEST: Final = 1000  # most characters of an explanation in the record
+MOST_EDITS: Final = 20  # most edits of an answer; further ones are ignored
 _FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
 class Accepted(Generic[T]):
-    """A value that went through, and what was changed on the way ("" for nothing)."""
+    """An accepted value, and the change that was made to it ("" for none)."""
 
     value: T
     change: str = ""
@@ -72,7 +72,7 @@ class EditProposal:
 
 
 def check_decision(rates: RateSettings) -> Check[Guidance]:
-    """The validation of decisions."""
+    """The check of decisions on the mutation rate."""
 
     def check(reply: Reply) -> Accepted[Guidance] | Rejection:
         found = read_answer(reply, DecisionAnswer)
@@ -111,7 +111,7 @@ def check_proposal(
     candidates: int = 1,
     known: frozenset[str] | None = None,
 ) -> Check[Proposal]:
-    """The validation of trees. Of several candidates those count that go through, one at least.
+    """The check of trees. It accepts an answer if at least one of its candidates is valid.
 
     With `known`, the canonical texts of trees that are no news, these are rejected, and trees that
     `islandgp check` warns of.
@@ -143,7 +143,7 @@ def without_fences(text: str) -> str:
 def _check_tree(
     text: str, limits: Limits, vocabulary: Vocabulary, known: frozenset[str] | None
 ) -> Node | Rejection:
-    """Check grammar, names and limits of a tree; with `known` also novelty and the linter."""
+    """Checks grammar, names and limits of a tree; with `known` also novelty and lint warnings."""
     try:
         tree = parse(text, vocabulary, name="tree")
         check_limits(tree, limits)
@@ -168,7 +168,7 @@ def _check_tree(
 def check_edits(
     living: Mapping[str, str], known: frozenset[str], vocabulary: Vocabulary, limits: Limits
 ) -> Check[EditProposal]:
-    """The validation of edits: those count that make a new tree, one at least.
+    """The check of edits. It accepts an answer if at least one of its edits makes a new tree.
 
     Args:
         living: by id, the texts of the trees that an edit may name.
@@ -198,7 +198,7 @@ def check_edits(
 
 
 def _edit(plain: Mapping[str, Any]) -> Edit:
-    """An edit from JSON values; those that its kind does not need are left out.
+    """Makes an edit from JSON values; those that its kind does not need are ignored.
 
     Raises:
         ValueError, TreeError: they are not those of an edit.
@@ -233,7 +233,7 @@ def _check_new(
     vocabulary: Vocabulary,
     limits: Limits,
 ) -> None:
-    """Raise ValueError unless an edit makes a new tree without a new linter warning."""
+    """Raises ValueError unless an edit makes a new tree without a new lint warning."""
     named = {name: parse(living[name]) for name in (edit.of, edit.donor) if name in living}
     text = to_text(edited(edit, named, vocabulary, limits))
     if text in known:

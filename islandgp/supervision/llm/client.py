@@ -1,12 +1,11 @@
-"""The Anthropic SDK behind the seam. It is imported here and nowhere else.
+"""The client of the Messages API. Only this module imports the Anthropic SDK.
 
-The second half of this file lies between our nouns and the Messages API's: requests, bodies,
-statuses, waiting times.
+The second half converts requests, bodies, statuses and waiting times between our types and those
+of the API.
 
-The SDK's own timeout bounds each read and not the call, so that a server which
-sends a byte now and then holds a caller for ever. Here an attempt is a task of
-an event loop, which is cancelled at the deadline whatever it is doing: looking
-up a name, connecting, reading headers or a body. The SDK's retries are off.
+The SDK's timeout applies to each read, not to the whole call: a server that sends a byte now and
+then would block the caller forever. So each attempt is a task of an event loop, which is cancelled
+at the deadline in any phase: name lookup, connection, headers or body. The SDK's retries are off.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ if TYPE_CHECKING:
     import httpx2
 
 HEADERS: Final = {
-    "accept-encoding": "identity",  # a body that is compressed all the same is refused
-    "anthropic-version": "2023-06-01",  # later ones refuse `temperature`
+    "accept-encoding": "identity",  # a compressed body is a failure
+    "anthropic-version": "2023-06-01",  # later versions reject `temperature`
 }
 
-LARGEST: Final = 8_000_000  # bytes of a body; an honest one has some 10,000
-GRACE: Final = 5.0  # s for a cancelled attempt to end; it needs none of it
+LARGEST: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
+GRACE: Final = 5.0  # s for a cancelled attempt to end; usually it ends immediately
 HIDDEN: Final = "[key]"
-ENCODING: Final = "islandgp.encoding"  # of a body, where it has one; an extension of a response
+ENCODING: Final = "islandgp.encoding"  # extension of a response: the encoding of its body
 _BEGUN: Final[ContextVar[list[str]]] = ContextVar("begun")
-"""What of an attempt's request is sent so far, as events; empty: nothing."""
+"""Events of sending the attempt's request so far; empty: nothing is sent yet."""
 
 
 class AnthropicClient:
-    """Sends requests to the Messages API, or to a server that speaks it."""
+    """Sends requests to the Messages API or to a compatible server."""
 
     def __init__(
         self,
@@ -55,12 +54,16 @@ class AnthropicClient:
         secrets: Sequence[str] = (),
         transport: httpx2.AsyncBaseTransport | None = None,
     ) -> None:
-        """A local server needs no `key`; `transport` takes the network's place in tests.
+        """Opens no connection.
 
-        `secrets` are fields of requests that answers must not show.
+        Args:
+            key: API key or token; None for a local server without one.
+            base_url: of the server; None: the Anthropic API.
+            secrets: values in requests that are removed from answers, as the key is.
+            transport: replaces the network in tests.
         """
         self._key, self._base_url, self._transport = key, base_url, transport
-        # A key of few characters is a local server's, and no secret.
+        # A key of a few characters belongs to a local server and is not secret.
         hidden = [text for text in (key, *secrets) if text and len(text) >= 8]
         self._secret = re.compile("|".join(map(spellings, hidden))) if hidden else None
         self._running: tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic] | None
@@ -69,7 +72,7 @@ class AnthropicClient:
         self._lock = Lock()
 
     def open(self) -> None:
-        """See `Client`: importing the SDK takes seconds."""
+        """See `Client`. Importing the SDK takes seconds."""
         with self._lock:  # `close` may be called by another thread
             if not self._closed and self._running is None:
                 self._running = self._run()
@@ -87,7 +90,7 @@ class AnthropicClient:
         except (TimeoutError, CancelledError):
             return _late(seconds)
         finally:
-            attempt.cancel()  # after Ctrl-C; does nothing to one that is over
+            attempt.cancel()  # after Ctrl-C; has no effect on a finished attempt
 
     def close(self) -> None:
         """See `Client`."""
@@ -97,7 +100,7 @@ class AnthropicClient:
         if running is None:
             return
         loop, thread, sdk = running
-        with suppress(TimeoutError):  # at the end of a process its threads stand still
+        with suppress(TimeoutError):  # daemon threads do not run while the process exits
             asyncio.run_coroutine_threadsafe(_end(sdk), loop).result(GRACE)
         loop.call_soon_threadsafe(loop.stop)
         thread.join(GRACE)
@@ -106,9 +109,9 @@ class AnthropicClient:
 
     def _run(self) -> tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic]:
         sdk = _sdk(self._key or "none", self._base_url, self._transport)
-        assert sdk.messages  # it is imported when it is first asked for
+        assert sdk.messages  # the SDK imports it at the first access
         loop = asyncio.new_event_loop()
-        # A daemon: a hanging name lookup must not keep the process from ending.
+        # A daemon thread, so that a hanging name lookup does not keep the process alive.
         thread = Thread(target=loop.run_forever, name="llm", daemon=True)
         thread.start()
         return loop, thread, sdk
@@ -117,7 +120,7 @@ class AnthropicClient:
         self, sdk: anthropic.AsyncAnthropic, request: Request, seconds: float
     ) -> Reply | Failure:
         """An attempt that ends at the deadline."""
-        begun = [] if self._transport is None else ["transport"]  # that one tells no events
+        begun = [] if self._transport is None else ["transport"]  # it emits no events
         _BEGUN.set(begun)
         try:
             return await asyncio.wait_for(self._attempt(sdk, request), seconds)
@@ -146,13 +149,13 @@ class AnthropicClient:
         except anthropic.APIConnectionError as error:
             cause = error.__cause__ or error
             return Failure(_unconnected(cause), self._line(str(cause)) or type(cause).__name__)
-        except Exception as error:  # whatever the SDK makes of a broken answer is a broken answer
+        except Exception as error:  # the SDK raises various types for a damaged answer
             kind = FailureKind.MALFORMED if _BEGUN.get() else FailureKind.UNREACHABLE
             return Failure(kind, self._line(f"{type(error).__name__}: {error}"))
 
     def _refused(self, error: anthropic.APIStatusError) -> Failure:
-        said = error.api_message if isinstance(error.api_message, str) else ""
-        message = f"status {error.status_code}" + (f": {self._line(said)}" if said else "")
+        text = error.api_message if isinstance(error.api_message, str) else ""
+        message = f"status {error.status_code}" + (f": {self._line(text)}" if text else "")
         headers = error.response.headers
         if location := headers.get("location"):
             message += f", which leads to {self._line(location)}"
@@ -164,11 +167,11 @@ class AnthropicClient:
         )
 
     def _line(self, text: str) -> str:
-        """What the other side said, as one short line without the key."""
+        """A text of the server as one line of at most 300 characters, without secrets."""
         return " ".join(clean(self._hide(text)).split())[:300]
 
     def _hide(self, text: str) -> str:
-        """The text without the key, in whatever way JSON can spell it."""
+        """A text without secrets, also those with JSON escapes."""
         return self._secret.sub(HIDDEN, text) if self._secret else text
 
 
@@ -177,7 +180,7 @@ def _late(seconds: float) -> Failure:
 
 
 def _unconnected(cause: BaseException) -> FailureKind:
-    """Why there is no answer at all."""
+    """The kind of a connection error."""
     import httpx2
 
     if not isinstance(cause, (httpx2.ConnectError, httpx2.ProxyError)):
@@ -191,7 +194,7 @@ def _unconnected(cause: BaseException) -> FailureKind:
 
 
 async def _end(sdk: anthropic.AsyncAnthropic) -> None:
-    """Ends an attempt that is under way in another thread, and closes every connection."""
+    """Cancels the attempts of other threads and closes all connections."""
     others = asyncio.all_tasks() - {asyncio.current_task()}
     for task in others:
         task.cancel()
@@ -206,7 +209,7 @@ def _sdk(
     import httpx2
 
     class Bounded(httpx2.AsyncByteStream):
-        """A body that ends with an error before it fills the memory."""
+        """A body that raises ValueError after LARGEST bytes."""
 
         def __init__(self, body: httpx2.AsyncByteStream) -> None:
             self.body = body
@@ -223,7 +226,7 @@ def _sdk(
             await self.body.aclose()
 
     async def bound(response: httpx2.Response) -> None:
-        # A small body could unpack to a huge one: a body is not unpacked, only told.
+        # A small body could decompress to a huge one, so it is not decompressed but reported.
         encoding = response.headers.pop("content-encoding", "identity")
         if encoding.strip().lower() not in ("", "identity"):
             response.extensions[ENCODING] = encoding
@@ -234,7 +237,7 @@ def _sdk(
         begun = _BEGUN.get()
 
         async def note(event: str, info: dict[str, Any]) -> None:
-            # A proxy is asked for a connection first, with a request of its own.
+            # CONNECT is the request to a proxy, before the actual request.
             if (
                 event.endswith("send_request_headers.started")
                 and info["request"].method != b"CONNECT"
@@ -246,7 +249,7 @@ def _sdk(
     http = httpx2.AsyncClient(
         transport=transport,
         timeout=None,
-        follow_redirects=False,  # one could carry the key to another place; the API has none
+        follow_redirects=False,  # a redirect could send the key elsewhere; the API has none
         event_hooks={"request": [watch], "response": [bound]},
     )
     return anthropic.AsyncAnthropic(
@@ -255,10 +258,10 @@ def _sdk(
 
 
 def arguments(request: Request) -> dict[str, Any]:
-    """A request as the SDK's `messages.create` takes it."""
+    """The arguments of the SDK's `messages.create` for a request."""
     roles = ("user", "assistant")
     system: Any = request.system
-    if request.cache:  # marked as what is to be kept: what follows it changes each time
+    if request.cache:  # the cache ends here, as the text after it changes each time
         system = [{"type": "text", "text": system, "cache_control": {"type": "ephemeral"}}]
     output = {
         "format": request.schema and {"type": "json_schema", "schema": request.schema},
@@ -285,23 +288,23 @@ def arguments(request: Request) -> dict[str, Any]:
 def read_message(
     body: bytes, line: Callable[[str], str], hide: Callable[[str], str]
 ) -> Reply | Failure:
-    """A message's body. The SDK's models are not used: they take whatever comes.
+    """Reads the body of a message. The SDK's models are not used, as they accept any values.
 
-    `line` makes one short line of a text, `hide` takes the key out of it.
+    `line` makes one short line of a text, `hide` removes secrets from it.
     """
     try:
         message = json.loads(body)
         if other := _other_language(message, line):
             return other
         text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
-        thoughts = [b.get("thinking") for b in message["content"] if b["type"] == "thinking"]
-        thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
+        blocks = [b.get("thinking") for b in message["content"] if b["type"] == "thinking"]
+        thinking = "\n".join(block for block in blocks if isinstance(block, str))
         stop = message.get("stop_reason") or ""
         usage = _usage(message.get("usage") or {})
-        # A server has counted where the request has tokens, and the answer has some, too.
+        # Counts of 0 for the request or for a non-empty answer mean that the server did not count.
         counted = usage.read > 0 and (usage.output > 0 or not message["content"])
-        said, thought = clean(hide(text)), clean(hide(thinking))
-        return Reply(said, line(str(stop)), usage if counted else None, thought)
+        answer, thoughts = clean(hide(text)), clean(hide(thinking))
+        return Reply(answer, line(str(stop)), usage if counted else None, thoughts)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         start = line(body.decode("utf-8", "replace"))[:80]
         return Failure(
@@ -312,7 +315,7 @@ def read_message(
 
 
 def _other_language(message: Any, line: Callable[[str], str]) -> Failure | None:
-    """The failure where a body of status 200 is an OpenAI server's answer, or an error."""
+    """The failure if a body of status 200 is an error or in OpenAI's format; None otherwise."""
     if not isinstance(message, dict) or "content" in message:
         return None
     if "choices" in message:
@@ -320,14 +323,14 @@ def _other_language(message: Any, line: Callable[[str], str]) -> Failure | None:
     if "error" not in message:
         return None
     error = message["error"]
-    said = line(str(error.get("message", error) if isinstance(error, dict) else error))
-    unknown = "endpoint" in said.lower() or "/messages" in said
+    text = line(str(error.get("message", error) if isinstance(error, dict) else error))
+    unknown = "endpoint" in text.lower() or "/messages" in text
     kind = FailureKind.NOT_FOUND if unknown else FailureKind.MALFORMED
-    return Failure(kind, f"status 200 with an error: {said}")
+    return Failure(kind, f"status 200 with an error: {text}")
 
 
-def _usage(found: dict[str, Any]) -> Usage:
-    """Servers may leave some of it out. Raises TypeError where it is no usage."""
+def _usage(counts: dict[str, Any]) -> Usage:
+    """The usage in a message; missing counts are 0. Raises TypeError for values of other types."""
 
     def tokens(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 1e9:
@@ -335,15 +338,15 @@ def _usage(found: dict[str, Any]) -> Usage:
         return value
 
     return Usage(
-        tokens(found.get("input_tokens") or 0),
-        tokens(found.get("output_tokens") or 0),
-        tokens(found.get("cache_read_input_tokens") or 0),
-        tokens(found.get("cache_creation_input_tokens") or 0),
+        tokens(counts.get("input_tokens") or 0),
+        tokens(counts.get("output_tokens") or 0),
+        tokens(counts.get("cache_read_input_tokens") or 0),
+        tokens(counts.get("cache_creation_input_tokens") or 0),
     )
 
 
 def kind_of(status: int) -> FailureKind:
-    """What a status other than 200 means."""
+    """The kind of failure of an HTTP status other than 200."""
     known = {
         401: FailureKind.UNAUTHORISED,
         403: FailureKind.UNAUTHORISED,
@@ -361,34 +364,34 @@ def kind_of(status: int) -> FailureKind:
     return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
 
 
-def retry_after(said: str | None, milliseconds: str | None = None) -> float | None:
-    """The seconds that a server asks to wait, given as a number or as a date.
+def retry_after(value: str | None, milliseconds: str | None = None) -> float | None:
+    """Seconds to wait, >= 0, by the headers `retry-after` (seconds or a date) and `retry-after-ms`.
 
-    `milliseconds` is the header `retry-after-ms`, which is more precise and comes first.
+    The latter takes precedence. None if neither has a valid value.
     """
     with suppress(ValueError, TypeError):
         if math.isfinite(exact := float(milliseconds or "nan") / 1000):
             return max(0.0, exact)
-    if said is None:
+    if value is None:
         return None
     try:
-        seconds = float(said)
+        seconds = float(value)
     except ValueError:
         try:
-            seconds = parsedate_to_datetime(said).timestamp() - time.time()
+            seconds = parsedate_to_datetime(value).timestamp() - time.time()
         except (ValueError, TypeError, OverflowError):
             return None
     return max(0.0, seconds) if math.isfinite(seconds) else None
 
 
-def should_retry(said: str | None) -> bool | None:
-    """Whether a server says that another attempt is of use; None: it says nothing."""
-    return {"true": True, "false": False}.get((said or "").strip().lower())
+def should_retry(value: str | None) -> bool | None:
+    """Parses the header `x-should-retry`; None if it is missing or has another value."""
+    return {"true": True, "false": False}.get((value or "").strip().lower())
 
 
 def spellings(key: str) -> str:
-    """A pattern of every way in which a JSON string can spell a key.
+    """A regular expression that matches a key with any of its characters escaped as in JSON.
 
-    An answer's text is JSON of its own: "sk" is a key's beginning as "\\u0073k", too.
+    The text of an answer is JSON itself, so "sk" may also be written as "\\u0073k".
     """
     return "".join(rf"\\*(?:{re.escape(c)}|(?<=\\)u(?i:{ord(c):04x}))" for c in key)

@@ -1,4 +1,4 @@
-"""Episodes that supervision runs for itself: what a tree did, in a few lines, and candidates.
+"""Episodes simulated for supervision: descriptions of a tree's episode, and trials of candidates.
 
 Candidates are several trees of one answer, of which the best for its target is injected. Each is
 tried in one episode, all in the same world, in which no tree is trained, under the factors of the
@@ -29,17 +29,17 @@ from islandgp.supervision.llm.prompts import about
 from islandgp.supervision.llm.transcript import Played
 from islandgp.text import in_points
 
-SPANS: Final = 8  # lines of the course of an episode, at most
-BINS: Final = 60  # pieces of an episode that spans are made of
-NAMED: Final = 3  # actions and events of a span, at most
-KEYS: Final = 12  # keys whose course is described, at most
-TREE: Final = 1500  # characters of a tree that is shown, at most
-PARTS: Final = 3  # components of a class's earnings
-LINE: Final = 240  # characters of a line, at most
+SPANS: Final = 8  # most spans of an episode, one line each
+BINS: Final = 60  # intervals of an episode from which spans are formed
+NAMED: Final = 3  # most actions and events named in a span
+KEYS: Final = 12  # most keys that are described
+TREE: Final = 1500  # most characters of a tree
+PARTS: Final = 3  # most components of a class's earnings
+LINE: Final = 240  # most characters of a line
 
 
 class EpisodeLog:
-    """An observer that keeps what the description needs."""
+    """An observer that records the data of the description."""
 
     def __init__(self, tree: Node) -> None:
         self.actions = [n.action for n in walk(tree)]
@@ -70,17 +70,17 @@ class EpisodeLog:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A part of an episode in which a tree did much the same."""
+    """A part of an episode with similar actions."""
 
     begin: int  # first tick
-    end: int  # first tick behind it
+    end: int  # first tick after it
     actions: Counter[str]  # ticks by action
 
     def __add__(self, other: Stretch) -> Stretch:
         return Stretch(self.begin, other.end, self.actions + other.actions)
 
     def apart(self, other: Stretch) -> float:
-        """How much is lost by describing two stretches as one: 0 where they are alike."""
+        """Loss of information if two spans are merged; 0 if their shares of actions are equal."""
         n, m = self.end - self.begin, other.end - other.begin
         names = self.actions | other.actions
         differ = sum(abs(self.actions[name] / n - other.actions[name] / m) for name in names)
@@ -172,7 +172,7 @@ def _number(value: float) -> str:
 def try_out(
     proposal: Proposal, state: PopulationState, context: RunContext
 ) -> tuple[Proposal, Played, str]:
-    """The candidate that does best for its target, its episodes, and a note for the record.
+    """Chooses the best candidate for the target; returns it with its episodes and a note.
 
     Of equals it is the first, which would have been injected without a trial: its gain is the
     difference to that one.
@@ -196,7 +196,7 @@ def try_out(
 def _worth(
     o: Outcome, target: str, state: PopulationState, classes: Classes
 ) -> tuple[float, float]:
-    """How much an outcome is worth for a target (Table 7), and its points between equals.
+    """Sort key of an outcome for a target (Table 7); points break ties.
 
     For a behaviour it is the behaviour's counter, for `rare` that of the rarest, for
     `integration` how many behaviours it shows; for `exploration` points alone decide.
@@ -208,7 +208,7 @@ def _worth(
 
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
-    """What an individual did in the first world in which it was evaluated, in words."""
+    """A description of an individual's episode in the first world of its evaluation."""
     each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
     seed = now.worlds[now.individuals.index(i) * each]
     tree = parse(i.tree, context.schema.vocabulary)
@@ -230,7 +230,7 @@ def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Generatio
 
 
 def components(members: Sequence[IndividualRecord]) -> str:
-    """The components that say most of some individuals' points."""
+    """The largest components of some individuals' points."""
     means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
     largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
     return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"

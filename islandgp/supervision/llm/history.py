@@ -1,4 +1,4 @@
-"""What prompts show of a run so far, and its fixed rules: rewards, injected trees, traces, edits.
+"""The sections of prompts on the run so far and its rules: rewards, injected trees, traces, edits.
 
 All of it follows from configuration, the domain's declaration and the records of generations, which
 a resumed run and a replay have as well, and has a largest size.
@@ -32,32 +32,32 @@ from islandgp.supervision.llm.episode import components, cut, trace_of
 from islandgp.supervision.llm.settings import KEPT, InformedSettings
 from islandgp.text import in_points
 
-ROWS: Final = 40  # rewards and classes that are shown, at most
-SHOWN: Final = 2000  # characters of rewards that are no table of events
-PAST: Final = 8  # earlier edits that are shown, at most
-NEIGHBOURS: Final = 3  # individuals beside the parents that are shown, at most
-LINES: Final = 60  # nodes of a listed tree, at most
+ROWS: Final = 40  # most rewards and classes in a prompt
+SHOWN: Final = 2000  # most characters of rewards that are not a table of events
+PAST: Final = 8  # most earlier edits in a prompt
+NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
+LINES: Final = 60  # most nodes of a listed tree
 
 EDIT_MODELS: Final = "edit_models"
-"""The note of a guidance that has the model of each edit, where several are asked."""
+"""Key of a guidance's note with the model of each edit, if there are several models."""
 
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
-"""Values of `prompts/edits.md` that a generation changes."""
+"""Variables of `prompts/edits.md` that differ between generations."""
 
 
 @dataclass(frozen=True, slots=True)
 class InjectedTree:
-    """A tree that was injected, and what has become of it."""
+    """An injected tree with its descendants."""
 
-    generation: int  # in which it was evaluated first
-    target: str  # what it was for
-    new: IndividualRecord  # when it was evaluated first, perhaps after a mutation
-    rank: int  # by fitness when it was new, from 1
-    alive: frozenset[str]  # ids of the living that descend from it, itself and copies included
-    most_alive: int  # the largest number of them in any generation
-    last: int  # the last generation that had any
-    unchanged: bool  # the very tree is among them
-    best_rank: int | None  # of the fittest of them now; None: none is left
+    generation: int  # of its first evaluation
+    target: str  # its purpose
+    new: IndividualRecord  # at its first evaluation, possibly mutated
+    rank: int  # by fitness in that generation, from 1
+    alive: frozenset[str]  # ids of living descendants, including itself and copies
+    most_alive: int  # largest number of them in any generation
+    last: int  # last generation with any
+    unchanged: bool  # one of them is the same tree
+    best_rank: int | None  # of the fittest of them now; None: there is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,17 +80,17 @@ class PastEdit:
 
 @dataclass(frozen=True, slots=True)
 class RunHistory:
-    """A run so far."""
+    """The history of a run for prompts."""
 
     now: GenerationView | None = None  # the last generation
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
     edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
     gains: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    """By model: edits that made a tree better, and the others, over the whole run."""
+    """Numbers of edits that improved a tree and of others, by model, over the whole run."""
 
     def followed_by(self, seen: GenerationView) -> RunHistory:
-        """With one generation more. Generations that it was not given are not in it."""
+        """The history extended by one generation."""
         order = ranked(seen.individuals)
         ranks = {i.id: rank for rank, i in enumerate(order, 1)}
         trees = [_followed(tree, seen, ranks) for tree in self.injected]
@@ -147,14 +147,14 @@ def _followed(tree: InjectedTree, seen: GenerationView, ranks: dict[str, int]) -
 
 @dataclass(frozen=True, slots=True)
 class RunValues:
-    """Values for a generation's prompts, and what they took."""
+    """Values for a generation's prompts, and their costs."""
 
     values: dict[str, str]
     episodes: int  # that were run for them
 
 
 def standing_values(how: InformedSettings, context: RunContext) -> dict[str, str]:
-    """Values that no generation changes; "" for a part that is left out."""
+    """Values that are the same in all generations; "" for a part that is left out."""
     return {
         "reasoning": "first" if how.reasoning else "",
         "differ": "differ" if how.differ else "",
@@ -174,7 +174,7 @@ NO_VALUES: Final = RunValues(dict.fromkeys(RUN_VALUES, ""), 0)
 def run_values(
     how: InformedSettings, context: RunContext, state: PopulationState, run: RunHistory
 ) -> RunValues:
-    """The other values; "" for a part that is left out, or of which nothing is known yet."""
+    """The other values; "" for a part that is left out, or without data so far."""
     if run.now is None:
         return NO_VALUES
     values, episodes = dict.fromkeys(RUN_VALUES, ""), 0
@@ -210,7 +210,7 @@ def _rewards(rewards: BaseModel, schema: Schema) -> str:
 
 
 def _points(reward: Reward, amount: str) -> str:
-    """What one event earns, e.g. "200 points and 100 for each of items"."""
+    """The points of one event in words, e.g. "200 points and 100 for each of items"."""
     bands = [f"{band.points:g} points below {band.below:g} {amount}" for band in reward.bands]
     whole = [f"{reward.base:g} points"] if reward.base or not reward.per_unit else []
     each = f"{reward.per_unit:g} points for each of: {amount}"
@@ -229,7 +229,7 @@ def _thresholds(crisis: Crisis) -> str:
 
 
 def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iterator[str]:
-    """A line for each class and tier that the generation has."""
+    """A line for each class and tier with individuals in the generation."""
     groups = {
         **{n: [i for i in individuals if i.specialist == n] for n in classes.specialist_names},
         **{
@@ -286,12 +286,12 @@ def _decision(past: PastDecision, classes: Classes) -> str:
 
 
 def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:
-    """The individual that shows the fewest behaviours, the least fit of equals."""
+    """The individual with the fewest behaviours; of several the least fit one."""
     return min(ranked(individuals)[::-1], key=lambda i: (len(classes.shown(i.counters)), i.fitness))
 
 
 def _traces(context: RunContext, state: PopulationState, now: GenerationView) -> tuple[str, int]:
-    """The best tree and the most lacking one in the first world in which they were evaluated."""
+    """Traces of the best and the least capable tree, in their first world of the generation."""
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
@@ -303,7 +303,7 @@ def _traces(context: RunContext, state: PopulationState, now: GenerationView) ->
 
 
 def parents_of(seen: GenerationView, context: RunContext, most: int) -> list[IndividualRecord]:
-    """The individuals to improve: the fittest, then those of other classes, each tree once."""
+    """The individuals to improve: the fittest, then the best of other classes; distinct trees."""
 
     def worth(i: IndividualRecord) -> tuple[float, float]:
         return merit(i.fitness, violation(i.counters, context.constraints))
@@ -359,7 +359,7 @@ def _parent(i: IndividualRecord, context: RunContext, seen: GenerationView) -> s
 
 
 def listing(tree: Node) -> list[str]:
-    """The nodes of a tree, a line each, with the path of each: `0/2 action Charge`."""
+    """One line per node of a tree, with its path, e.g. `0/2 action Charge`."""
     lines = []
     for path, node in list(nodes_with_paths(tree))[:LINES]:
         own = to_text(node._replace(children=())) if not node.children else _opening(node)
@@ -388,7 +388,7 @@ def _past(past: PastEdit) -> str:
 
 
 def nameable(seen: GenerationView) -> dict[str, str]:
-    """By id, the texts of the trees that an edit may name."""
+    """Texts, by id, of the trees that an edit may refer to."""
     elites = {e.id: e.tree for e in seen.archive}
     return elites | {i.id: i.tree for i in seen.individuals}
 

@@ -1,11 +1,10 @@
-"""What supervision has taken so far, and the caps that end it (section 3.9, Table 14).
+"""Costs of supervision and the caps on them (section 3.9, Table 14).
 
-The ledger is a sum over the transcript, so a resumed run goes on with the right
-sums. Caps are compared with the most that an attempt can take, before it is
-made: a cap is never passed, not even by an answer that never arrived. The caps of a sweep
-are compared with the sum over all runs in its folder.
+The ledger sums up the transcript, so a resumed run continues with the right sums. Before an
+attempt its upper bound is added and compared with the caps: a cap is never exceeded, not even by
+an answer that is lost. The caps of a sweep apply to the sum over all runs in its folder.
 
-What is known of models and what their tokens cost is the dated table of `conf/prices`.
+Prices and other properties of models are in the dated table of `conf/prices`.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Re
 from islandgp.supervision.llm.settings import Caps, Price, SweepCaps
 from islandgp.supervision.llm.transcript import NAME, Attempt, Transcript
 
-PER: Final = 1e6  # tokens that a price is for
+PER: Final = 1e6  # tokens per price
 
 
 def cost(usage: Usage, price: Price) -> float:
-    """US dollars."""
+    """Cost of tokens in US dollars."""
     return (
         usage.input * price.input
         + usage.output * price.output
@@ -41,17 +40,17 @@ def cost(usage: Usage, price: Price) -> float:
 
 
 def most_cost(usage: Usage, price: Price) -> float:
-    """US dollars that so many tokens cost at most: a cache may keep those to be written, or not."""
+    """Upper bound of the cost in US dollars, with or without writing to the cache."""
     dearest = price.model_copy(update={"cache_write": max(price.input, price.cache_write)})
     return cost(usage, dearest)
 
 
 def most_tokens(request: Request, *, longer: int = 0) -> Usage:
-    """More tokens than a request can take, also when it quotes `longer` characters more.
+    """Upper bound of the tokens of a request that quotes `longer` further characters.
 
-    The prompts and JSON have three to four bytes a token, here it is two. A quoted answer may be
-    in any script, down to a byte a token, but has no more tokens than an answer may have. The
-    frame of the message is in the constant.
+    Prompts and JSON have three to four bytes per token; the bound assumes two. A quoted answer may
+    be in any script, with as little as one byte per token, but has at most `max_tokens`. The
+    constant is for the frame of the message.
     """
     system = len(request.system.encode()) // 2
     own = (*request.turns[::2], json.dumps([request.schema, request.extra]))
@@ -65,7 +64,7 @@ def most_tokens(request: Request, *, longer: int = 0) -> Usage:
 
 @dataclass(frozen=True, slots=True)
 class Bill:
-    """What some requests take together."""
+    """The sum of the costs of requests."""
 
     requests: float
     input: float  # tokens
@@ -74,13 +73,13 @@ class Bill:
 
     @classmethod
     def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
-        """Requests that take so many tokens together."""
+        """The bill of requests with known tokens; `usage` is their sum."""
         usd = None if price is None else cost(usage, price)
         return cls(requests, usage.read, usage.output, usd)
 
     @classmethod
     def at_most(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
-        """Requests that take at most so many tokens together, at the dearest price of each."""
+        """Upper bound of the bill of requests; `usage` is the upper bound of their tokens."""
         usd = None if price is None else most_cost(usage, price)
         return cls(requests, usage.read, usage.output, usd)
 
@@ -98,7 +97,7 @@ class Bill:
         return Bill(-self.requests, -self.input, -self.output, usd)
 
     def against(self, caps: SweepCaps) -> dict[str, tuple[float, float | None]]:
-        """What there is of each sort, and its cap, by the cap's name."""
+        """Pairs of an amount and its cap, by the cap's name."""
         return {
             "requests": (self.requests, caps.requests),
             "input_tokens": (self.input, caps.input_tokens),
@@ -108,10 +107,9 @@ class Bill:
 
 
 def known_usage(answer: Reply | Failure) -> Usage | None:
-    """The tokens of an answer; None where a request was perhaps charged an unknown amount.
+    """The tokens of an answer; None if unknown, for a lost answer or a server without counts.
 
-    That is so for a lost answer and for a server that counts no tokens. A server that turns
-    a request away does not charge it.
+    Rejected requests are not charged.
     """
     if isinstance(answer, Reply):
         return answer.usage
@@ -119,7 +117,7 @@ def known_usage(answer: Reply | Failure) -> Usage | None:
 
 
 class Ledger:
-    """Counts a transcript."""
+    """The costs of a run, summed over its transcript."""
 
     def __init__(
         self,
@@ -130,32 +128,32 @@ class Ledger:
         prices: Mapping[str, Price] | None = None,
         sweep: SweepLedger | None = None,
     ) -> None:
-        """A ledger of a run.
+        """Makes the ledger of a run.
 
         Args:
             transcript: of the run.
-            price: of each model that the run may ask, at most; None: no dollars are counted.
+            price: upper bound for all models of the run; None: dollars are not counted.
             caps: of the run.
-            prices: by model, where there are several.
+            prices: by model, if there are several.
             sweep: the ledger of the run's sweep; None: it has no caps.
         """
         self.transcript, self.price, self.caps = transcript, price, caps
         self.prices, self.sweep = prices or {}, sweep
 
     def usd(self, usage: Usage, model: str) -> float | None:
-        """US dollars for the tokens of an answer; None: an unknown price."""
+        """Cost of an answer in US dollars; None if the price is unknown."""
         price = self.prices.get(model, self.price)
         return None if price is None else cost(usage, price)
 
     def reserve(self, next_at_most: Usage, waited: float = 0.0) -> str:
-        """Reserve a request in the sweep's ledger unless it could pass a cap; see `over`."""
+        """Reserves a request in the sweep's ledger, unless it could exceed a cap; see `over`."""
         why = self.over(next_at_most, waited)
         if why or self.sweep is None:
             return why
         return self.sweep.reserve(Bill.at_most(1, next_at_most, self.price))
 
     def settle(self, attempt: Attempt, reserved: Usage) -> None:
-        """Replace a reservation in the sweep's ledger by what the attempt took, where known."""
+        """Replaces a reservation in the sweep's ledger by the attempt's costs, if known."""
         if self.sweep is None or attempt.usage is None:
             return
         usage = attempt.usage
@@ -163,9 +161,11 @@ class Ledger:
         self.sweep.add(taken + -Bill.at_most(1, reserved, self.price))
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
-        """Which cap another request could pass, in words; "" for none.
+        """A text on the cap that another request could exceed; "" for none.
 
-        `waited` are the seconds before it that stand in no attempt yet.
+        Args:
+            next_at_most: upper bound of the request's tokens.
+            waited: seconds of waiting before it that are in no attempt yet.
         """
         for name, (found, cap) in self._after(1, next_at_most).items():
             if cap is not None and found > cap:
@@ -175,10 +175,9 @@ class Ledger:
         return ""
 
     def seconds_left(self) -> float:
-        """Until the cap on seconds is reached, >= 0; infinite without one.
+        """Seconds until the cap on seconds is reached, >= 0; infinite without a cap.
 
-        Waiting counts also where a cap ended it. A request without an outcome counts as all the
-        seconds that it can take.
+        Waiting time counts. Requests without an outcome count with their upper bound.
         """
         if self.caps.seconds is None:
             return math.inf
@@ -187,7 +186,13 @@ class Ledger:
         return max(0.0, self.caps.seconds - spent - sum(s.seconds for s in lost))
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
-        """Whether so much more keeps every cap, in whatever order it comes."""
+        """True if further requests cannot exceed a cap, in any order of their answers.
+
+        Args:
+            requests: their number.
+            at_most: upper bound of the sum of their tokens.
+            seconds: upper bound of the sum of their seconds.
+        """
         bill = Bill.at_most(requests, at_most, self.price)
         if self.sweep is not None and self.sweep.over(bill):
             return False
@@ -196,13 +201,13 @@ class Ledger:
         )
 
     def _after(self, requests: int, at_most: Usage) -> dict[str, tuple[float, float | None]]:
-        """What would be used after so much more, and the caps."""
+        """Pairs of the upper bound after further requests and the cap, by the cap's name."""
         return (self.most() + Bill.at_most(requests, at_most, self.price)).against(self.caps)
 
     def most(self) -> Bill:
-        """The most that all requests so far may have taken."""
-        made, lost = self.transcript.taken()
-        sent = [a for a in made if is_sent(a)]
+        """Upper bound of the costs of all requests so far."""
+        attempts, lost = self.transcript.taken()
+        sent = [a for a in attempts if is_sent(a)]
         known = [
             Bill(1, a.usage.read, a.usage.output, self.usd(a.usage, a.request.model))
             for a in sent
@@ -213,9 +218,9 @@ class Ledger:
         return sum(bills, Bill.of(0, Usage(), self.price))
 
     def totals(self) -> dict[str, float]:
-        """Sums from the run's start by name, for the costs of a generation and for MLflow."""
-        made, under_way = self.transcript.taken()
-        attempts, lost = [a for a in made if is_sent(a)], len(under_way)
+        """Sums since the run's start by name, for the costs of a generation and for MLflow."""
+        made, unanswered = self.transcript.taken()
+        attempts, lost = [a for a in made if is_sent(a)], len(unanswered)
         parts = list(self.transcript.parts)
         usages = [a.usage for a in attempts if a.usage is not None]
         failures = Counter(a.answer.kind for a in made if isinstance(a.answer, Failure))
@@ -251,14 +256,14 @@ class Ledger:
 
 
 class SweepLedger:
-    """What all runs in a folder took together, as lines of changes in `spending.jsonl`.
+    """The sum of the costs of all runs in a folder; changes are lines of `spending.jsonl`.
 
-    A request is reserved at its most before it is sent, and settled after its answer, so that a
-    killed process leaves its reservation. A lock of the file keeps processes apart.
+    The upper bound of a request is reserved before it is sent and replaced after the answer; the
+    reservation of a killed process stays. Processes share the file with a lock.
     """
 
     def __init__(self, folder: Path, price: Price | None, caps: SweepCaps) -> None:
-        """Count the transcripts in the folder's runs, if the file is missing."""
+        """Sums up the transcripts of the folder's runs if the file is missing."""
         self.path, self.caps = folder / "spending.jsonl", caps
         self._lock = FileLock(folder / ".spending.lock")
         self._read, self._total = 0, Bill(0, 0, 0, 0.0)  # bytes that are in the total
@@ -273,19 +278,19 @@ class SweepLedger:
                 self._write(sum(bills, self._total))
 
     def over(self, bill: Bill) -> str:
-        """Which cap a bill could pass, in words; "" for none."""
+        """A text on the cap that a bill could exceed; "" for none."""
         with self._lock:
             return self._over(bill)
 
     def reserve(self, bill: Bill) -> str:
-        """Write down a bill before its request is sent, unless it could pass a cap: see `over`."""
+        """Records a bill before its request is sent, unless it could exceed a cap; see `over`."""
         with self._lock:
             if not (why := self._over(bill)):
                 self._write(bill)
         return why
 
     def add(self, change: Bill) -> None:
-        """Write down a change of what was reserved."""
+        """Records a change of the sum."""
         with self._lock:
             self._write(change)
 
@@ -295,7 +300,7 @@ class SweepLedger:
             new = file.read()
         end = new.rfind(b"\n") + 1
         for line in new[:end].splitlines():
-            with suppress(*DECODE_ERRORS):  # a line that a kill cut off reserved nothing
+            with suppress(*DECODE_ERRORS):  # an incomplete line of a killed process
                 self._total += Bill(**read_json(line))
         self._read += end
         for name, (found, cap) in (self._total + bill).against(self.caps).items():
@@ -306,24 +311,24 @@ class SweepLedger:
     def _write(self, bill: Bill) -> None:
         line = json.dumps(asdict(replace(bill, usd=bill.usd or 0.0))).encode()
         with self.path.open("ab") as file:
-            file.write(b"\n" + line + b"\n")  # a line that was cut off before ends here
+            file.write(b"\n" + line + b"\n")  # the first line end completes an incomplete line
             file.flush()
             os.fsync(file.fileno())
 
 
 def recorded_requests(folder: Path) -> int:
-    """The requests that the costs of a run's generations count; 0 where there are none yet."""
+    """Number of requests in the recorded costs of a run's generations; 0 without records."""
     try:
         lines = (folder / "costs.jsonl").read_bytes().splitlines()
     except FileNotFoundError:
         return 0
-    found = 0
+    requests = 0
     for line in lines:
-        with suppress(*DECODE_ERRORS):  # a damaged line is told where records are read
-            found = max(found, int(read_json(line)["llm"].get("requests", 0)))
-    return found
+        with suppress(*DECODE_ERRORS):  # damaged lines are reported when records are read
+            requests = max(requests, int(read_json(line)["llm"].get("requests", 0)))
+    return requests
 
 
 def is_sent(attempt: Attempt) -> bool:
-    """Whether something was sent to the server: not where the connection was refused."""
+    """True if the request was sent; False if there was no connection."""
     return isinstance(attempt.answer, Reply) or attempt.answer.kind not in UNSENT

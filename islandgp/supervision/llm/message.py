@@ -1,7 +1,7 @@
-"""The seam in front of the SDK: a request goes in, a reply or a failure comes out.
+"""The client interface: a request in, a reply or a failure out.
 
-A failed attempt is a value, not an exception: it is written down, counted, and
-answered with another attempt or with the fallback.
+A failed attempt is a value, not an exception: it is recorded and counted, and followed by another
+attempt or the fallback.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ from typing import Any, Final, Protocol
 
 from islandgp.redaction import without_secrets
 
-SANE: Final = 100_000  # characters of an answer that are looked at; 2048 tokens have about 8,000
+SANE: Final = 100_000  # most characters of an answer that are read; 2048 tokens have about 8,000
 
-NO_TEXT: Final = "(no text)"  # takes the place of an empty answer in a repair turn
+NO_TEXT: Final = "(no text)"  # replaces an empty answer in a repair turn
 
-QUOTED: Final = 6000  # characters of a useless answer that a repair turn sends back
+QUOTED: Final = 6000  # most characters of a rejected answer that a repair turn quotes
 
 
 class FailureKind(StrEnum):
-    """Why there is no answer."""
+    """Reason why an attempt has no answer."""
 
-    TIMEOUT = "timeout"  # no whole answer before the deadline
-    LATE = "late"  # 408, 504, 524: a gateway in between did not wait for the answer
-    UNREACHABLE = "unreachable"  # no connection, or none before the deadline; nothing was sent
-    UNTRUSTED = "untrusted"  # the certificate is signed by no known authority; nothing was sent
-    CUT = "cut"  # the connection broke off
+    TIMEOUT = "timeout"  # no complete answer before the deadline
+    LATE = "late"  # 408, 504, 524: timeout of a gateway
+    UNREACHABLE = "unreachable"  # no connection before the deadline; nothing was sent
+    UNTRUSTED = "untrusted"  # certificate of an unknown authority; nothing was sent
+    CUT = "cut"  # the connection was closed early
     RATE_LIMITED = "rate_limited"  # 429
     OVERLOADED = "overloaded"  # 529
-    SERVER = "server"  # other 5xx, and 409, which asks for another attempt
-    MALFORMED = "malformed"  # a body that is no message: HTML, cut off, of wrong types
-    FOREIGN = "foreign"  # an answer in OpenAI's language
-    REJECTED = "rejected"  # 400 and the like: the request itself is refused
-    UNAUTHORISED = "unauthorised"  # 401, 403: the key is refused
-    NOT_FOUND = "not_found"  # 404, 405, 410, 501: no such model, or no such address
+    SERVER = "server"  # other 5xx, and 409, which can be retried
+    MALFORMED = "malformed"  # the body is not a message: HTML, truncated, wrong types
+    FOREIGN = "foreign"  # an answer in OpenAI's format
+    REJECTED = "rejected"  # 400 and other 4xx: the request itself is invalid
+    UNAUTHORISED = "unauthorised"  # 401, 403: the key is invalid
+    NOT_FOUND = "not_found"  # 404, 405, 410, 501: unknown model or address
     BUDGET = "budget"  # a cap is reached; nothing was sent
-    USELESS = "useless"  # too many useless answers in a row; nothing was sent
+    USELESS = "useless"  # too many unusable answers in a row; nothing was sent
 
 
 TRANSIENT: Final = frozenset(
@@ -53,7 +53,7 @@ TRANSIENT: Final = frozenset(
         FailureKind.MALFORMED,
     }
 )
-"""Failures that another attempt may mend."""
+"""Failures after which another attempt may succeed."""
 
 CHARGED: Final = frozenset(
     {
@@ -64,15 +64,15 @@ CHARGED: Final = frozenset(
         FailureKind.FOREIGN,
     }
 )
-"""Failures whose request may have been worked on and charged, without our hearing how much."""
+"""Failures whose request may have been processed and charged, by an unknown amount."""
 
 UNSENT: Final = frozenset({FailureKind.UNREACHABLE, FailureKind.UNTRUSTED})
-"""Failures of attempts that found no connection: nothing was sent, so it is no request."""
+"""Failures without a connection; they do not count as requests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Usage:
-    """Tokens that an answer says it took. `input` leaves out what was read from a cache."""
+    """Token counts in an answer. `input` excludes tokens that were read from a cache."""
 
     input: int = 0
     output: int = 0
@@ -87,18 +87,18 @@ class Usage:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """Everything that an answer depends on; two equal requests have one digest."""
+    """The content of a request; equal requests have equal digests."""
 
     model: str
     system: str
-    turns: tuple[str, ...]  # ours and the model's by turns, ours first and last
-    max_tokens: int
+    turns: tuple[str, ...]  # user and assistant in turn, user first and last
+    max_tokens: int  # of the answer, thinking included
     temperature: float | None = None  # None: not sent
-    schema: dict[str, Any] | None = None  # JSON schema; None: not sent
-    cache: bool = False  # ask the server to keep the system prompt
-    thinking: dict[str, Any] | None = None  # as the API takes it; None: not sent
+    schema: dict[str, Any] | None = None  # JSON schema of the answer; None: not sent
+    cache: bool = False  # let the server cache the system prompt
+    thinking: dict[str, Any] | None = None  # as in the API; None: not sent
     effort: str | None = None  # None: not sent
-    extra: dict[str, Any] | None = None  # more fields of the request's body; None: none
+    extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
 
     @property
     def digest(self) -> str:
@@ -111,26 +111,27 @@ class Request:
         return sha256_of([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
-        """As JSON values. Fields that came later stand there only where they say something.
+        """The request as JSON values, without secrets in the extra fields.
 
-        Secrets among the extra fields are hidden, in records and for the digest.
+        Fields that older versions did not have are left out if they are None, so that digests of
+        old records stay valid.
         """
         later = ("thinking", "effort", "extra")
         values = {**asdict(self), "extra": without_secrets(self.extra)}
         return {k: v for k, v in values.items() if v is not None or k not in later}
 
     def followed_by(self, answer: str, question: str) -> Request:
-        """The request that goes on after an answer; the API takes no empty turn."""
+        """The request extended by an answer and a further user turn; no turn is empty."""
         return replace(self, turns=(*self.turns, answer if answer.strip() else NO_TEXT, question))
 
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How requests are made."""
+    """The optional parameters that a server supports."""
 
-    structured: bool  # with a JSON schema; else a JSON object is looked for in the text
+    structured: bool  # True: a JSON schema is sent; False: a JSON object is searched in the text
     temperature: float | None  # None: not sent
-    note: str  # one line for people: what the probe found
+    note: str  # result of the probe, one line
 
     def __str__(self) -> str:
         output = "structured output" if self.structured else "JSON found in text"
@@ -140,42 +141,50 @@ class Dialect:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What came back, as it came back: nothing in it is checked yet."""
+    """The answer of a model, not yet checked."""
 
     text: str
-    stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" where none is given
-    usage: Usage | None  # None: the server does not say
-    thinking: str = ""  # what the model thought before, as far as the server tells it
+    stop_reason: str  # "end_turn", "max_tokens", "refusal", ..., or "" if missing
+    usage: Usage | None  # None: the server does not count tokens
+    thinking: str = ""  # thinking before the answer, if the server returns it
 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What came instead of an answer."""
+    """An attempt without an answer."""
 
     kind: FailureKind
-    message: str  # one line for people
-    retry_after: float | None = None  # s that the server asks to wait
-    should_retry: bool | None = None  # what the server says about another attempt; None: nothing
+    message: str  # one line
+    retry_after: float | None = None  # s to wait, as requested by the server
+    should_retry: bool | None = None  # as requested by the server; None: no such request
 
 
 class Client(Protocol):
-    """One attempt at one request. Never raises for anything the other side does."""
+    """Makes single attempts at requests. A server cannot make it raise an exception."""
 
     def open(self) -> None:
-        """Loads what is needed, which may take seconds: they are no part of an attempt."""
+        """Imports the SDK, which may take seconds that do not count toward an attempt."""
         ...
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
-        """Returns after at most `seconds`, whatever the other side does."""
+        """Makes one attempt.
+
+        Args:
+            request: the request.
+            seconds: deadline, > 0; in any case the call returns after this time.
+
+        Returns:
+            The reply, or the failure.
+        """
         ...
 
     def close(self) -> None:
-        """Frees what the client holds; it is not used afterwards."""
+        """Closes connections; the client is not used afterwards."""
         ...
 
 
 def clean(text: str) -> str:
-    """Text that can be stored and shown anywhere: no lone surrogates, no control characters."""
+    """Text without lone surrogates and control characters, cut after SANE characters."""
     kept = text[: SANE + 1].encode("utf-8", "replace").decode("utf-8")
     return "".join(c if c.isprintable() or c in "\n\t" else " " for c in kept)
 

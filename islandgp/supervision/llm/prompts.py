@@ -1,12 +1,10 @@
 """Prompts: the files of `prompts/`, and how they are filled in (section 2.4.6).
 
-A file has a part `# system`, which is the same in every generation, and a part
-`# user`. `{{name}}` is replaced by a value; a name without a value is an error that
-says where it stands. What stands between `{{#name}}` and `{{/name}}` is left out
-where the value is empty.
+A file has a part `# system`, which is the same in every generation, and a part `# user`.
+`{{name}}` is replaced by a value; a name without a value is an error with its place. Text between
+`{{#name}}` and `{{/name}}` is left out if the value is empty.
 
-`fixed_values` and `run_facts` are the values that no generation changes: they follow from the
-configuration.
+`fixed_values` and `run_facts` follow from the configuration and are the same in all generations.
 """
 
 from __future__ import annotations
@@ -39,7 +37,7 @@ _MARK: Final = re.compile(r"\{\{[#/][\w.]*\}\}")
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
 SETS: Final = ("paper", "informed")
-"""The project's own prompts; `paper` stands in `prompts` itself."""
+"""The shipped prompt sets; `paper` is the folder `prompts` itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +55,14 @@ class Prompt:
 
 
 def prompt_folder(chosen: str | None) -> Path:
-    """The folder of a prompt set: `paper`, `informed`, or a folder of one's own."""
+    """The folder of a prompt set: `paper`, `informed`, or the path of another folder."""
     if chosen is None or chosen == "paper":
         return resource("prompts")
     return resource("prompts") / chosen if chosen in SETS else Path(chosen)
 
 
 def load_prompt(name: str, folder: Path) -> Prompt:
-    """Reads `<folder>/<name>.md`. Raises SupervisionError where it is missing or has no parts."""
+    """Reads `<folder>/<name>.md`. Raises SupervisionError if it is missing or has no parts."""
     path = folder / f"{name}.md"
     try:
         text = path.read_text(encoding="utf-8")
@@ -211,7 +209,7 @@ def _tier(name: str, classes: Classes, episodes: int) -> str:
 
 
 def _examples(part: str, library: Library) -> str:
-    """The trees that a prompt shows; where none are named, those of the single behaviours."""
+    """The example trees of a prompt; by default those of the single behaviours."""
     names = library.shown.get(part)
     if names is None:
         names = (
@@ -224,14 +222,14 @@ def _examples(part: str, library: Library) -> str:
 
 
 def _example(name: str, library: Library) -> str:
-    """A tree as it is written, with what it is for."""
+    """The text of a library tree with its targets."""
     targets = [target for target, names in library.targets.items() if name in names]
     lead = f"For {', '.join(targets)}:\n\n" if targets else ""
     return f"{lead}```\n{library.texts[name].strip()}\n```\n"
 
 
 def urgency(state: PopulationState, rare: float) -> str:
-    """How urgent each behaviour is, the most urgent first (section 2.4.6).
+    """The urgency of each behaviour in words, the most urgent first (section 2.4.6).
 
     `rare` is the share of the population below which a behaviour counts as rare.
     """
@@ -281,7 +279,7 @@ _MUTATED: Final = {
     "and a tree that you write are kept as they are.",
 }
 _JOINS: Final = {
-    # by gp.mutate_elites: what becomes of a tree that is injected
+    # by gp.mutate_elites: whether an injected tree is mutated
     True: "It joins the next generation as an equal: it is\n"
     "mutated, evaluated and selected like all others.",
     False: "It joins the next generation as it is: it is\n"
@@ -290,7 +288,7 @@ _JOINS: Final = {
 
 
 def about(domain: Domain, seed: int | None = None) -> str:
-    """A domain's sentences about its world, or that of a seed; "" where it has none to add."""
+    """A domain's description of its world, in general or for a seed; "" if it has none."""
     method = getattr(domain, "about", None)
     general = "" if method is None else str(method())
     if seed is None or method is None:
@@ -300,7 +298,7 @@ def about(domain: Domain, seed: int | None = None) -> str:
 
 
 def multiplied(context: RunContext) -> frozenset[str]:
-    """The components that the curriculum has a factor for in some stage of the run."""
+    """The components with a factor in any stage of the run's curriculum."""
     stages = context.curriculum.stages
     return frozenset(name for k in _stages(context) for name in stages[k].multipliers)
 

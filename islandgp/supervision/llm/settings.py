@@ -14,11 +14,11 @@ from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 
 DAY: Final = 86_400  # s
-KEPT: Final = 20  # injected trees and decisions that are remembered
+KEPT: Final = 20  # most injected trees and decisions in the history
 CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm/cost.md
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
-THINKING_TOKENS: Final = 14_000  # room for what a model thinks before an answer
-THINKING_SPEED: Final = 50  # tokens a second that a model thinks at least
+THINKING_TOKENS: Final = 14_000  # for thinking before an answer
+THINKING_SPEED: Final = 50  # tokens per second, lower bound
 
 
 OWN_FIELDS: Final = frozenset(
@@ -33,18 +33,18 @@ OWN_FIELDS: Final = frozenset(
         "thinking",
     }
 )
-"""Fields of a request's body that are made from other settings; `stream` is not supported."""
+"""Fields of a request's body that have settings of their own; `stream` is not supported."""
 
 
 _REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
 
 
 def check_address(url: str) -> None:
-    """Raises ValueError unless a server's address can be one, without the path of a request."""
+    """Raises ValueError unless a text is a server's address without the path of a request."""
     parts = urlsplit(url)
     try:
         whole = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:  # a port that is none
+    except ValueError:  # the port is not a number
         whole = False
     if not whole or not url.isprintable() or " " in url:
         raise ValueError("expected an address such as http://localhost:11434")
@@ -60,31 +60,31 @@ def check_address(url: str) -> None:
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
-    """Section 2.4.5: 30 s an attempt, exponential backoff, up to three attempts."""
+    """Section 2.4.5: 30 s per attempt, exponential backoff, up to three attempts."""
 
-    attempts: int = Field(ge=1, le=20)  # of a call, the first included
-    deadline: float = Field(gt=0, le=DAY)  # s for a whole attempt, however the answer trickles in
+    attempts: int = Field(ge=1, le=20)  # of a call, including the first
+    deadline: float = Field(gt=0, le=DAY)  # s for a whole attempt, from connecting to the last byte
     first_wait: float = Field(ge=0, le=DAY)  # s before the second attempt; doubles each time
     longest_wait: float = Field(ge=0, le=DAY)  # s
-    retry_after_most: float = Field(ge=0, le=DAY)  # s; who asks for more is not asked again
+    retry_after_most: float = Field(ge=0, le=DAY)  # s; after a longer Retry-After the call ends
 
 
 class Price(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """US dollars for a million tokens of one model."""
+    """Prices of one model."""
 
-    input: float = Field(ge=0)  # USD a million tokens
-    output: float = Field(ge=0)  # USD a million tokens
-    cache_read: float = Field(ge=0)  # USD a million tokens
-    cache_write: float = Field(ge=0)  # kept for 5 minutes
+    input: float = Field(ge=0)  # USD per million tokens
+    output: float = Field(ge=0)  # USD per million tokens
+    cache_read: float = Field(ge=0)  # USD per million tokens
+    cache_write: float = Field(ge=0)  # USD per million tokens, for a cache of 5 minutes
 
 
 class Facts(BaseModel, frozen=True, extra="forbid"):
-    """What else is known of one model."""
+    """Other properties of one model."""
 
-    thinks: bool = False  # before each answer, if nothing else is said
-    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest prompt it keeps
-    characters: float = Field(default=CHARACTERS, gt=0)  # of a token, about
-    retires: str | None = Field(default=None, pattern=DATE)  # None: no date is announced
+    thinks: bool = False  # thinks before each answer by default
+    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest cached prompt
+    characters: float = Field(default=CHARACTERS, gt=0)  # per token, approximately
+    retires: str | None = Field(default=None, pattern=DATE)  # announced date; None: none
 
 
 class Prices(BaseModel, frozen=True, extra="forbid"):
@@ -93,32 +93,32 @@ class Prices(BaseModel, frozen=True, extra="forbid"):
     date: str = Field(pattern=DATE)  # when they were read
     source: str  # where they were read
     models: dict[str, Price]
-    unknown: tuple[str, ...] = ()  # models whose price was nowhere to be found on that day
-    aliases: dict[str, str] = Field(default_factory=dict)  # a name of ours: the model
+    unknown: tuple[str, ...] = ()  # models without a published price on that day
+    aliases: dict[str, str] = Field(default_factory=dict)  # short name: the server's model name
     facts: dict[str, Facts] = Field(default_factory=dict)
 
 
 class SweepCaps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """The most that all runs in a sweep's folder may take together; None: no cap."""
+    """Caps on the sum over all runs in a sweep's folder; None: no cap."""
 
-    requests: int | None = Field(default=None, ge=0)  # sent, retries and repairs included
-    input_tokens: int | None = Field(default=None, ge=0)  # read from and written to a cache, too
+    requests: int | None = Field(default=None, ge=0)  # sent, including retries and repairs
+    input_tokens: int | None = Field(default=None, ge=0)  # including cache reads and writes
     output_tokens: int | None = Field(default=None, ge=0)  # in all answers
     usd: float | None = Field(default=None, ge=0)  # at the prices of `prices`
 
 
 class Caps(SweepCaps, frozen=True, extra="forbid", allow_inf_nan=False):
-    """The most that one run may take; None: no cap."""
+    """Caps on one run; None: no cap."""
 
-    seconds: float | None = Field(ge=0)  # spent on attempts and on waiting between them
+    seconds: float | None = Field(ge=0)  # of attempts and of waiting between them
 
 
 class RateSettings(BaseModel, frozen=True, extra="forbid"):
-    """Which rates are taken. One outside is never used as it is."""
+    """Accepted mutation rates."""
 
-    least: float = Field(ge=0, le=1)
-    most: float = Field(ge=0, le=1)  # highest rate that is taken
-    outside: Literal["repair", "clamp"]  # ask again and then refuse, or take the nearest limit
+    least: float = Field(ge=0, le=1)  # lowest accepted rate
+    most: float = Field(ge=0, le=1)  # highest accepted rate
+    outside: Literal["repair", "clamp"]  # of other rates: ask again, then reject; or clamp
 
     @model_validator(mode="after")
     def _ordered(self) -> RateSettings:
@@ -130,22 +130,22 @@ class RateSettings(BaseModel, frozen=True, extra="forbid"):
 class InformedSettings(BaseModel, frozen=True, extra="forbid"):
     """The parts of informed prompts; each can be left out."""
 
-    reasoning: bool = True  # the answer's reasons stand before its decision
-    rewards: bool = True  # what events earn, and the thresholds of a crisis
-    classes: bool = True  # what each class of the population earns
-    injected: int = Field(default=5, ge=0, le=KEPT)  # the last injected trees with their fate
-    traces: bool = True  # what the best and the most lacking tree did, in words
-    decisions: int = Field(default=5, ge=0, le=KEPT)  # the last decisions and what followed
+    reasoning: bool = True  # the answer begins with its reasons
+    rewards: bool = True  # the reward table, and the thresholds of a crisis
+    classes: bool = True  # earnings of each class of the population
+    injected: int = Field(default=5, ge=0, le=KEPT)  # last injected trees with their descendants
+    traces: bool = True  # episodes of the best and the least capable tree, in words
+    decisions: int = Field(default=5, ge=0, le=KEPT)  # last decisions with their results
     differ: bool = True  # the instruction to differ from the examples
 
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
-    """How large a tree is asked for, and how large a one is taken."""
+    """Requested and accepted size of a tree."""
 
-    depth: int = Field(ge=1)  # levels, asked for
-    nodes: str  # about how many, asked for
-    most_depth: int = Field(ge=1)  # taken; the run's own limits hold besides
-    most_nodes: int = Field(ge=1)  # taken
+    depth: int = Field(ge=1)  # levels, requested
+    nodes: str  # approximate number, requested
+    most_depth: int = Field(ge=1)  # levels, accepted; the run's limits apply as well
+    most_nodes: int = Field(ge=1)  # accepted
 
     @property
     def values(self) -> dict[str, str]:
@@ -154,11 +154,11 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
 
 
 class Thinking(BaseModel, frozen=True, extra="forbid"):
-    """Whether a model thinks before it answers, as the Messages API takes it."""
+    """Thinking before the answer, as in the Messages API."""
 
-    type: Literal["adaptive", "enabled", "disabled", "between_tools"]  # whether it thinks
+    type: Literal["adaptive", "enabled", "disabled", "between_tools"]  # of thinking
     budget_tokens: int | None = Field(default=None, ge=1024)  # of "enabled"
-    display: Literal["summarized", "omitted"] | None = None  # what of it comes back
+    display: Literal["summarized", "omitted"] | None = None  # form in which it is returned
 
     @model_validator(mode="after")
     def _budgeted(self) -> Thinking:
@@ -171,54 +171,54 @@ class Thinking(BaseModel, frozen=True, extra="forbid"):
 
 
 Outage = Literal["fallback", "wait", "stop"]
-"""What happens where no server answers: the fallback stands in, the run waits, or it stops."""
+"""Reaction to a server that does not answer: use the fallback, wait, or stop the run."""
 
 
 class Useless(BaseModel, frozen=True, extra="forbid"):
-    """When a model whose answers cannot be used is not asked any more."""
+    """Limit on unusable answers."""
 
-    most: int = Field(ge=1)  # questions in a row, repairs included, without a usable answer
-    then: Literal["fallback", "stop"]  # the fallback goes on, or the run ends
+    most: int = Field(ge=1)  # questions in a row, with their repairs, without a usable answer
+    then: Literal["fallback", "stop"]  # continue with the fallback, or stop the run
 
 
 class Fallback(ComponentConfig, frozen=True, extra="ignore"):
-    """The supervisor that answers where the model does not; its switches and lag do not count."""
+    """The supervisor to use without a usable answer; its switches and lag are ignored."""
 
     needs = SUPERVISES
 
 
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):
-    """One model, how it is asked, and what its answers may be."""
+    """Settings of the model, its requests and the checks of its answers."""
 
-    model: str = Field(min_length=1)
-    base_url: str | None  # None: ANTHROPIC_BASE_URL, else the Anthropic API
-    api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written anywhere
+    model: str = Field(min_length=1)  # name or alias
+    base_url: str | None  # None: ANTHROPIC_BASE_URL, or else the Anthropic API
+    api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
-    thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # before it
-    thinking_seconds: Annotated[float, Field(ge=0, le=DAY)] | Literal["auto"] = 0  # s for it
-    temperature: float | None = Field(ge=0, le=2)  # sent where the model takes one
-    output: Literal["auto", "structured", "text"]  # auto: as the probe at the start finds
-    thinking: Thinking | None = None  # None: as the model does by itself
-    effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the model's own
-    extra_body: dict[str, Any] | None = None  # more fields of each request's body
-    cache: bool  # ask the server to keep the system prompts
+    thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # added to it
+    thinking_seconds: Annotated[float, Field(ge=0, le=DAY)] | Literal["auto"] = 0  # s for thinking
+    temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
+    output: Literal["auto", "structured", "text"]  # auto: by the probe at the start
+    thinking: Thinking | None = None  # None: the model's default
+    effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the default
+    extra_body: dict[str, Any] | None = None  # further fields of each request's body
+    cache: bool  # let the server cache the system prompts
     retry: RetrySettings
-    repairs: int = Field(ge=0, le=5)  # further turns after an answer that cannot be used
+    repairs: int = Field(ge=0, le=5)  # further turns after a rejected answer
     rate: RateSettings
     phases: dict[Phase, tuple[float, float]]  # Table 8
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
-    candidates: int = Field(default=1, ge=1, le=10)  # trees of an answer; the best is injected
-    refuse_copies: bool = False  # of examples and living trees, and trees that check warns of
-    parents: int = Field(default=2, ge=1, le=10)  # trees that the question for edits shows
-    samples: int = Field(default=1, ge=1, le=10)  # answers to it that are asked for at once
+    candidates: int = Field(default=1, ge=1, le=10)  # trees per answer; the best is injected
+    refuse_copies: bool = False  # reject copies and trees with warnings of `islandgp check`
+    parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
+    samples: int = Field(default=1, ge=1, le=10)  # answers requested to that question
     models: dict[str, Annotated[float, Field(gt=0)]] | None = Field(default=None, min_length=1)
-    """Models that answer it, by weight; None: `model` alone."""
-    choice: Literal["weights", "bandit"] = "weights"  # bandit: by the share of edits that gained
+    """Models for that question with weights; None: `model` alone."""
+    choice: Literal["weights", "bandit"] = "weights"  # bandit: by the share of successful edits
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
-    on_outage: Outage = "fallback"  # where no server answers
-    useless: Useless | None = None  # None: asked to the end, whatever the answers are
+    on_outage: Outage = "fallback"  # reaction to a server that does not answer
+    useless: Useless | None = None  # limit on unusable answers; None: no limit
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
     sweep_caps: SweepCaps = SweepCaps()  # of all runs in the folder of the run's sweep
@@ -230,7 +230,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @field_validator("api_key", mode="before")
     @classmethod
     def _text(cls, key: object) -> object:
-        # A key of digits is a number to a command line, and errors show wrong values.
+        # The command line parses a key of digits as a number, and errors would show it.
         return str(key) if isinstance(key, int) else key
 
     @field_validator("extra_body")
@@ -269,12 +269,12 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def thinking_value(self) -> dict[str, Any] | None:
-        """`thinking` as a request has it."""
+        """`thinking` as a field of a request."""
         return None if self.thinking is None else self.thinking.model_dump(exclude_none=True)
 
     @property
     def reply_tokens(self) -> int:
-        """The most tokens of a reply: of the answer, and of what the model thinks before it."""
+        """Most tokens of a reply: of the answer and of thinking before it."""
         if self.thinking_tokens != "auto":
             return self.max_tokens + self.thinking_tokens
         if self.thinking is not None and self.thinking.budget_tokens is not None:
@@ -285,28 +285,28 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def deadline(self) -> float:
-        """The s of a whole attempt: for the answer, and for what the model thinks before it."""
+        """Deadline of an attempt in s: for the answer and for thinking before it."""
         if self.thinking_seconds != "auto":
             return self.retry.deadline + self.thinking_seconds
         return self.retry.deadline + (self.reply_tokens - self.max_tokens) / THINKING_SPEED
 
     @property
     def address(self) -> str | None:
-        """Where requests go, None for the Anthropic API."""
+        """The server's address; None for the Anthropic API."""
         return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
 
     @property
     def price(self) -> Price | None:
-        """The price of the model, of several the dearest of each sort; None if one is unknown."""
-        found = [self.prices.models.get(n) for n in (self.model_name, *self.edit_models)]
-        known = [price.model_dump() for price in found if price is not None]
-        if len(known) < len(found):
+        """The model's price; of several models the highest of each kind; None if one is unknown."""
+        prices = [self.prices.models.get(n) for n in (self.model_name, *self.edit_models)]
+        known = [price.model_dump() for price in prices if price is not None]
+        if len(known) < len(prices):
             return None
         return Price(**{sort: max(price[sort] for price in known) for sort in known[0]})
 
     @property
     def model_name(self) -> str:
-        """The name that the server knows the model by: aliases are resolved."""
+        """The server's name of the model, with aliases resolved."""
         return self.prices.aliases.get(self.model, self.model)
 
     @property
@@ -318,10 +318,10 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def edit_models(self) -> dict[str, float]:
-        """The weights of `models` by the names that the server knows."""
+        """The weights of `models` by the server's names."""
         return {self.prices.aliases.get(n, n): weight for n, weight in (self.models or {}).items()}
 
     @property
     def facts(self) -> Facts:
-        """What is known of the model."""
+        """Other properties of the model; defaults if unknown."""
         return self.prices.facts.get(self.model_name, Facts())

@@ -1,9 +1,8 @@
 """The supervisor that asks a large language model (section 2.4), and the probe of its server.
 
-The probe asks for a greeting in plain words and at the same time for a JSON schema. A server that
-answers with JSON keeps to schemas; one that greets does not know them. What a server refuses is
-left out the next time: the parameter that its error names, else the temperature, then the schema,
-then both.
+The probe asks for a greeting and sends a JSON schema. A server that answers with JSON supports
+schemas; one that answers with a greeting ignores them. If the server rejects the request, the next
+one omits a parameter: the one named in the error, or else the temperature, the schema, or both.
 """
 
 from __future__ import annotations
@@ -51,10 +50,10 @@ _SCHEMA: Final[dict[str, Any]] = {
 
 _SAMPLING: Final = re.compile(r"temperature|sampling|top[_ ][pk]\b", re.IGNORECASE)
 _OUTPUT: Final = re.compile(r"output_config|output_format|schema|structured|json", re.IGNORECASE)
-"""What an error says that refuses the one or the other parameter."""
+"""Patterns in the errors of servers that reject the temperature or the schema."""
 
 Way = tuple[bool, float | None]
-"""With a JSON schema or not, and the temperature that is sent."""
+"""Whether a JSON schema is sent, and the temperature that is sent, if any."""
 
 
 _WAYS = """\
@@ -66,18 +65,18 @@ Expected a key or an address for supervisor=llm, found none. There are three way
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
 
-_AGAIN = "the fallback stands in, and each generation asks again"
+_AGAIN = "the fallback is used, and each generation tries again"
 
 
 class LLM:
-    """Asks, and writes down every attempt; falls back where there is no usable answer."""
+    """Asks a model, records every attempt, and uses the fallback without a usable answer."""
 
     name = "llm"
     Settings = LLMSettings
 
     @classmethod
     def ready(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
-        """Raises SupervisionError where there is neither a key nor an address, or a wrong one."""
+        """Raises SupervisionError if there is neither a key nor an address, or an invalid one."""
         key = _key(settings)
         if key is None and settings.address is None:
             raise SupervisionError(_WAYS)
@@ -103,14 +102,14 @@ class LLM:
         return cls(settings, context, client)
 
     def __init__(self, settings: LLMSettings, context: RunContext, client: Client) -> None:
-        """Nothing is sent and nothing written before `start`, or the first question."""
+        """Sends and writes nothing; `start` or the first `advise` does."""
         self.settings, self.context, self.client = settings, context, client
         self.adviser = Adviser(settings, context)
         self._calls: LiveCalls | None = None
         self._warned = False
 
     def start(self) -> str:
-        """See `SupervisorLifecycle`: open the transcript and probe the server."""
+        """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
         calls = self._open()
         try:
             self._check_complete(calls.transcript)
@@ -138,11 +137,11 @@ class LLM:
         self.adviser.on_generation(generation)
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`. A failure ends in the fallback.
+        """See `Supervisor`. After a failure the guidance is that of the fallback.
 
         Raises:
-            SupervisionError: the settings want the run to stop, or no request of it would
-                ever be answered.
+            SupervisionError: no server answers and `on_outage` is "stop", or no request can
+                succeed, e.g. with an invalid key.
         """
         calls = self._open()
         if calls.transcript.start is None:
@@ -184,9 +183,9 @@ class LLM:
         return self._calls
 
     def _check_complete(self, transcript: Transcript) -> None:
-        """Raises SupervisionError where requests of the run are missing in its transcript.
+        """Raises SupervisionError if requests of the run are missing in its transcript.
 
-        Without them the ledger, and so the caps, would begin again.
+        The ledger is computed from them; without them the caps would start again at 0.
         """
         if transcript.path is None:
             return
@@ -195,37 +194,38 @@ class LLM:
         if found < expected:
             raise SupervisionError(
                 f"Expected the {expected} requests that the run's costs.jsonl counts in"
-                f" {transcript.path}, found {found}: the caps would begin again. Put the"
-                " transcript back, or begin again with resume=never."
+                f" {transcript.path}, found {found}: the caps would start again at 0. Restore the"
+                " transcript, or start the run again with resume=never."
             )
 
     def _warn(self, guidance: Guidance, generation: int) -> None:
-        """Tells once that the model is not asked any more; the record tells it every time."""
-        ends = ("fallback: budget: ", "fallback: useless: ")
-        said = [why for why in guidance.notes.values() if why.startswith(ends)]
-        if said and not self._warned:
+        """Logs one warning when the model is no longer asked; records have it each time."""
+        final = ("fallback: budget: ", "fallback: useless: ")
+        reasons = [why for why in guidance.notes.values() if why.startswith(final)]
+        if reasons and not self._warned:
             self._warned = True
             logging.getLogger("islandgp").warning(
-                "Supervision goes on with the fallback from generation %d: %s",
+                "Supervision continues with the fallback from generation %d: %s",
                 generation,
-                said[0].split(": ", 2)[2],
+                reasons[0].split(": ", 2)[2],
             )
 
 
 def _key(settings: LLMSettings) -> str | None:
-    """The credential, None where there is none; the API takes keys and tokens in one header.
+    """The API key or token, without surrounding white space; None if there is none.
 
-    Space around it, such as a file's last line end, is none of it.
+    The API accepts both in the same header.
     """
-    given = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    found = (given, *(os.environ.get(n, "") for n in ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")))
-    return next((key.strip() for key in found if key.strip()), None)
+    configured = settings.api_key.get_secret_value() if settings.api_key is not None else ""
+    variables = ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
+    keys = (configured, *(os.environ.get(name, "") for name in variables))
+    return next((key.strip() for key in keys if key.strip()), None)
 
 
 class Dialects:
-    """How the server wants to be asked, from the generation on in which it said so.
+    """The server's dialect by generation.
 
-    What a probe learns from a server that is busy is nothing: the next generation probes again.
+    A run that starts while the server is busy probes it in each generation until it answers.
     """
 
     def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
@@ -239,7 +239,7 @@ class Dialects:
         return find_dialect(self.calls, self.settings)
 
     def at(self, generation: int) -> Dialect | Failure:
-        """The dialect for a generation's questions; a failure where there is still no answer.
+        """The dialect for a generation's requests; a failure if the server does not answer yet.
 
         Raises:
             SupervisionError: as `find_dialect`.
@@ -261,11 +261,19 @@ class Dialects:
 
 
 def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
-    """Asks the server, with at most four calls; a failure where it does not answer just now.
+    """Probes the server with at most four calls.
+
+    Args:
+        calls: to make the requests with.
+        settings: of the model.
+        generation: to which the calls belong in the transcript; -1: the start of the run.
+
+    Returns:
+        The dialect, or a transient failure.
 
     Raises:
-        SupervisionError: no request of this run would ever be answered: the key, the model or
-            the address is wrong, or no server listens there at the run's start.
+        SupervisionError: no request of this run can succeed: the key, the model or the address
+            is wrong, or at the start of the run no server listens there.
     """
     untried, named = _ways(settings), frozenset[str]()
     turn = 0
@@ -298,25 +306,25 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
 
 
 def _ways(settings: LLMSettings) -> list[Way]:
-    """How requests may be made, the best way first: a schema is worth more than a temperature."""
+    """The combinations of parameters to try, the best first; a schema is preferred."""
     schemas = {"auto": (True, False), "structured": (True,), "text": (False,)}[settings.output]
     heats = dict.fromkeys((settings.temperature, None))
     return [(structured, heat) for structured in schemas for heat in heats]
 
 
 def _named(refusal: str, before: frozenset[str]) -> frozenset[str]:
-    """The parameters that refusals name: "temperature", "schema".
+    """The parameters named in the errors so far: "temperature", "schema".
 
-    A refusal may be worded in any way, so what it seems to say only decides what is tried first.
-    One that names neither, or both, says nothing, and makes what was said before doubtful.
+    The wording of errors is not standardised, so the result only orders the next attempts. An
+    error that names neither or both parameters resets it.
     """
-    found = {"temperature": _SAMPLING.search(refusal), "schema": _OUTPUT.search(refusal)}
-    new = {name for name, match in found.items() if match}
+    matches = {"temperature": _SAMPLING.search(refusal), "schema": _OUTPUT.search(refusal)}
+    new = {name for name, match in matches.items() if match}
     return before | new if len(new) == 1 else frozenset()
 
 
 def _best(untried: Sequence[Way], named: Collection[str]) -> Way:
-    """The first way with the fewest of the parameters that refusals name."""
+    """The first combination with the fewest parameters named in errors."""
     return min(
         untried,
         key=lambda way: (
@@ -342,8 +350,8 @@ def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
             + ("" if "model" in failure.message.lower() else f"; {openai}")
         ),
         FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
-        FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of whoever signed it",
-    }.get(failure.kind, "see what it says, or use supervisor=expert, which asks nobody")
+        FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of its authority",
+    }.get(failure.kind, "see the server's message, or use supervisor=expert, which needs no server")
     return SupervisionError(
         f"Expected an answer of the model {settings.model_name} from {where}, found"
         f" {failure.kind} ({failure.message}); {remedy}."

@@ -1,18 +1,17 @@
-"""The transcript: every attempt of a run, one line each, written before anything is made of it.
+"""The transcript: one line for every attempt of a run, written before its answer is used.
 
-It is what a resumed run and a replay read instead of asking again, what the
-ledger counts, and what a person reads to see who said what. Its lines are JSON
-objects with a field `line` that says of which sort they are:
+Resumed runs and replays read answers from it, and the ledger sums up its tokens. The lines are
+JSON objects; the field `line` is their kind:
 
-start    the settings and the dialect that the requests were made with; null: not yet known
-dialect  the dialect, and the generation from which on it was known
-system   a system prompt, once, under its hash
-sent     an attempt is about to be made; without its attempt line, its outcome is unknown
-attempt  one attempt at a call: where, request, reply or failure, tokens, dollars, seconds
-part     the result for one part of the guidance: its source, and the stages that rejected it
-played   episodes that supervision ran for itself: for which generation, what for, how many
+start    settings and dialect of the requests; null: the dialect is not known yet
+dialect  the dialect, and the first generation in which it was known
+system   a system prompt, once, with its hash
+sent     an attempt is about to be made; without an attempt line its outcome is unknown
+attempt  one attempt at a call: place, request, reply or failure, tokens, dollars, seconds
+part     result for one part of the guidance: its source, and the stages that rejected answers
+played   episodes that supervision simulated: generation, purpose, number
 
-Each has a `checksum` of its other fields. Transcripts of older versions have none.
+Each line has a `checksum` of its other fields, except in transcripts of older versions.
 """
 
 from __future__ import annotations
@@ -42,9 +41,9 @@ from islandgp.supervision.llm.message import (
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """Where in a run a call belongs."""
+    """The place of a call in a run."""
 
-    generation: int  # whose state is asked about; -1 for the probe
+    generation: int  # of the state in the request; -1 for the probe
     part: str  # "rate", "tree" or "probe"
     turn: int  # 0: the question, 1 and up: repairs
 
@@ -59,8 +58,8 @@ class Sent:
 
     call: Call
     number: int  # from 1
-    at_most: Usage  # tokens that it can take
-    seconds: float = 0.0  # that it can take, the wait before it included; 0 in older transcripts
+    at_most: Usage  # upper bound of its tokens
+    seconds: float = 0.0  # upper bound, including the wait before it; 0 in older transcripts
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +71,7 @@ class Attempt:
     request: Request
     answer: Reply | Failure
     usage: Usage | None  # tokens; None: unknown
-    at_most: Usage  # tokens that it may have taken; `usage` where that is known
+    at_most: Usage  # upper bound of the tokens; `usage` if that is known
     usd: float | None  # of `usage`; None: unknown tokens or an unknown price
     seconds: float  # until the answer
     waited: float  # s before the attempt
@@ -86,23 +85,23 @@ class Conclusion:
     generation: int
     part: str
     source: str  # "llm", "llm, repaired", "fallback", ...
-    why: str  # of a fallback, else ""
-    rejected: tuple[str, ...]  # stages of the validation, in order
-    failed: str = ""  # the kind of the failure that ended it, else ""; "" in older transcripts
+    why: str  # reason of a fallback, else ""
+    rejected: tuple[str, ...]  # stages of the validation that rejected an answer, in order
+    failed: str = ""  # kind of the failure that ended it, else ""; "" in older transcripts
 
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """Episodes that supervision ran for itself."""
+    """Episodes that supervision simulated."""
 
     generation: int
-    purpose: str  # "traces": told in a prompt; "trial": of candidates
+    purpose: str  # "traces": described in a prompt; "trial": of candidates
     episodes: int
-    gain: float = 0.0  # of a trial: points that the choice has above the first candidate
+    gain: float = 0.0  # of a trial: points of the chosen candidate minus those of the first
 
 
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:
-    """An attempt as JSON values; `system` is the hash under which its system prompt stands."""
+    """An attempt as JSON values; `system` is the hash of its system prompt."""
     request = attempt.request.plain()
     answer = attempt.answer
     return {
@@ -126,12 +125,12 @@ def from_line(line: Mapping[str, Any], systems: Mapping[str, str]) -> Attempt:
     """An attempt from its JSON values; `systems` are the system prompts by hash.
 
     Raises:
-        ValueError, KeyError, TypeError: they are not those of an attempt.
+        ValueError, KeyError, TypeError: the values are not those of an attempt.
     """
-    asked = {**line["request"], "system": systems[line["request"]["system"]]}
+    request = {**line["request"], "system": systems[line["request"]["system"]]}
     answer = line["failure"] if line["reply"] is None else line["reply"]
-    own = {"call": line, "number": line["attempt"], "request": asked, "answer": answer}
-    return from_json(Attempt, {**line, **own})
+    values = {"call": line, "number": line["attempt"], "request": request, "answer": answer}
+    return from_json(Attempt, {**line, **values})
 
 
 NAME: Final = "transcript.jsonl"
@@ -145,27 +144,27 @@ _KINDS: Final[Mapping[str, type[Sent | Conclusion | Played]]] = {
     "part": Conclusion,
     "played": Played,
 }
-"""By the field `line`: sorts of entries whose other fields are those of a dataclass."""
+"""Kinds of lines whose other fields are those of a dataclass."""
 
 
 @dataclass(frozen=True, slots=True)
 class TranscriptLine:
-    """A line as it is read."""
+    """A line of a transcript file."""
 
     number: int  # from 1
-    plain: Mapping[str, Any]  # its JSON values; empty if it is no JSON object
-    entry: Entry | None  # None: of another sort, or it cannot be read
-    damage: str = ""  # why it cannot be read
-    change: str = ""  # how one sees that it was changed after it was written
+    plain: Mapping[str, Any]  # its JSON values; empty if it is not a JSON object
+    entry: Entry | None  # None: of another kind, or damaged
+    damage: str = ""  # error on reading it, or ""
+    change: str = ""  # evidence that it was changed after it was written, or ""
 
     @property
     def kind(self) -> str:
-        """Of which sort it is, "" where it does not say so."""
+        """The field `line`, or ""."""
         return str(self.plain.get("line", ""))
 
 
 def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
-    """Each line by itself: one that is damaged does not hide those behind it."""
+    """Reads each line; damaged lines are marked as such and do not end the iteration."""
     systems: dict[str, str] = {}
     for number, raw in enumerate(lines, 1):
         plain: Mapping[str, Any] = {}
@@ -179,14 +178,14 @@ def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
 
 
 def _object(raw: bytes) -> Mapping[str, Any]:
-    found = read_json(raw)
-    if not isinstance(found, dict):
+    value = read_json(raw)
+    if not isinstance(value, dict):
         raise TypeError("expected a JSON object")
-    return found
+    return value
 
 
 def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
-    """What a line holds; one of a sort that is not known is passed over. Raises DECODE_ERRORS."""
+    """The entry of a line; None for other kinds. Raises DECODE_ERRORS."""
     kind = plain["line"]
     if kind == "system":
         systems[plain["sha256"]] = plain["text"]
@@ -198,7 +197,7 @@ def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
 
 
 def _change(plain: Mapping[str, Any], entry: Entry | None) -> str:
-    """How one sees that a line was changed after it was written; "" if one does not see it."""
+    """Evidence that a line was changed after it was written, or ""."""
     if CHECKSUM in plain:
         rest = {key: value for key, value in plain.items() if key != CHECKSUM}
         return "" if sha256_of(rest) == plain[CHECKSUM] else "its checksum differs"
@@ -209,15 +208,17 @@ def _change(plain: Mapping[str, Any], entry: Entry | None) -> str:
 
 
 class Transcript:
-    """A transcript's lines, in memory and in a file that only grows."""
+    """A transcript, in memory and in a file to which lines are appended."""
 
     def __init__(self, path: Path | None, *, fixed: bool = False) -> None:
-        """Reads what is there; a last line that was cut off by a kill is dropped.
+        """Reads the file; an incomplete last line of a killed process is dropped.
 
-        A fixed one stays as it is, whatever it is told.
+        Args:
+            path: of the file; None: in memory only.
+            fixed: True: nothing is added to it.
 
         Raises:
-            SupervisionError: the file is no transcript, or was changed after it was written.
+            SupervisionError: the file is not a transcript, or was changed after it was written.
         """
         self.path, self.fixed = path, fixed
         self.start: dict[str, Any] | None = None
@@ -225,21 +226,21 @@ class Transcript:
         self.parts: list[Conclusion] = []
         self.sent: list[Sent] = []
         self.played: list[Played] = []
-        self.learnt: tuple[int, dict[str, Any]] | None = None  # a dialect, and since when
+        self.learnt: tuple[int, dict[str, Any]] | None = None  # first generation and dialect
         self._kept: dict[type[Entry], tuple[str, list[Any]]] = {
-            # how a line says of which sort it is, and where it goes
+            # the kind of the line, and the list of its entries
             Sent: ("sent", self.sent),
             Attempt: ("attempt", self.attempts),
             Conclusion: ("part", self.parts),
             Played: ("played", self.played),
         }
         self._systems: dict[str, str] = {}
-        self._lock = Lock()  # the two questions of a generation are asked at the same time
-        self._whole: int | None = None  # bytes of whole lines, where a piece of one follows
+        self._lock = Lock()  # the questions of a generation are asked in several threads
+        self._whole: int | None = None  # bytes of complete lines, if an incomplete one follows
         if path is not None and path.exists():
-            found = path.read_bytes()
-            kept = found[: found.rfind(b"\n") + 1]
-            if kept != found:
+            content = path.read_bytes()
+            kept = content[: content.rfind(b"\n") + 1]
+            if kept != content:
                 self._whole = len(kept)
             self._load(kept, path)
 
@@ -248,53 +249,55 @@ class Transcript:
         return [a for a in list(self.attempts) if a.call == call]
 
     def begin(self, start: Mapping[str, Any]) -> None:
-        """Writes how the requests are made."""
+        """Adds the line `start`."""
         self.start = {"format": FORMAT, **start}
         self._write({"line": "start", **self.start})
 
     def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
-        """Writes down how requests are made from a generation on."""
+        """Adds the dialect that is known from a generation on."""
         with self._lock:
             if not self.fixed:
                 self.learnt = (generation, dict(dialect))
                 self._write({"line": "dialect", "generation": generation, "dialect": dialect})
 
     def useless_before(self, generation: int) -> list[Conclusion]:
-        """The last questions in a row, up to a generation, whose answers were of no use.
+        """The last questions in a row before a generation without a usable answer.
 
-        So is one that came too late, cut off or malformed: it may be charged as any other. A
-        question that nobody worked on is passed over.
+        Rejected answers count, and failures that may be charged. Other failures are skipped.
         """
-        found: list[Conclusion] = []
+        useless: list[Conclusion] = []
         for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
             if part.generation < generation and part.source != "fallback":
-                found = []
+                useless = []
             elif part.generation < generation and (part.rejected or part.failed in CHARGED):
-                found.append(part)
-        return found
+                useless.append(part)
+        return useless
 
     def lost(self) -> list[Sent]:
-        """Requests without an outcome: under way, or cut off when the process was killed."""
+        """Requests without an outcome: in progress, or of a killed process."""
         return self.taken()[1]
 
     def taken(self) -> tuple[list[Attempt], list[Sent]]:
-        """The attempts that were made, and the requests without an outcome, at one moment.
+        """Attempts, and requests without an outcome, as one consistent pair.
 
-        An attempt that a cap refused was not made: it is the outcome of no request.
+        Attempts that a cap prevented are left out.
         """
         with self._lock:
-            made = [a for a in self.attempts if not _is_refused_by_cap(a)]
-            heard = Counter((a.call, a.number) for a in made)
+            attempts = [a for a in self.attempts if not _is_refused_by_cap(a)]
+            answered = Counter((a.call, a.number) for a in attempts)
             lost = []
-            for sent in reversed(self.sent):  # of two with one number the later was heard of
-                if heard[sent.call, sent.number]:
-                    heard[sent.call, sent.number] -= 1
+            for sent in reversed(self.sent):  # of two with one number the later has the outcome
+                if answered[sent.call, sent.number]:
+                    answered[sent.call, sent.number] -= 1
                 else:
                     lost.append(sent)
-        return made, lost
+        return attempts, lost
 
     def add(self, entry: Entry) -> None:
-        """Writes an entry down before it returns; a conclusion or what was played but once."""
+        """Writes an entry to the file before it returns.
+
+        A `Conclusion` or `Played` that is in the transcript already is not added again.
+        """
         kind, kept = self._kept[type(entry)]
         with self._lock:
             if self.fixed or (isinstance(entry, Conclusion | Played) and entry in kept):
@@ -317,7 +320,7 @@ class Transcript:
         with self.path.open("ab") as file:
             if self._whole is not None:
                 file.truncate(self._whole)
-            self._whole = file.seek(0, os.SEEK_END)  # where writing fails, a piece may follow
+            self._whole = file.seek(0, os.SEEK_END)  # a failed write may leave an incomplete line
             whole = {**line, CHECKSUM: sha256_of(line)}
             file.write(json.dumps(whole, ensure_ascii=False, allow_nan=False).encode() + b"\n")
             file.flush()
@@ -329,14 +332,14 @@ class Transcript:
             if line.damage:
                 raise SupervisionError(
                     f"Expected a transcript in {path}, found line {line.number} damaged"
-                    f" ({line.damage}); put a copy back, or begin again with resume=never."
-                    " `islandgp transcript` shows what can be read."
+                    f" ({line.damage}); restore a copy, or start the run again with resume=never."
+                    " `islandgp transcript` shows the readable lines."
                 )
             if line.change:
                 raise SupervisionError(
                     f"Expected {path} as it was written, found line {line.number}"
-                    f"{_about(line)} changed: {line.change}; put the original back, or take the"
-                    " fields `checksum` and `digest` out of the line to use it as it is."
+                    f"{_about(line)} changed: {line.change}; restore the original, or delete the"
+                    " fields `checksum` and `digest` of the line to use it as it is."
                 )
             self._take(line)
 
@@ -352,7 +355,7 @@ class Transcript:
 
 
 def _about(line: TranscriptLine) -> str:
-    """What a line is about, in brackets."""
+    """The call of a line, in brackets, or ""."""
     return f" ({line.entry.call})" if isinstance(line.entry, Sent | Attempt) else ""
 
 
@@ -370,6 +373,6 @@ def find_transcript(place: Path) -> Path:
     if not path.is_file():
         raise SupervisionError(
             f"Expected a run's folder with a {NAME}, or such a file, found nothing at {path};"
-            " a run with supervisor=llm leaves one in its folder."
+            " a run with supervisor=llm writes one to its folder."
         )
     return path

@@ -142,7 +142,7 @@ def on_the_way(**places: list[list[float]]) -> IslandWorld:
     )
 
 
-@pytest.mark.parametrize("seeds", [(0, 1), pytest.param((2, 3, 4, 5), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [(0,), pytest.param((1, 2, 3, 4, 5), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("branches", ENDING_WHILE_DRIVING)
 def test_stepwise_is_the_same_where_ticks_end_while_the_robot_drives(
     branches: str, seeds: Sequence[int]
