@@ -37,6 +37,6 @@ def domain_class(domain: str, config_dir: str | None = None) -> Any:
     import yaml
 
     file = domain_files(config_dir)[domain]
-    found = yaml.safe_load(file.read_text(encoding="utf-8"))
-    module, _, attribute = found.get("domain", found)["factory"].partition(":")
+    config = yaml.safe_load(file.read_text(encoding="utf-8"))
+    module, _, attribute = config.get("domain", config)["factory"].partition(":")
     return getattr(import_module(module), attribute)

@@ -134,19 +134,19 @@ def function(
 def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | None:
     """Import a user's function; its exceptions become PartError. None if it cannot be imported."""
     try:
-        found = imported(path)
+        function = imported(path)
     except ValidationError:
         return None
-    if not callable(found):
+    if not callable(function):
         return None
 
     def call(*arguments: Any) -> Any:
         with plugin_errors(path):
-            if (made := found(*arguments)) is None:
+            if (result := function(*arguments)) is None:
                 raise TypeError("expected it to return something, found None")
             if check is not None:
-                check(made, *arguments)
-            return made
+                check(result, *arguments)
+            return result
 
     return call
 
@@ -175,11 +175,11 @@ def raised_in(error: BaseException) -> str:
 
 def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
     """The place in the user's own code at which a frame is, as `raised_in`, below `outer`."""
-    found: list[tuple[FrameType, int]] = []
+    frames: list[tuple[FrameType, int]] = []
     while frame is not None and frame is not outer:
-        found.append((frame, frame.f_lineno))
+        frames.append((frame, frame.f_lineno))
         frame = frame.f_back
-    return _place(reversed(found))
+    return _place(reversed(frames))
 
 
 def short_repr(value: object) -> str:

@@ -212,10 +212,10 @@ def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any])
     arrays = [np.asarray(s, float) for s in samples]
     drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
     with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
-        found, estimate = statistic(*drawn), float(statistic(*arrays))
-    unknown = np.isnan(found)
-    low = _percentile(np.where(unknown, -np.inf, found), 0.025)
-    high = _percentile(np.where(unknown, np.inf, found), 0.975)
+        values, estimate = statistic(*drawn), float(statistic(*arrays))
+    unknown = np.isnan(values)
+    low = _percentile(np.where(unknown, -np.inf, values), 0.025)
+    high = _percentile(np.where(unknown, np.inf, values), 0.975)
     return Interval(estimate, low, high)
 
 

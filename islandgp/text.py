@@ -5,8 +5,8 @@ from __future__ import annotations
 
 def rounded(value: float) -> float:
     """A whole number from 100 on, else three digits; never a negative zero."""
-    found = float(round(value)) if abs(value) >= 100 else float(f"{value:.3g}")
-    return int(found) if found == int(found) else found
+    number = float(round(value)) if abs(value) >= 100 else float(f"{value:.3g}")
+    return int(number) if number == int(number) else number
 
 
 def in_points(value: float, sign: str = "") -> str:

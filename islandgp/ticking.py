@@ -322,14 +322,14 @@ def _must_last(kind: type, world: Any, step_s: Any) -> None:
 
 def _leaf(episode: Any, name: str) -> Leaf:
     """The episode's method for an action. Raises DomainError if there is none."""
-    found = getattr(episode, name, None)
-    if not callable(found):
-        what = "none" if found is None else short_repr(found)
+    method = getattr(episode, name, None)
+    if not callable(method):
+        what = "none" if method is None else short_repr(method)
         raise DomainError(
             f"Expected a method {name} in {type(episode).__name__} for the action of that name,"
             f" found {what}{defined_in(type(episode))}."
         )
-    leaf: Leaf = found
+    leaf: Leaf = method
     return leaf
 
 

@@ -96,10 +96,10 @@ def must_trust_server(uri: str) -> None:
 def must_have_no_links(folder: Path) -> None:
     """Raises UntrustedError for a link, a pipe or a device among the files of a run's folder."""
     try:
-        found = sorted(folder.iterdir())
+        entries = sorted(folder.iterdir())
     except OSError:  # there is no such folder, which is reported where it is read
         return
-    for file in found:
+    for file in entries:
         must_be_no_link(file)
 
 
@@ -115,11 +115,11 @@ def must_be_no_link(file: Path) -> None:
 
 def names_in(config: Mapping[str, Any]) -> set[str]:
     """The code that a configuration of the user's names, and the server of its tracking."""
-    found = set(code_in(config))
+    names = set(code_in(config))
     tracking = config.get("tracking", config)
     policy = tracking.get("policy") if isinstance(tracking, Mapping) else None
     uri = policy.get("uri") if isinstance(policy, Mapping) else None
-    return found | {server_name(uri)} if isinstance(uri, str) else found
+    return names | {server_name(uri)} if isinstance(uri, str) else names
 
 
 def server_name(uri: str) -> str:
@@ -137,6 +137,6 @@ def trust_folder(folder: Path) -> None:
     for group in sorted(path.name for path in resource("conf").iterdir() if path.is_dir()):
         for file in sorted((folder / group).rglob("*.yaml")):
             with suppress(OSError, ValueError, yaml.YAMLError):
-                found = yaml.safe_load(file.read_text(encoding="utf-8"))
-                if isinstance(found, Mapping):
-                    trust(names_in(found))
+                config = yaml.safe_load(file.read_text(encoding="utf-8"))
+                if isinstance(config, Mapping):
+                    trust(names_in(config))

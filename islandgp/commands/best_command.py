@@ -195,8 +195,8 @@ def _robust(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> li
     """The rows with what the trees earn in the test worlds after their perturbation."""
     from islandgp.evaluation.base import evaluated
 
-    found = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
-    points = [[outcome.fitness for outcome in own] for own in found]
+    outcomes = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
+    points = [[outcome.fitness for outcome in own] for own in outcomes]
     return [
         replace(row, perturbed=fmean(own), perturbed_worst=min(own))
         for row, own in zip(rows, points, strict=True)
@@ -225,14 +225,14 @@ def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
 
     if tier:
         raise ConfigError("--tier: expected a run's own folder with it, found a sweep's")
-    found: dict[str, Candidate] = {}
+    best: dict[str, Candidate] = {}
     for run in runs:
         champion = run.summary()["champion"]
         own = champion["record"]
         name = f"{run.path.name}, {own['id']}"
         new = Candidate(champion["generation"], name, own["tree"], own["fitness"])
-        found.setdefault(own["tree"], new)
-    return list(found.values())
+        best.setdefault(own["tree"], new)
+    return list(best.values())
 
 
 def _used(run: RunFolder) -> Iterator[int]:

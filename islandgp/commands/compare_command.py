@@ -181,8 +181,8 @@ def _select(
             if on_disk is None:
                 on_disk = find(runs) if name is None else named(name, find(runs))
             there = on_disk
-        made, remarks = select(arm, selection, there)
-        chosen.append(made)
+        arm_runs, remarks = select(arm, selection, there)
+        chosen.append(arm_runs)
         notes += remarks
     return chosen, notes
 

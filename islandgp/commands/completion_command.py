@@ -66,19 +66,19 @@ def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
     elif len(before) > 1 and before[-1] == "=":
         prefix = f"{before[-2]}="
         before = before[:-2]
-    found = _query(_joined(before), prefix + incomplete)
-    return [CompletionItem(word.removeprefix(prefix)) for word in found]
+    completions = _query(_joined(before), prefix + incomplete)
+    return [CompletionItem(word.removeprefix(prefix)) for word in completions]
 
 
 def _joined(words: Sequence[str]) -> list[str]:
     """The words with those put together again that bash has split at `=`."""
-    found: list[str] = []
+    joined_words: list[str] = []
     for word in words:
-        if found and (word == "=" or found[-1].endswith("=")):
-            found[-1] += word
+        if joined_words and (word == "=" or joined_words[-1].endswith("=")):
+            joined_words[-1] += word
         else:
-            found.append(word)
-    return found
+            joined_words.append(word)
+    return joined_words
 
 
 def _query(words: Sequence[str], word: str) -> list[str]:

@@ -48,13 +48,13 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
             f"Expected the runs of one supervisor, found those of {', '.join(sorted(teachers))};"
             " name the folders of one of them."
         )
-    found = [case for number, run in enumerate(finished) for case in _cases(number, run)]
-    if len({frozenset(case.known) for case in found}) > 1:
+    cases_of_runs = [case for number, run in enumerate(finished) for case in _cases(number, run)]
+    if len({frozenset(case.known) for case in cases_of_runs}) > 1:
         raise StudyError(
             "Expected runs whose states have the same fields, found others; give runs with one"
             " domain and the same classes."
         )
-    policy = distil(found, teachers.pop(), Shape(depth, cases))
+    policy = distil(cases_of_runs, teachers.pop(), Shape(depth, cases))
     file = out / NAME
     lines = ["The target:", *rules(policy.target), "", "The rate:", *rules(policy.rate)]
     try:
@@ -80,17 +80,17 @@ def _cases(number: int, run: RunFolder) -> Iterator[Case]:
     records = list(run.generations())
     history = [record.snapshot for record in records]
     for record in records:
-        given = record.guidance
-        if given is None or given.asked_at is None or given.source == "fallback":
+        guidance = record.guidance
+        if guidance is None or guidance.asked_at is None or guidance.source == "fallback":
             continue
-        state = view(plan, history[: given.asked_at + 1])
-        tree = given.tree is not None and not _fell_back(given.notes, "tree")
-        rate = not _fell_back(given.notes, "rate")
+        state = view(plan, history[: guidance.asked_at + 1])
+        tree = guidance.tree is not None and not _fell_back(guidance.notes, "tree")
+        rate = not _fell_back(guidance.notes, "rate")
         yield Case(
             run=number,
             known=features(state, plan.gp.crisis),
-            target=given.target if tree else None,
-            rate=given.wanted_rate if rate else None,
+            target=guidance.target if tree else None,
+            rate=guidance.wanted_rate if rate else None,
         )
 
 

@@ -142,14 +142,14 @@ def _lines(schema: Schema) -> Iterator[str]:
 
 def _plain(schema: Schema) -> dict[str, Any]:
     """The schema as JSON values; statuses by name."""
-    found = asdict(schema)
-    for action in found["vocabulary"]["actions"].values():
+    plain = asdict(schema)
+    for action in plain["vocabulary"]["actions"].values():
         if not action["arguments"]:
             del action["arguments"]
         if not action["condition"]:
             del action["condition"]
         action["statuses"] = [STATUS_NAMES[status] for status in sorted(action["statuses"])]
-    return found
+    return plain
 
 
 def _check(
@@ -159,9 +159,9 @@ def _check(
     from islandgp.testing.domain_suite import DomainSuite, run_suite
 
     words = domain.schema.vocabulary
-    given = [read_tree(file, words) for file in files]
-    found = own_trees(settings, domain)
-    for line in found.left_out:
+    trees = [read_tree(file, words) for file in files]
+    own = own_trees(settings, domain)
+    for line in own.left_out:
         click.echo(f"left out: {line}")
 
     class Suite(DomainSuite):
@@ -171,7 +171,7 @@ def _check(
             return settings.make_domain()
 
         def own_trees(self, domain: Domain) -> Iterator[Node]:  # noqa: ARG002 -- the suite's
-            yield from dict.fromkeys((*given, *found.trees))
+            yield from dict.fromkeys((*trees, *own.trees))
 
     suite = Suite()
     faults, printed = 0, _Printed()

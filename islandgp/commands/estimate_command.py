@@ -66,10 +66,13 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         ("at most: failures, repairs and the longest answers", at_most),
     ]
     if record is not None:
-        found = Transcript(find_transcript(record))
+        transcript = Transcript(find_transcript(record))
         rows.insert(
             1,
-            ("as measured in the record", lambda s, setup, lag: as_recorded(s, setup, found, lag)),
+            (
+                "as measured in the record",
+                lambda s, setup, lag: as_recorded(s, setup, transcript, lag),
+            ),
         )
     for name, bill in rows:
         click.echo(f"{name}:")
@@ -116,10 +119,10 @@ def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
     A model that thinks takes THOUGHTS tokens more. With `cache=true` a system prompt that the model
     keeps is written once and then read.
     """
-    asked, times = _requests(settings, context), _times(context, lag)
+    requests, times = _requests(settings, context), _times(context, lag)
     least = settings.facts.caches_from if settings.cache else None
     fresh = written = read = 0.0
-    for request, added in asked:
+    for request, added in requests:
         system, *turns = (
             len(text) / settings.facts.characters for text in (request.system, *request.turns)
         )
@@ -130,9 +133,9 @@ def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
         else:
             fresh += times * system
     more = CANDIDATE * (settings.candidates - 1) if context.inject else 0
-    output = times * (len(asked) * (ANSWER + _thoughts(settings)) + more)
+    output = times * (len(requests) * (ANSWER + _thoughts(settings)) + more)
     usage = Usage(round(fresh), output, round(read), round(written))
-    return Bill.of(times * len(asked) + 1, usage, settings.price)  # and the probe
+    return Bill.of(times * len(requests) + 1, usage, settings.price)  # and the probe
 
 
 def _thoughts(settings: LLMSettings) -> int:

@@ -32,10 +32,10 @@ class _Checked(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The place, as `click.Path` has it."""
-        found = super().convert(value, param, ctx)
-        if found != STDIN:
-            self.check(Path(os.fsdecode(found)))
-        return found
+        path = super().convert(value, param, ctx)
+        if path != STDIN:
+            self.check(Path(os.fsdecode(path)))
+        return path
 
 
 def _check_file(file: Path) -> None:

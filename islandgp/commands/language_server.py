@@ -116,20 +116,20 @@ def completion(server: Server, params: types.CompletionParams) -> list[types.Com
     if len(document.source) > MAX_CHARACTERS:
         return []
     known = server.known(document)
-    found = offers(document.source, at, known, _folder(document), list(server.domains))
+    completions = offers(document.source, at, known, _folder(document), list(server.domains))
     return [
         types.CompletionItem(label=each.text, kind=SORTS[each.sort], detail=each.detail)
-        for each in found
+        for each in completions
     ]
 
 
 def hover(server: Server, params: types.HoverParams) -> types.Hover | None:
     """The meaning of the word at a position."""
     document, at = server.place(params)
-    found = meaning(document.source, at, server.known(document), _folder(document))
-    if found is None:
+    hover_text = meaning(document.source, at, server.known(document), _folder(document))
+    if hover_text is None:
         return None
-    text, word = found
+    text, word = hover_text
     content = types.MarkupContent(types.MarkupKind.Markdown, text)
     return types.Hover(content, _range(document, word))
 
@@ -150,8 +150,8 @@ def formatting(server: Server, params: types.DocumentFormattingParams) -> list[t
 def prepare_rename(server: Server, params: types.PrepareRenameParams) -> types.Range | None:
     """The name of a subtree, a constant or a parameter at a place."""
     document, at = server.place(params)
-    found = symbol_at(document.source, at)
-    return _range(document, found.word) if found else None
+    symbol = symbol_at(document.source, at)
+    return _range(document, symbol.word) if symbol else None
 
 
 def rename(server: Server, params: types.RenameParams) -> types.WorkspaceEdit:
@@ -168,11 +168,11 @@ def rename(server: Server, params: types.RenameParams) -> types.WorkspaceEdit:
 def definition(server: Server, params: types.DefinitionParams) -> types.Location | None:
     """Where the name at a place is defined, in its file or in one that it includes."""
     document, at = server.place(params)
-    found = symbol_at(document.source, at)
-    if found is None:
+    symbol = symbol_at(document.source, at)
+    if symbol is None:
         return None
-    for each in _files(server, document, found.symbol):
-        if word := defines(each.source, found.symbol):
+    for each in _files(server, document, symbol.symbol):
+        if word := defines(each.source, symbol.symbol):
             return types.Location(each.uri, _range(each, word))
     return None
 
@@ -180,15 +180,15 @@ def definition(server: Server, params: types.DefinitionParams) -> types.Location
 def uses(server: Server, params: types.ReferenceParams) -> list[types.Location]:
     """Where the name at a place stands in its file and in those that it includes."""
     document, at = server.place(params)
-    found = symbol_at(document.source, at)
-    if found is None:
+    symbol = symbol_at(document.source, at)
+    if symbol is None:
         return []
-    files = _files(server, document, found.symbol)
-    own = None if params.context.include_declaration else found.symbol
+    files = _files(server, document, symbol.symbol)
+    own = None if params.context.include_declaration else symbol.symbol
     return [
         types.Location(each.uri, _range(each, word))
         for each in files
-        for word in references(each.source, found.symbol)
+        for word in references(each.source, symbol.symbol)
         if own is None or word != defines(each.source, own)
     ]
 
@@ -211,7 +211,7 @@ def symbols(server: Server, params: types.DocumentSymbolParams) -> list[types.Do
 def code_actions(server: Server, params: types.CodeActionParams) -> list[types.CodeAction]:
     """Replaces words in a range by what was probably meant."""
     document = server.document(params.text_document.uri)
-    found: list[types.CodeAction] = []
+    actions: list[types.CodeAction] = []
     for error in _found(document, server.words):
         diagnostic = _diagnostic(error, document)
         guess = error.get("guess", "")
@@ -221,7 +221,7 @@ def code_actions(server: Server, params: types.CodeActionParams) -> list[types.C
         )
         if overlap and REPLACEMENT.fullmatch(guess) and error["file"] == _name(document):
             edit = _replacement(document, diagnostic.range.start, guess)
-            found.append(
+            actions.append(
                 types.CodeAction(
                     f"Replace by {guess}",
                     kind=types.CodeActionKind.QuickFix,
@@ -230,7 +230,7 @@ def code_actions(server: Server, params: types.CodeActionParams) -> list[types.C
                     edit=types.WorkspaceEdit(changes={document.uri: [edit]}),
                 )
             )
-    return found
+    return actions
 
 
 def _replacement(document: TextDocument, start: types.Position, guess: str) -> types.TextEdit:

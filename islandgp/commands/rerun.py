@@ -63,14 +63,14 @@ def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
 
 def _state(files: Sequence[Path]) -> dict[Path, tuple[int, int]]:
     """Time and size of the files and of those that they include."""
-    found: dict[Path, tuple[int, int]] = {}
+    stamps: dict[Path, tuple[int, int]] = {}
     for file in files:
         text = ""
         with suppress(OSError):
             text = file.read_text(encoding="utf-8", errors="replace")
         for path in (file, *mentioned(text, file.parent)):
-            found[path] = (0, 0)
+            stamps[path] = (0, 0)
             with suppress(OSError):
                 status = path.stat()
-                found[path] = (status.st_mtime_ns, status.st_size)
-    return found
+                stamps[path] = (status.st_mtime_ns, status.st_size)
+    return stamps

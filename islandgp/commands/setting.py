@@ -108,10 +108,10 @@ class NotNegative(click.FloatRange):
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
         """The number. Raises click.BadParameter."""
-        found = super().convert(value, param, ctx)
-        if isnan(found):
+        number = super().convert(value, param, ctx)
+        if isnan(number):
             self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
-        return float(found)
+        return float(number)
 
 
 with_timeout_option = click.option(
@@ -230,8 +230,8 @@ def domain_file(name: str, chosen: Chosen) -> Path:
 
     Raises ConfigError where there is none.
     """
-    given = [word.lstrip("+").partition("=") for word in chosen.overrides]
-    named = [value for key, _, value in given if key == "domain"]
+    overrides = [word.lstrip("+").partition("=") for word in chosen.overrides]
+    named = [value for key, _, value in overrides if key == "domain"]
     name = name or (named[-1] if named else default_domain())
     files = domain_files(chosen.config_dir)
     if name not in files:

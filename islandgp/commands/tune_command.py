@@ -96,11 +96,11 @@ def command(
     _report_plan(search, len(thresholds))
     start = monotonic()
     with _episodes(settings, index, episodes) as (evaluate, progress):
-        found = tuned(
+        result = tuned(
             text, evaluate, words, search, seed=seed, name=name, folder=folder, progress=progress
         )
-    write_text(output, found.text)
-    _report(found, monotonic() - start)
+    write_text(output, result.text)
+    _report(result, monotonic() - start)
 
 
 @contextmanager

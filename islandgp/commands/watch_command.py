@@ -71,7 +71,7 @@ def _page(path: Path) -> Path:
 def _status_of(page: Path) -> str:
     """The status of the run when its page was made; "" where the page does not say it."""
     try:
-        found = STATUS.search(page.read_bytes())
+        match = STATUS.search(page.read_bytes())
     except OSError:
         return ""
-    return found[1].decode() if found else ""
+    return match[1].decode() if match else ""

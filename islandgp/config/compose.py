@@ -124,9 +124,9 @@ def _end(override: Override, last: bool) -> str:
     """The override with the first, or the last, value of its sweep."""
     if not override.is_sweep_override():
         return str(override.input_line)
-    found = override.value()
-    if isinstance(found, IntervalSweep):
-        value: Any = found.end if last else found.start
+    sweep = override.value()
+    if isinstance(sweep, IntervalSweep):
+        value: Any = sweep.end if last else sweep.start
     else:
         _values(override)
         values = islice(override.sweep_string_iterator(), MOST_JOBS)

@@ -314,8 +314,8 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
         try:
             world = staged(settings.world, stage.world)
         except ValidationError as error:
-            given = {**before, **stage.world}
-            yield from error_lines(error, given, type(settings.world), at=(path,))
+            values = {**before, **stage.world}
+            yield from error_lines(error, values, type(settings.world), at=(path,))
             continue
         with plugin_errors(path_of(settings.domain.factory)):
             found = settings.domain.factory.make(world, settings.rewards).schema

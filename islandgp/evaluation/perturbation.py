@@ -43,10 +43,10 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         if not isinstance(world, Mapping):
             message = f"expected ranges by setting, found {world!r:.50}"
             raise ValueError(message)  # noqa: TRY004 -- pydantic's
-        found = dict(_flat(world, ""))
-        if len(found) > MOST_RANGES:
-            raise ValueError(f"expected at most {MOST_RANGES} ranges, found {len(found)}")
-        return found
+        settings = dict(_flat(world, ""))
+        if len(settings) > MOST_RANGES:
+            raise ValueError(f"expected at most {MOST_RANGES} ranges, found {len(settings)}")
+        return settings
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
         """The changed settings of a seed's perturbed world, as plain values."""
@@ -155,8 +155,8 @@ class PerturbedWorlds:
 
 def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
     """The perturbation of a run, from its configuration. Raises pydantic.ValidationError."""
-    found = config.get("perturb")
-    return None if found is None else Perturbation.model_validate(found)
+    recorded = config.get("perturb")
+    return None if recorded is None else Perturbation.model_validate(recorded)
 
 
 def _flat(world: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Span]]:
@@ -184,10 +184,10 @@ def _numbers(world: Mapping[str, Any], path: str) -> Iterator[tuple[str, float]]
 
 
 def _setting(world: Mapping[str, Any], name: str) -> Any:
-    found: Any = world
+    value: Any = world
     for part in name.split("."):
-        found = found[part]
-    return found
+        value = value[part]
+    return value
 
 
 def _is_whole(value: object) -> bool:
@@ -196,11 +196,11 @@ def _is_whole(value: object) -> bool:
 
 def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
     """Values by dotted name as nested mappings."""
-    found: dict[str, Any] = {}
+    nested: dict[str, Any] = {}
     for name, value in values.items():
         *above, last = name.split(".")
-        place = found
+        place = nested
         for part in above:
             place = place.setdefault(part, {})
         place[last] = value
-    return found
+    return nested

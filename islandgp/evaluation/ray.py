@@ -88,7 +88,7 @@ class Ray:
         try:
             while True:
                 try:
-                    found: Outcome = self._ray.get(future, timeout=LOOK)
+                    outcome: Outcome = self._ray.get(future, timeout=LOOK)
                     break
                 except GetTimeoutError:
                     self._must_be_there()
@@ -96,7 +96,7 @@ class Ray:
             raise EvaluationError(str(error.cause)) from error
         except RayError as error:
             raise EvaluationError(blame(job, "that its worker died again and again")) from error
-        return found
+        return outcome
 
     def _must_be_there(self) -> None:
         """Raises EvaluationError where the cluster is gone; its head may be away for a while."""

@@ -68,14 +68,14 @@ def evaluate(
         for e in range(n)
     ]
     outcomes = evaluator.evaluate(jobs)
-    found = []
+    results = []
     for k, individual in enumerate(population):
         own = outcomes[k * n : (k + 1) * n]
         o, points = combine(own), tuple(episode.fitness for episode in own)
         broken = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
-        found.append(Evaluated(individual, o, labels, o.fitness, points, broken))
-    return tuple(found)
+        results.append(Evaluated(individual, o, labels, o.fitness, points, broken))
+    return tuple(results)
 
 
 def combine(outcomes: Sequence[Outcome]) -> Outcome:
@@ -208,8 +208,8 @@ def _generation(
     """
     plan, evaluator, g = parts.plan, parts.evaluator, state.generation
     before, began = evaluator.simulated, perf_counter()
-    asked = SearchState(g, state.memory, state.advice)
-    individuals = asked_of(parts.search, asked, parts.streams, plan)
+    search_state = SearchState(g, state.memory, state.advice)
+    individuals = asked_of(parts.search, search_state, parts.streams, plan)
     texts = [to_text(i.tree) for i in individuals]
     worlds = training_seeds(plan, parts.streams.seed, g)
     started = perf_counter()
@@ -253,7 +253,7 @@ def _generation(
         guidance, advice = decide(
             plan, parts.search, seen, answer, state.advice.rate, names=names, streams=parts.streams
         )
-        updated = updated_search(parts.search, asked, population, advice)
+        updated = updated_search(parts.search, search_state, population, advice)
         following = RunState(
             g + 1,
             advice,

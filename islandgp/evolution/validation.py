@@ -145,20 +145,20 @@ def candidates_by_evidence(
         Candidates, best first; `trained` is the bound.
     """
     stage: int | None = None
-    found: dict[str, _Evaluations] = {}
+    evaluations: dict[str, _Evaluations] = {}
     for record in records:
         generation = record["snapshot"]["generation"]
         if record["snapshot"]["stage"] != stage:
-            stage, found = record["snapshot"]["stage"], {}
+            stage, evaluations = record["snapshot"]["stage"], {}
         for i in record["individuals"]:
             tree = sys.intern(i["tree"])
-            seen = found.setdefault(tree, _Evaluations())
+            seen = evaluations.setdefault(tree, _Evaluations())
             seen.generation, seen.id = generation, i["id"]
             seen.fitness[generation] = i["fitness"]
             now = limited(i["counters"], constraints)
             seen.counters = running_mean(seen.counters or now, now, seen.evaluations + 1)
             seen.evaluations += 1
-    levels, sd = estimate([seen.fitness for seen in found.values()])
+    levels, sd = estimate([seen.fitness for seen in evaluations.values()])
     everyone = [
         Candidate(
             seen.generation,
@@ -167,7 +167,7 @@ def candidates_by_evidence(
             level - caution * sd / sqrt(len(seen.fitness)),
             violation(seen.counters, constraints),
         )
-        for (tree, seen), level in zip(found.items(), levels, strict=True)
+        for (tree, seen), level in zip(evaluations.items(), levels, strict=True)
     ]
     return sorted(everyone, key=lambda c: c.merit, reverse=True)[:most]
 

@@ -230,12 +230,12 @@ def _trials(
     if not n or not rivals:
         return [_Trial(*pair, False, False) for pair in rivals]
     everyone = [elite for pair in rivals for elite in pair]
-    found = again([elite.tree for elite in everyone])
+    outcomes = again([elite.tree for elite in everyone])
     tried = [
         _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
-        for elite, more in zip(everyone, found, strict=True)
+        for elite, more in zip(everyone, outcomes, strict=True)
     ]
-    broken = [bool(mean_violation(more, constraints)) for more in found]
+    broken = [bool(mean_violation(more, constraints)) for more in outcomes]
     return list(map(_Trial, tried[::2], tried[1::2], broken[::2], broken[1::2]))
 
 

@@ -248,15 +248,15 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
     """Places of numbers in a tree: (index of the node, index of the term or of the argument)."""
     keys = space.vocabulary.keys
-    found: list[tuple[int, int]] = []
+    places: list[tuple[int, int]] = []
     for i, node in enumerate(walk(tree)):
         if node.guard:
             compared = [not keys[term.key].flag for term in terms(node.guard.condition)]
         else:
             arguments = space.vocabulary.action(node.action).arguments.values()
             compared = [each.numeric for each in arguments]
-        found += [(i, k) for k, number in enumerate(compared) if number]
-    return found
+        places += [(i, k) for k, number in enumerate(compared) if number]
+    return places
 
 
 def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:

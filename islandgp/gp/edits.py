@@ -153,14 +153,14 @@ def path_of(tree: Node, at: str) -> Path:
         raise ValueError(
             f"expected a place such as 0/2/1, or the text of a subtree, found {at[:60]!r}"
         ) from None
-    found = [path for path, node in nodes_with_paths(tree) if node == wanted]
-    if len(found) == 1:
-        return found[0]
-    if not found:
+    paths = [path for path, node in nodes_with_paths(tree) if node == wanted]
+    if len(paths) == 1:
+        return paths[0]
+    if not paths:
         raise ValueError(f"expected a subtree of the tree as the place, found {at[:60]!r}")
     raise ValueError(
-        f"expected a subtree that stands in the tree once, found it {len(found)} times, at"
-        f" {' and '.join(map(written, found[:3]))}; name one of these places"
+        f"expected a subtree that stands in the tree once, found it {len(paths)} times, at"
+        f" {' and '.join(map(written, paths[:3]))}; name one of these places"
     )
 
 
@@ -303,8 +303,8 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
     """Raises ValueError if an edit makes a part that can never run or never succeed."""
 
     def broken(text: str) -> list[str]:
-        found = warnings(text, vocabulary)
-        return [w.message for w in found if w.code in ("unreachable", "never-succeeds")]
+        new_warnings = warnings(text, vocabulary)
+        return [w.message for w in new_warnings if w.code in ("unreachable", "never-succeeds")]
 
     known = broken(before)
     if new := [message for message in broken(after) if message not in known]:

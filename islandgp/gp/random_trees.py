@@ -175,8 +175,8 @@ def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> fl
 def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
     how = space.settings.conditions
     if how.joined and rng.random() < how.joined:
-        asked = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
-        return GuardArgs(asked, random_abort(rng, space))
+        condition = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
+        return GuardArgs(condition, random_abort(rng, space))
     name = space.keys[rng.integers(len(space.keys))]
     abort = random_abort(rng, space)
     return GuardArgs(_about(rng, name, space), abort)

@@ -75,14 +75,14 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
     try:
         if len(data) > MOST_BYTES:
             raise ValueError(f"it has more than {MOST_BYTES:,} bytes")
-        found = from_json(ArchiveFile, read_json(data))
-        sizes = [len(edges) for edges in found.cells.values()]
-        for e in found.elites:
+        archive = from_json(ArchiveFile, read_json(data))
+        sizes = [len(edges) for edges in archive.cells.values()]
+        for e in archive.elites:
             if len(e.cell) != len(sizes) or any(
                 not 0 <= place < size for place, size in zip(e.cell, sizes, strict=True)
             ):
                 raise ValueError(f"the elite {e.id} is in no cell of its grid")
-        return found, hashlib.sha256(data).hexdigest()[:12]
+        return archive, hashlib.sha256(data).hexdigest()[:12]
     except DECODE_ERRORS as error:
         raise RunError(
             f"Expected an archive in {file}, found a damaged file ({brief(error)}); give the"

@@ -52,10 +52,10 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
     """
     with reading("a checkpoint", path):
         whole = read_json(path.read_bytes())
-        found = whole["state"]
-        if hashlib.sha256(dump(found).encode()).hexdigest() != whole["sha256"]:
+        state = whole["state"]
+        if hashlib.sha256(dump(state).encode()).hexdigest() != whole["sha256"]:
             raise ValueError("its checksum differs")
-        return from_json(RunState, {**found, "history": []}), str(found.get("records", ""))
+        return from_json(RunState, {**state, "history": []}), str(state.get("records", ""))
 
 
 def generation_of(checkpoint: Path) -> int:

@@ -166,8 +166,8 @@ def pretty(value: dict[str, Any]) -> bytes:
 
 def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     """The guidances that were due, and how many of them came from the fallback, and in part."""
-    given = [r["guidance"] for r in records if r["guidance"] is not None]
-    sources = Counter(g["source"] for g in given if g["asked_at"] is not None)
+    guidance = [r["guidance"] for r in records if r["guidance"] is not None]
+    sources = Counter(g["source"] for g in guidance if g["asked_at"] is not None)
     fallback = sum(n for source, n in sources.items() if "fallback" in source)
     return {
         "total": sources.total(),
@@ -184,10 +184,10 @@ def fallback_share(found: Mapping[str, int]) -> float:
 
 def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
     """The same over some runs in words, "" where no answer was the fallback's."""
-    found: Counter[str] = Counter()
+    counts: Counter[str] = Counter()
     for summary in summaries:
-        found.update(summary.get("answers", {}))  # a run of an older version lacks them
-    if not found["fallback"]:
+        counts.update(summary.get("answers", {}))  # a run of an older version lacks them
+    if not counts["fallback"]:
         return ""
-    part = f", {found['in_part']:,} of them in part" if found["in_part"] else ""
-    return f"{found['fallback']:,} of {found['total']:,}{part}"
+    part = f", {counts['in_part']:,} of them in part" if counts["in_part"] else ""
+    return f"{counts['fallback']:,} of {counts['total']:,}{part}"

@@ -191,11 +191,15 @@ class RunFolder:
         Files that can be made again may be missing, and further files are allowed. `page`: check
         the run's page as well.
         """
-        for found in damaged_files(self.path):
-            again = found.damage is Damage.MISSING and found.name in MADE_AGAIN
-            if again or found.damage is Damage.ADDED or (found.name == PAGE and not page):
+        for damaged_file in damaged_files(self.path):
+            again = damaged_file.damage is Damage.MISSING and damaged_file.name in MADE_AGAIN
+            if (
+                again
+                or damaged_file.damage is Damage.ADDED
+                or (damaged_file.name == PAGE and not page)
+            ):
                 continue
-            raise refused(self.path, found)
+            raise refused(self.path, damaged_file)
         if read_manifest(self.path) is None:
             for _ in self.checked_records():  # of a run of an older version
                 pass

@@ -88,9 +88,9 @@ def write_manifest(folder: Path, summary: bytes) -> None:
 
 def add_to_manifest(folder: Path, name: str) -> None:
     """Updates the entry of a file of a finished run, if the run has a manifest."""
-    found = read_manifest(folder)
-    if found is not None:
-        _write(folder, Manifest({**found.files, name: _entry(folder / name)}))
+    manifest = read_manifest(folder)
+    if manifest is not None:
+        _write(folder, Manifest({**manifest.files, name: _entry(folder / name)}))
 
 
 def read_manifest(folder: Path) -> Manifest | None:
@@ -122,9 +122,9 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
 def must_be_as_written(folder: Path, name: str) -> None:
     """Raises RunError if a file of a finished run is damaged."""
     manifest = read_manifest(folder)
-    found = None if manifest is None else _damage(folder / name, manifest)
-    if found is not None:
-        raise refused(folder, found)
+    damaged_file = None if manifest is None else _damage(folder / name, manifest)
+    if damaged_file is not None:
+        raise refused(folder, damaged_file)
 
 
 def is_as_written(folder: Path, name: str) -> bool:

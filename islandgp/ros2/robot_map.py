@@ -99,16 +99,16 @@ def read_map(file: Path) -> RobotMap:
             f"{file}: expected a short file without anchors (&name, *name); write each entry out"
         )
     try:
-        found = yaml.safe_load(text)
+        plain = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         first = " ".join(str(error).split())[:200]
         raise ConfigError(f"{file}: expected YAML, found: {first}") from None
-    if not isinstance(found, dict):
-        raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(found)[:40]!r}")
+    if not isinstance(plain, dict):
+        raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
     faults: list[str] = []
-    parts = {**found}
+    parts = {**plain}
     for part, kinds in _KINDS.items():
-        if isinstance(entries := found.get(part), dict):
+        if isinstance(entries := plain.get(part), dict):
             parts[part] = {
                 name: _entry(f"{part}.{name}", entry, kinds, faults)
                 for name, entry in entries.items()

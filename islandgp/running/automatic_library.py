@@ -50,9 +50,9 @@ def automatic_library(
     """
     file = library_file(settings, domain)
     if not file.exists():
-        found = _search(settings, domain, make_evaluator)
+        library = _search(settings, domain, make_evaluator)
         file.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(file, json.dumps(asdict(found), indent=1).encode())
+        write_atomic(file, json.dumps(asdict(library), indent=1).encode())
     kept = kept_library(file)
     texts = kept.trees
     behaviours = settings.classes.behaviours

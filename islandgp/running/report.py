@@ -35,7 +35,7 @@ def summary(
 
     `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
     """
-    given = answers(target.records())
+    sources = answers(target.records())
     limits = {} if not constraints else {"constraints": in_words(constraints)}
     snapshots = [record["snapshot"] for record in target.records()]
     seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
@@ -56,17 +56,17 @@ def summary(
         "final_mean": snapshots[-1]["mean"],
         "mean_diversity": total(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
-        "answers": given,
-        "mostly_fallback": most_fallback is not None and fallback_share(given) > most_fallback,
+        "answers": sources,
+        "mostly_fallback": most_fallback is not None and fallback_share(sources) > most_fallback,
         "seconds": round(sum(seconds), 3),
     }
 
 
 def _plain(validation: Validation) -> dict[str, Any]:
     """As JSON has it, without what only runs with constraints have."""
-    found = nan_to_none(asdict(validation))
+    plain = nan_to_none(asdict(validation))
     without = () if validation.feasible is not None else ("violation", "feasible")
-    return {name: value for name, value in found.items() if name not in without}
+    return {name: value for name, value in plain.items() if name not in without}
 
 
 def report(target: RunFolder) -> str:

@@ -163,7 +163,7 @@ def _commit(checkout: Path) -> str:
 def _git(checkout: Path, *words: str) -> str:
     """The output of a git command; "" if it fails."""
     try:
-        found = subprocess.run(
+        process = subprocess.run(
             ["git", "--no-optional-locks", *words],
             cwd=checkout,
             capture_output=True,
@@ -173,4 +173,4 @@ def _git(checkout: Path, *words: str) -> str:
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return "" if found.returncode else found.stdout.strip()
+    return "" if process.returncode else process.stdout.strip()

@@ -29,19 +29,19 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         yield
         return
 
-    asked: KeyboardInterrupt | None = None
+    interrupt: KeyboardInterrupt | None = None
     old_hook = sys.unraisablehook
 
     def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
-        nonlocal asked
-        asked = KeyboardInterrupt(number)
-        raise asked
+        nonlocal interrupt
+        interrupt = KeyboardInterrupt(number)
+        raise interrupt
 
     def lost(unraisable: sys.UnraisableHookArgs) -> None:
-        if asked is None or unraisable.exc_value is not asked:
+        if interrupt is None or unraisable.exc_value is not interrupt:
             old_hook(unraisable)
             return
-        again = threading.Timer(AGAIN, signal.raise_signal, asked.args)
+        again = threading.Timer(AGAIN, signal.raise_signal, interrupt.args)
         again.daemon = True
         again.start()
 
@@ -55,7 +55,7 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if asked is not None:
+        if interrupt is not None:
             raise KeyboardInterrupt from error
         raise
     finally:

@@ -191,8 +191,8 @@ def specialist(o: Outcome, classes: Classes) -> str:
 
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
     """The tiers an individual reaches, best first."""
-    found = {name for name, tier in classes.tiers.items() if tier.values_hold(o)}
-    return tuple(name for name in classes.tiers if found.issuperset(classes.needed(name)))
+    reached = {name for name, tier in classes.tiers.items() if tier.values_hold(o)}
+    return tuple(name for name in classes.tiers if reached.issuperset(classes.needed(name)))
 
 
 def classify(o: Outcome, classes: Classes) -> BehaviourLabels:

@@ -108,8 +108,8 @@ def faults(constraints: Constraints, schema: Schema) -> Iterator[str]:
 def recorded_constraints(config: Mapping[str, Any]) -> Constraints:
     """The constraints of a run, from its configuration. Raises RunError where it is damaged."""
     try:
-        found = dict(config.get("constraints") or {})
-        return {str(name): Bound.model_validate(bound) for name, bound in found.items()}
+        limits = dict(config.get("constraints") or {})
+        return {str(name): Bound.model_validate(bound) for name, bound in limits.items()}
     except (ValidationError, ValueError, TypeError) as error:
         raise RunError(
             "Expected constraints by counter in the configuration of a run, found a damaged one"

@@ -165,13 +165,13 @@ def new_generation(
     ]
     if advice.tree is not None:
         kept.append((advice.tree, Origin.INJECTED, ()))
-    made = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(kept)]
-    made += edited_individuals(advice.edited, g, len(made))
-    tried = {*brood.tried, *(digest(i.tree) for i in made)}
-    for slot in range(len(made), n):
+    individuals = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(kept)]
+    individuals += edited_individuals(advice.edited, g, len(individuals))
+    tried = {*brood.tried, *(digest(i.tree) for i in individuals)}
+    for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        made.append(_new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried))
-    return tuple(made)
+        individuals.append(_new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried))
+    return tuple(individuals)
 
 
 def _new_individual(

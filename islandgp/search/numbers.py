@@ -178,7 +178,7 @@ def thresholds_of(
         for key, p in action.arguments.items()
         if p.sort == "number"
     }
-    found = []
+    thresholds = []
     for each in numbers_of(text, vocabulary, name=name, folder=folder):
         if not each.purposes or each.purposes & {COUNT, EQUAL}:
             continue
@@ -193,8 +193,8 @@ def thresholds_of(
         common = number("", low, high, min(key.step for key in keys))
         common = replace(common, whole=any(key.whole for key in keys))
         most = min((key.most for key in keys if key.most is not None), default=MAX_NUMBER)
-        found.append(Threshold(each, common, _bounds(each.value, common, most)))
-    return found
+        thresholds.append(Threshold(each, common, _bounds(each.value, common, most)))
+    return thresholds
 
 
 def _bounds(written: float, key: Key, most: float) -> tuple[float, float]:
@@ -246,9 +246,9 @@ def tuned(
     candidates = _Candidates(text, thresholds, evaluate, name, folder, progress)
     worlds = _new_worlds(seed)
 
-    found = _search(candidates, settings, plan, worlds, seed)
+    best = _search(candidates, settings, plan, worlds, seed)
     searching = candidates.episodes
-    winner = _race(candidates, [written, *found], plan.racing, worlds)
+    winner = _race(candidates, [written, *best], plan.racing, worlds)
     racing = candidates.episodes - searching
     if winner == written:
         return Tuned(text, thresholds, written, None, EpisodeCosts(searching, racing))

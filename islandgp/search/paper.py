@@ -87,14 +87,14 @@ class Paper:
 def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
     """The plan's founders, then random trees, each from a stream of its slot."""
     founders = plan.founders[: plan.gp.population]
-    given = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
+    injected = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
     random = [
         Individual(
             f"0.{slot}", random_tree(streams(Stream.INITIAL, slot=slot), plan.space), Origin.RANDOM
         )
         for slot in range(len(founders), plan.gp.population)
     ]
-    return (*given, *random)
+    return (*injected, *random)
 
 
 def mutated(

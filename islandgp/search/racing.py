@@ -198,10 +198,10 @@ def updated(
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:
     """Without trees of this generation that did exactly the same as one before them in the list."""
     seen: set[str] = set()
-    found = []
+    trees = []
     for e in entries:
         new = e.fitness[-1][0] != generation or e.trace not in seen
         if new:
-            found.append(e)
+            trees.append(e)
         seen.add(e.trace)
-    return found
+    return trees

@@ -54,7 +54,9 @@ class RandomSearch:
         """See `Search`. The first population is that of `search=paper`."""
         g, n = state.generation, self.plan.gp.population
         founders = self.plan.founders[:n] if g == 0 else ()
-        given = [Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
+        injected = [
+            Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)
+        ]
         purpose = Stream.DIVERSITY if g else Stream.INITIAL  # those of the paper's random trees
         drawn = [
             Individual(
@@ -62,9 +64,9 @@ class RandomSearch:
                 self._tree(streams(purpose, generation=g, slot=slot)),
                 Origin.RANDOM,
             )
-            for slot in range(len(given), n)
+            for slot in range(len(injected), n)
         ]
-        return (*given, *drawn)
+        return (*injected, *drawn)
 
     def _tree(self, rng: np.random.Generator) -> Node:
         if self.settings.lists and rng.random() < self.settings.lists:

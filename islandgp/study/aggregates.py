@@ -133,11 +133,11 @@ def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Int
     if not _enough(arrays):
         return Interval(estimate, nan, nan)
     sizes = [len(each) for each in arrays]
-    found = [
+    samples = [
         statistic(np.concatenate([a[i] for a, i in zip(arrays, places, strict=True)], axis=-1))
         for places in _resamples(sizes, sum(sizes))
     ]
-    return _with_ends(estimate, np.concatenate(found))
+    return _with_ends(estimate, np.concatenate(samples))
 
 
 def improvement_interval(first: Strata, second: Strata, *, paired: bool = False) -> Interval:
@@ -163,12 +163,12 @@ def improvement_interval(first: Strata, second: Strata, *, paired: bool = False)
     mine = _resamples(sizes[0], block)
     theirs = mine if paired else _resamples(sizes[1], block, sample=1)
     codes = [_codes(x, y) for x, y in worlds]
-    found = []
+    estimates = []
     for places in mine:
         others = places if paired else next(theirs)
         each = [_improvement(*c, i, j) for c, i, j in zip(codes, places, others, strict=True)]
-        found.append(np.mean(each, axis=0))
-    return _with_ends(estimate, np.concatenate(found))
+        estimates.append(np.mean(each, axis=0))
+    return _with_ends(estimate, np.concatenate(estimates))
 
 
 def _codes(x: Any, y: Any) -> tuple[Any, Any, int]:

@@ -199,7 +199,7 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
 
 
 def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
-    found = []
+    differences = []
     irrelevant = _irrelevant(arms)
     kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
     for key in sorted({key for arm in arms for run in arm.runs for key in run.flat}):
@@ -212,8 +212,8 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
             continue  # the names of the arms show it
         if len(set(values)) > 1:
             pairs = zip((arm.name for arm in arms), values, strict=True)
-            found.append((key, ", ".join(f"{value} in {name}" for name, value in pairs)))
-    return found
+            differences.append((key, ", ".join(f"{value} in {name}" for name, value in pairs)))
+    return differences
 
 
 def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:

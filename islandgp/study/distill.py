@@ -102,10 +102,10 @@ def _rates(cases: Sequence[Case]) -> list[tuple[Case, float]]:
 def _fit_targets(cases: Sequence[Case], shape: Shape) -> Rule:
     from sklearn.tree import DecisionTreeClassifier  # type: ignore[import-untyped] # no stubs
 
-    found = _targets(cases)
-    names = sorted({target for _, target in found})
-    places = [names.index(target) for _, target in found]  # all of them occur
-    return _fit(DecisionTreeClassifier, shape, found, places, lambda n: names[int(n[0].argmax())])
+    targets = _targets(cases)
+    names = sorted({target for _, target in targets})
+    places = [names.index(target) for _, target in targets]  # all of them occur
+    return _fit(DecisionTreeClassifier, shape, targets, places, lambda n: names[int(n[0].argmax())])
 
 
 def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:

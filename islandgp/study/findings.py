@@ -114,14 +114,14 @@ def examine_all(
         names = a.name, b.name
         return examine(measure, names, samples, study.generations, in_pairs=paired(a, b))
 
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for family in families:
-        asked = [m for m in measures if m.key in family.measures]
+        selected = [m for m in measures if m.key in family.measures]
         further = [m for m in measures if m.key not in family.measures]
-        for name, group in ((family.name, asked), (f"{family.name}, further", further)):
+        for name, group in ((family.name, selected), (f"{family.name}, further", further)):
             examined = [compared(arms[a], arms[b], m) for a, b in family.pairs for m in group]
-            found += adjust(examined, name)
-    return tuple(found)
+            findings += adjust(examined, name)
+    return tuple(findings)
 
 
 def examine(

@@ -82,12 +82,12 @@ def yardsticks(study: Comparison) -> dict[str, str]:
     Their canonical texts by names that hold a colon, so that no arm can have the same one.
     """
     config = study.arms[0].runs[0].config
-    found = {f"library: {name}": text for name, text in library.yardsticks(config).items()}
+    texts = {f"library: {name}": text for name, text in library.yardsticks(config).items()}
     often = most_injected(study.arms)
     if often is not None:
         name, text, times = often
-        found[f"injected {times:,} times: {name}"] = text
-    return found
+        texts[f"injected {times:,} times: {name}"] = text
+    return texts
 
 
 def generalise(
@@ -122,10 +122,10 @@ def generalise(
     ]
     outcomes = _outcomes(make(problem), (job for *_, mine in trees for job in mine))
     perturbed = _perturbed(study, make, [job for *_, mine in trees for job in mine])
-    found = []
+    results = []
     for name, seed, trained, mine in trees:
         reached = [tiers(outcomes[job], study.classes) for job in mine]
-        found.append(
+        results.append(
             Generalisation(
                 arm=name,
                 seed=seed,
@@ -135,7 +135,7 @@ def generalise(
                 perturbed=tuple(perturbed[job].fitness for job in mine if perturbed),
             )
         )
-    return tuple(found)
+    return tuple(results)
 
 
 def _perturbed(

@@ -45,13 +45,13 @@ def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
 
 @cache
 def _names(folder: Path) -> Mapping[str, str]:
-    found = {}
+    names = {}
     for file in sorted(folder.glob("*.bt")):
         try:
-            found[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
+            names[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
         except TreeError:  # a file that is being edited is no tree of the run's
             continue
-    return found
+    return names
 
 
 def given(config: Mapping[str, Any]) -> dict[str, str]:

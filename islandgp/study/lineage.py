@@ -183,10 +183,10 @@ def _original(i: IndividualRecord, known: dict[str, IndividualRecord]) -> Indivi
 
 def giver(run: Run, injected: IndividualRecord) -> str:
     """The library tree that an injected individual is, by its file's name, else who gave it."""
-    asked = run.records[int(injected.id.partition(".")[0]) - 1].guidance
-    if asked is None or asked.tree is None:
+    guidance = run.records[int(injected.id.partition(".")[0]) - 1].guidance
+    if guidance is None or guidance.tree is None:
         return "unknown"
-    return library_names(run.config).get(asked.tree, asked.source)
+    return library_names(run.config).get(guidance.tree, guidance.source)
 
 
 def most_injected(arms: Iterable[Arm]) -> tuple[str, str, int] | None:

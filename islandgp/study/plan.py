@@ -117,7 +117,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
         StudyError: a family of the plan has no pair that is not in one before it.
     """
     paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
-    asked = frozenset(plan.margins) or paper
+    measures = frozenset(plan.margins) or paper
     left = [(a.name, b.name) for a, b in study.pairs]
     found = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
     inject = [a for a in study.arms if any(g.injected for run in a.runs for g in run.guidance)]
@@ -125,7 +125,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     for name, arms in (plan.families or injecting).items():
         mine = tuple(pair for pair in left if set(pair) <= set(arms))
         if mine:
-            found.append(Family(name, mine, asked))
+            found.append(Family(name, mine, measures))
         elif plan.families:
             raise StudyError(
                 f"Expected pairs of arms in --family {name} that are in no family before it, found"
@@ -133,7 +133,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
             )
         left = [pair for pair in left if pair not in mine]
     if left:
-        found.append(Family(REST, tuple(left), asked))
+        found.append(Family(REST, tuple(left), measures))
     return tuple(found)
 
 

@@ -97,8 +97,8 @@ def build(
     plan: AnalysisPlan = NOTHING,
 ) -> ComparisonReport:
     """The report; `unseen` and `controls` are empty where they were left out."""
-    asked = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
-    findings = examine_all(study, families(study, plan), examined(study, asked))
+    wanted = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
+    findings = examine_all(study, families(study, plan), examined(study, wanted))
     robots = " and ".join(map(title, study.milestones))
     with_library = any(control.given for control in controls)
     scores = champion_scores(study, unseen)

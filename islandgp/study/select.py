@@ -218,14 +218,14 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
 
 def named(name: str, runs: Sequence[Found]) -> list[Found]:
     """The runs of a sweep. Raises StudyError, with a list of the sweeps, if there is none."""
-    found = [run for run in runs if run.flat["name"] == name]
-    if not found:
+    matching = [run for run in runs if run.flat["name"] == name]
+    if not matching:
         there = sorted({str(run.flat["name"]) for run in runs})
         raise StudyError(
             f"Expected runs of a sweep named {name}, found none;"
             + (f" there are {', '.join(there)}." if there else " there are no runs at all.")
         )
-    return found
+    return matching
 
 
 def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished: int) -> str:

@@ -16,8 +16,8 @@ def note(key: str, **values: object) -> str:
 
 def title_and_caption(figure: str, **values: object) -> tuple[str, str]:
     """The caption of a figure; `values` as in `note`."""
-    found = _texts()["figures"][figure]
-    return found["title"].format(**values), found["caption"].format(**values)
+    texts = _texts()["figures"][figure]
+    return texts["title"].format(**values), texts["caption"].format(**values)
 
 
 @cache

@@ -178,9 +178,9 @@ def _known(x: float) -> float | None:
 def metrics(findings: Sequence[Finding]) -> dict[str, float]:
     """Adjusted p-values and effect sizes of a comparison, as metrics of its MLflow run."""
     several = len({f.arms for f in findings}) > 1
-    found = {}
+    values = {}
     for f in findings:
         name = f"{f.measure.key} {f.arms[0]} {f.arms[1]}" if several else f.measure.key
-        found[f"p_bh/{name}"] = f.rank_q
-        found[f"r/{name}"] = f.rank.r
-    return found
+        values[f"p_bh/{name}"] = f.rank_q
+        values[f"r/{name}"] = f.rank.r
+    return values

@@ -129,9 +129,9 @@ class SweepFolder:
 
         Stopped jobs count for more than failed ones: the sweep is not at its end.
         """
-        found = {self.run(job).status() for job in file.jobs if job.pruned is None}
+        statuses = {self.run(job).status() for job in file.jobs if job.pruned is None}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
-            if status in found:
+            if status in statuses:
                 return status
         return Status.FINISHED
 

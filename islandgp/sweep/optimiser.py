@@ -137,15 +137,15 @@ def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
         results: Hydra's form: best_params and best_value, or solutions with params and values.
         names: the objectives.
     """
-    found = results.get("solutions")
+    solutions = results.get("solutions")
     title = "None of these is worse than another one in every objective:"
-    if found is None:
-        found = [{"params": results["best_params"], "values": [results["best_value"]]}]
+    if solutions is None:
+        solutions = [{"params": results["best_params"], "values": [results["best_value"]]}]
         title = "Best:"
     lines = [
         f"  {', '.join(f'{n} {v:,.6g}' for n, v in zip(names, one['values'], strict=True))}"
         f" with {' '.join(f'{key}={value}' for key, value in one['params'].items())}"
-        for one in found
+        for one in solutions
         if one["params"] is not None
     ]
     return "\n".join([title, *lines]) if lines else "No run came to its end."
@@ -310,8 +310,8 @@ def _run(
     if not target.finished():
         return nan
     try:
-        found = objectives(target.summary(), settings.objectives)
+        scores = objectives(target.summary(), settings.objectives)
     except RunError as error:
         print(f"islandgp: {target.path.name}: {error}", file=sys.stderr)
         return nan
-    return found[0] if len(found) == 1 else found
+    return scores[0] if len(scores) == 1 else scores

@@ -154,9 +154,9 @@ def _outcome(returned: JobReturn) -> Outcome:
 def _results(study: optuna.Study, axes: Sequence[Axis]) -> dict[str, Any]:
     """The best trials, in the form of Hydra's sweepers."""
     best = study.best_trials
-    found = [{"params": _params(t, axes), "values": list(t.values)} for t in best]
+    solutions = [{"params": _params(t, axes), "values": list(t.values)} for t in best]
     if len(study.directions) > 1:
-        return {"name": "optuna", "solutions": found}
+        return {"name": "optuna", "solutions": solutions}
     return {
         "name": "optuna",
         "best_params": _params(best[0], axes) if best else None,

@@ -51,12 +51,12 @@ def demo(overrides: Sequence[str]) -> int:
     with MessagesServer(every(3, FAULTS)) as server:
         url = f"supervisor.policy.base_url={server.url}"
         code = main(["supervisor=llm", url, *QUICK, f"runs={home / 'live'}", *common])
-        asked = len(server.requests)
+        requests = len(server.requests)
     if code:
         return code
     live = _folder(home / "live")
     *_, cost = RunFolder(live).costs()
-    _tell(RunFolder(live).records(), cost["llm"], asked)
+    _tell(RunFolder(live).records(), cost["llm"], requests)
     print(f"\nEvery question and answer: {live / 'transcript.jsonl'}")
     print("\nThe same run again from that transcript, with the server gone:\n")
     record = f"supervisor.policy.transcript='{live}'"  # quoted: the path has a "=" in it
@@ -77,9 +77,9 @@ def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], asked: int
     """The source and the costs of each generation's guidance."""
     print("generation  rate  guidance")
     for record in records:
-        if (given := record["guidance"]) is not None:
-            notes = given["notes"]
-            print(f"{record['snapshot']['generation']:10}  {given['applied_rate']:.2f}", end="")
+        if (guidance := record["guidance"]) is not None:
+            notes = guidance["notes"]
+            print(f"{record['snapshot']['generation']:10}  {guidance['applied_rate']:.2f}", end="")
             print(f"  rate: {_first(notes['rate'])}\n{'':18}tree: {_first(notes['tree'])}")
     print(f"\n{asked} requests reached the server. The ledger, a token being four characters:")
     print("  " + ", ".join(f"{name} {value:g}" for name, value in spent.items() if value))

@@ -50,10 +50,10 @@ class MockModel:
         """The answer as JSON values, or as a text if it is made unusable."""
         user = str(request["messages"][0]["content"])
         edits = user.startswith("After generation")
-        if (found := _STATE.search(user)) is None and not edits:  # the probe
+        if (match := _STATE.search(user)) is None and not edits:  # the probe
             return {"greeting": "Hello."}
         rng = self._draws(request)
-        state = json.loads(found[1]) if found else {}
+        state = json.loads(match[1]) if match else {}
         system = _text(request.get("system", ""))
         guess, spoil = rng.random() < self.noise, rng.random() < self.faults
         if '"edits": [' in system:
@@ -124,14 +124,14 @@ def _tree(
         ideas.insert(0, _grafted(first, traced[1], limits))
     if "differs from all of them" in shown:
         ideas = [tree for tree in ideas if tree not in [parse(text) for _, text in examples]]
-    asked = _CANDIDATES.search(system)
-    wanted = int(asked[1]) if asked else 1
+    match = _CANDIDATES.search(system)
+    wanted = int(match[1]) if match else 1
     while len(ideas) < wanted:
         ideas.append(_varied(first, rng))
     texts = [to_text(tree) for tree in ideas[:wanted]]
     why = f"Mock answer: {target} is lacking."
-    found: dict[str, Any] = {"rationale": why, "target": target}
-    return {**found, "trees": texts} if asked else {**found, "tree": texts[0]}
+    answer: dict[str, Any] = {"rationale": why, "target": target}
+    return {**answer, "trees": texts} if match else {**answer, "tree": texts[0]}
 
 
 def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
@@ -141,10 +141,10 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
     lacking = _URGENT.findall(user)
     fit = [tree for names, tree in examples if lacking and lacking[0] in names]
     tree = (fit or [tree for _, tree in examples])[rng.integers(max(1, len(fit)))]
-    found = _PARENT.search(user)
+    match = _PARENT.search(user)
     edit = {
         "kind": "front",
-        "of": found[1] if found else "",
+        "of": match[1] if match else "",
         "at": "",
         "branch": to_text(tree.children[0] if tree.children else tree),
         "reason": f"Mock answer: {lacking[0] if lacking else 'nothing'} is lacking.",

@@ -43,8 +43,8 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
     file = sweep.read()
     if file is None:
         return None
-    found = arms(sweep, file)
-    key = _digest(found)
+    summaries = arms(sweep, file)
+    key = _digest(summaries)
     with FileLock(sweep.path / LOCK):
         sent = _parent(sweep, file, store)
         if status is Status.RUNNING or sent.done == f"{status} {key}":
@@ -56,12 +56,12 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         ended = _ended(sweep, file)
         store.client.set_terminated(sent.run, status, ended)
         if status is Status.FINISHED and sent.identity != key:
-            _curves(sent.run, store, found, ended)
+            _curves(sent.run, store, summaries, ended)
             store.log_parameters(sent.run, _parameters(sweep, file))
             sent = replace(sent, identity=key)
         client = store.client
-        client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, found, status))
-        client.log_text(sent.run, arm_table(found), "arms.md")
+        client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
+        client.log_text(sent.run, arm_table(summaries), "arms.md")
         client.log_artifact(sent.run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             child = read_state(sweep.path / job.folder)

@@ -46,15 +46,15 @@ def place_of(folder: RunFolder) -> Place | None:
     if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY:
         return None
     try:
-        found = Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
+        place = Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
     except ValidationError as error:
         wrong = ".".join(map(str, ("policy", *error.errors()[0]["loc"])))
         raise TrackingError(
             f"Expected a store in {folder.path / 'config.yaml'}, found tracking.{wrong} damaged;"
             " delete the run's folder, or give --uri."
         ) from None
-    must_trust_server(found.uri)
-    return found
+    must_trust_server(place.uri)
+    return place
 
 
 def place_of_latest(runs: Path) -> Place:

@@ -158,19 +158,19 @@ class Store:
         from mlflow.exceptions import MlflowException
 
         name = self.place.experiment
-        found = self.client.get_experiment_by_name(name)
-        if found is None:
+        experiment = self.client.get_experiment_by_name(name)
+        if experiment is None:
             try:
                 location = self.place.artifacts
                 return str(self.client.create_experiment(name, artifact_location=location))
             except MlflowException:  # another process was faster
-                found = self.client.get_experiment_by_name(name)
-        if found is None or found.lifecycle_stage != "active":
+                experiment = self.client.get_experiment_by_name(name)
+        if experiment is None or experiment.lifecycle_stage != "active":
             raise TrackingError(
                 f"Expected an experiment {name!r} in {self.place.uri}, found it deleted;"
                 " restore it in the MLflow UI, or choose another tracking.policy.experiment."
             )
-        return str(found.experiment_id)
+        return str(experiment.experiment_id)
 
     def create(
         self, key: str, name: str, *, command: str, started: int, tags: Mapping[str, str]
@@ -267,9 +267,9 @@ def _client(place: Place, preparing: Preparing) -> MlflowClient:
 
     if place.file is not None and not there(place.file):
         preparing(f"making {place.file}")
-    made = place.file is not None and _make(place.file)
+    created = place.file is not None and _make(place.file)
     preparing("")
-    if made:
+    if created:
         from mlflow.tracking._tracking_service.utils import _get_store
 
         # Its connections may be to a file that was deleted.

@@ -71,9 +71,9 @@ def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
 
 def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float]:
     """A generation's measures by name: MEASURES, and how many individuals reach each tier."""
-    found = {name: float(snapshot[key]) for name, key in MEASURES.items()}
+    measures = {name: float(snapshot[key]) for name, key in MEASURES.items()}
     reached = {f"{title(t).lower()} robots": float(snapshot["tiers"].get(t, 0)) for t in tiers}
-    return found | reached
+    return measures | reached
 
 
 def _curve(name: str, columns: list[list[float]]) -> Curve:

@@ -80,7 +80,7 @@ def _store(stores: dict[Place, Any], place: Place, preparing: Preparing) -> Stor
             stores[place] = Store(place, preparing)
         except Exception as error:
             stores[place] = error
-    found = stores[place]
-    if isinstance(found, Exception):
-        raise found
-    return found  # type: ignore[no-any-return]
+    store = stores[place]
+    if isinstance(store, Exception):
+        raise store
+    return store  # type: ignore[no-any-return]

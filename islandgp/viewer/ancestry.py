@@ -89,14 +89,14 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
 
 def tree_changes(old: str, new: str) -> list[TreeChange]:
     """The differences between two trees, given as texts, node by node."""
-    found = []
+    changes = []
     for line in compare(parse(old), parse(new)):
         if line.mark is not Mark.SAME:
             texts = [label(node) for node in (line.old, line.new) if node is not None]
             end = "end of " if line.end else ""
             text = end + " \N{RIGHTWARDS ARROW} ".join(texts)
-            found.append(TreeChange(line.mark, line.level, text))
-    return found
+            changes.append(TreeChange(line.mark, line.level, text))
+    return changes
 
 
 def _step(

@@ -25,9 +25,9 @@ def first_episode(folder: RunFolder, name: str) -> EpisodePlace:
     """The first episode of the individual of this id. Raises RunError where there is no record."""
     config = folder.configuration()
     generation, slot = (int(part) for part in name.split("."))
-    for found in islice(folder.records(generation), 1):
+    for recorded in islice(folder.records(generation), 1):
         place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
-        return EpisodePlace(found["worlds"][place], found["snapshot"]["stage"])
+        return EpisodePlace(recorded["worlds"][place], recorded["snapshot"]["stage"])
     raise RunError(f"Expected generation {generation} in {folder.path}, found none.")
 
 

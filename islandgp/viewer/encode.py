@@ -184,13 +184,13 @@ class _Scene:
 
     def _movers(self, movers: Sequence[Sequence[Thing]]) -> list[dict[str, Any]]:
         ways = [[(thing.x, thing.y) for thing in mover] for mover in movers]
-        found = []
+        encoded = []
         for place, (way, mover) in enumerate(zip(ways, movers, strict=True)):
             first = ways.index(way)  # movers with equal positions share them
             looks = changes((form, size, text) for form, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
-            found.append({"way": first if first < place else self._way(way), "looks": looks})
-        return found
+            encoded.append({"way": first if first < place else self._way(way), "looks": looks})
+        return encoded
 
     def _way(self, places: Sequence[tuple[float, float]]) -> list[int]:
         return path(

@@ -77,10 +77,10 @@ class RunCurves:
 
 def read_history(folder: RunFolder) -> RunCurves:
     """The history of a run as far as its folder has come. Raises RunError."""
-    found = RunCurves(constraints=recorded_constraints(folder.configuration()))
+    curves = RunCurves(constraints=recorded_constraints(folder.configuration()))
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
-        found.add(record, cost)
-    return found
+        curves.add(record, cost)
+    return curves
 
 
 def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:

@@ -18,10 +18,10 @@ def lineage_section(view: RunView) -> Iterator[str]:
     if view.champion is None:
         yield "<p>None yet.</p>"
         return
-    found = lineage(view.folder, view.champion["id"])
-    yield f"<p>{escape(_chain(found))}</p>"
+    chain = lineage(view.folder, view.champion["id"])
+    yield f"<p>{escape(_chain(chain))}</p>"
     first, last = STEPS
-    steps = found.steps
+    steps = chain.steps
     gains = [abs(s.gain) for s in steps if s.gain is not None]
     most = max(gains, default=0.0) or 1.0
     yield '<ol class="lineage">'

@@ -89,8 +89,8 @@ def _of_action(
 ) -> Iterator[ActionSpan]:
     """The spans of one node that start at a tick or later; `credits` are its action's, by tick."""
     under_way = 0 < begin <= len(codes) and codes[begin - 1] == RUNS
-    for found in islice(_SPAN.finditer(codes, begin), int(under_way), None):
-        start, end, result = found.start(), found.end() - 1, found[0][-1]
+    for match in islice(_SPAN.finditer(codes, begin), int(under_way), None):
+        start, end, result = match.start(), match.end() - 1, match[0][-1]
         if result in (RUNS, IDLE):
             end, result = len(codes) - 1, RUNS
         first = bisect_left(credits, start, key=lambda credit: credit.tick)
@@ -151,10 +151,10 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
 
 def _guards(tree: Node) -> list[str]:
     """For each node the conditions above it, the innermost MOST_GUARDS of them: why it may run."""
-    found: list[str] = []
+    guards: list[str] = []
 
     def visit(node: Node, above: tuple[str, ...], text: str) -> None:
-        found.append(text)
+        guards.append(text)
         if node.guard:
             above = (*above, condition_text(node.guard.condition))
             shown = above if len(above) <= MOST_GUARDS else (ELLIPSIS, *above[-MOST_GUARDS:])
@@ -163,7 +163,7 @@ def _guards(tree: Node) -> list[str]:
             visit(child, above, text)
 
     visit(tree, (), "")
-    return found
+    return guards
 
 
 def courses(recording: Recording) -> Iterator[str]:

@@ -55,10 +55,10 @@ def choose_backend() -> bool:
     a display, MuJoCo may abort the process that renders.
     """
     chosen = os.environ.get("MUJOCO_GL")
-    found = next((each for each in ((chosen,) if chosen else BACKENDS) if _renders(each)), "")
-    if found:
-        os.environ["MUJOCO_GL"] = found
-    return bool(found)
+    backend = next((each for each in ((chosen,) if chosen else BACKENDS) if _renders(each)), "")
+    if backend:
+        os.environ["MUJOCO_GL"] = backend
+    return bool(backend)
 
 
 def _renders(name: str) -> bool:

@@ -45,10 +45,10 @@ class Humanoids:
 
     def hand_over(self, h: int, room: int) -> int:
         """`h` gives away what fits into `room`; returns the number of items."""
-        given = min(self.items[h], room)
-        self.items[h] -= given
+        handed_over = min(self.items[h], room)
+        self.items[h] -= handed_over
         self.look_at(h, 0)
-        return given
+        return handed_over
 
     def look_at(self, h: int, step: int) -> None:
         """A look at `h` is due at `step`."""

@@ -94,7 +94,7 @@ def garbage_due(n, f, step, x, y):
     border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     last, change, back = 0.0, min(border_x, border_y) + stride, inf
-    found = 0
+    in_sight = 0
     at = (int(row) + 1) * n[COLUMNS] + int(column) + 1
     for k in range(first[at], first[at + 1]):
         i = members[k]
@@ -103,7 +103,7 @@ def garbage_due(n, f, step, x, y):
         dx, dy = xs[i] - x, ys[i] - y
         gap = dx * dx + dy * dy
         if gap <= f[SIGHT]:
-            found = 1
+            in_sight = 1
             if not seen[i]:
                 return -1
         along = dx * ux + dy * uy
@@ -117,9 +117,9 @@ def garbage_due(n, f, step, x, y):
             back = min(back, along - half)
         else:
             change = min(change, along - half)
-    if found != n[FOUND]:
+    if in_sight != n[FOUND]:
         return -1
-    change = min(change, last if found else back)
+    change = min(change, last if in_sight else back)
     return step + _steps_to(change - f[TOLERANCE], stride) if n[DRIVING] else n[FAR]
 
 

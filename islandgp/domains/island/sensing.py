@@ -74,7 +74,7 @@ def look_for_garbage(island: State) -> None:
     robot, ground = island.robot, island.ground
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
     square = robot.sight
-    found, new = False, 0
+    in_sight, new = False, 0
     places, there, seen = ground.places, ground.there, ground.seen
     xs, ys, cell = places.x, places.y, places.cell
     (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
@@ -87,7 +87,7 @@ def look_for_garbage(island: State) -> None:
         dx, dy = xs[item] - x, ys[item] - y
         gap = dx * dx + dy * dy
         if gap <= square:
-            found = True
+            in_sight = True
             if not seen[item]:
                 seen[item] = True
                 new += 1
@@ -104,12 +104,12 @@ def look_for_garbage(island: State) -> None:
                 back = along - half
         elif along - half < change:
             change = along - half
-    if found != island.board[GARBAGE]:
-        island.board[GARBAGE] = found
+    if in_sight != island.board[GARBAGE]:
+        island.board[GARBAGE] = in_sight
         island.changed = True
     if new:
         discover(island, new)
-    change = min(change, last if found else back)
+    change = min(change, last if in_sight else back)
     ground.due = island.step + steps_to(change, robot.stride) if robot.driving else FAR
 
 

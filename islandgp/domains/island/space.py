@@ -98,8 +98,8 @@ class Space:
     def humanoid_positions(self) -> list[complex]:
         """Positions of the humanoids in metres, read in one call of the engine."""
         self._read()
-        found: list[complex] = self._positions[1:-1].tolist()
-        return found
+        positions: list[complex] = self._positions[1:-1].tolist()
+        return positions
 
     def _read(self) -> None:
         self._buffer.clear()

@@ -48,11 +48,11 @@ class Memory:
 
     def _down(self, places: int) -> int:
         """Places row by row as places column by column."""
-        found = 0
+        shifted = 0
         for bit in bits(places):
             row, column = divmod(bit.bit_length() - 1, self.stride)
-            found |= 1 << column * self._tall + row
-        return found
+            shifted |= 1 << column * self._tall + row
+        return shifted
 
     def look(self, x: int, y: int, direction: int) -> int:
         """Sees what is in view from a place; returns how many places are new."""
@@ -107,14 +107,14 @@ class Memory:
             layer = self.around(layers[-1]) & left
             if not layer:
                 return None
-            if found := layer & ends:
+            if neighbours := layer & ends:
                 break
             layers.append(layer)
             left &= ~layer
-        way = [found & -found]
+        way = [neighbours & -neighbours]
         for layer in layers[:0:-1]:
-            found = self.around(way[-1]) & layer
-            way.append(found & -found)
+            neighbours = self.around(way[-1]) & layer
+            way.append(neighbours & -neighbours)
         return way[::-1]
 
 

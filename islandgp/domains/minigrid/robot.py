@@ -27,13 +27,13 @@ def levels() -> dict[str, str]:
     import gymnasium
     import minigrid  # noqa: F401 -- it registers its levels
 
-    found: dict[str, str] = {}
+    names: dict[str, str] = {}
     named = [spec for spec in gymnasium.registry.values() if spec.name.startswith("MiniGrid-")]
     for spec in sorted(named, key=lambda spec: (spec.name, spec.version or 0)):
         short = spec.name.removeprefix("MiniGrid-")
         if not short.startswith("Dynamic-Obstacles"):
-            found[short] = spec.id
-    return found
+            names[short] = spec.id
+    return names
 
 
 @once_a_thread
@@ -278,5 +278,5 @@ class GridRobot:
 
 def wanted(mission: str) -> tuple[str, str] | None:
     """(colour, type) of the object that a mission asks for, if it asks for one."""
-    found = re.fullmatch(r"(?:pick up|go to) (?:the|a) (\w+) (ball|box|key|door)", mission)
-    return (found[1], found[2]) if found else None
+    match = re.fullmatch(r"(?:pick up|go to) (?:the|a) (\w+) (ball|box|key|door)", mission)
+    return (match[1], match[2]) if match else None

@@ -73,8 +73,8 @@ def _boxes(axes: Axes, study: Comparison) -> None:
 def box(firsts: Firsts, never: float) -> dict[str, float]:
     """Median, quartiles and extremes over all runs; one among the runs without is at `never`."""
     shares = {"whislo": 0.0, "q1": 0.25, "med": 0.5, "q3": 0.75, "whishi": 1.0}
-    found = {name: quantile(firsts, share) for name, share in shares.items()}
-    return {name: never if g is None else g for name, g in found.items()}
+    quantiles = {name: quantile(firsts, share) for name, share in shares.items()}
+    return {name: never if g is None else g for name, g in quantiles.items()}
 
 
 def _box(

@@ -23,9 +23,9 @@ def lineage(study: Comparison) -> drawing.Picture | None:
     """Survival of newcomers' lineages; None if no arm has a newcomer."""
     curves: list[tuple[str, int, int, list[float]]] = []
     for i, arm in enumerate(study.arms):
-        found = [n for run in arm.runs for n in newcomers(run)]
+        all_newcomers = [n for run in arm.runs for n in newcomers(run)]
         for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM, Origin.EDITED)):
-            mine = [n for n in found if n.origin == origin]
+            mine = [n for n in all_newcomers if n.origin == origin]
             if mine:
                 label = f"{drawing.plain(arm.name)}: {origin.value} (n = {len(mine):,})"
                 curves.append((label, i, k, alive(mine, study.generations - 1)))

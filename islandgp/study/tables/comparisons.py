@@ -235,8 +235,8 @@ def _beside(place: int, paper: PublishedFigures | None, tiers: Sequence[str]) ->
 
 
 def _firsts(arm: Arm, seed: int, tier: str) -> str:
-    found = [first(run, tier) for run in arm.runs if run.seed == seed]
-    return ", ".join("never" if g is None else str(g) for g in found) or NONE
+    generations = [first(run, tier) for run in arm.runs if run.seed == seed]
+    return ", ".join("never" if g is None else str(g) for g in generations) or NONE
 
 
 def median_table(key: str, heading: str, findings: Sequence[Finding]) -> Table:

@@ -132,8 +132,8 @@ class Adviser:
         if context.edits:
             self.values |= fixed_edit_values(context)
             self.values["edit_answer"] = form(self._order(schema(EditsAnswer)))
-        asked = {name for part in self.parts for name in _PROMPTS[kind_of(part)]}
-        used = {v for name in asked for v in self.prompts[name].variables}
+        prompts = {name for part in self.parts for name in _PROMPTS[kind_of(part)]}
+        used = {v for name in prompts for v in self.prompts[name].variables}
         if settings.candidates > 1 and context.inject and not {"answer", "tree_field"} <= used:
             raise SupervisionError(
                 "Expected {{answer}} and {{tree_field}} in the prompts for trees in"
@@ -171,22 +171,24 @@ class Adviser:
         models = self._choose_models(rng)
         how = self._given_up(calls, generation) or dialect(generation)
         if isinstance(how, Failure):
-            found = {part: unasked(calls, generation, part, how) for part in self.parts}
+            conversations = {part: unasked(calls, generation, part, how) for part in self.parts}
         else:
-            found = self._answers(state, calls, how, models)
+            conversations = self._answers(state, calls, how, models)
             if episodes := self._run_values(state).episodes:
                 calls.transcript.add(Played(generation, "traces", episodes))
-        missing = sum(outcome.value is None for outcome in found.values())
+        missing = sum(outcome.value is None for outcome in conversations.values())
         backup = ask(self.fallback, state, rng) if missing else None
-        guidance = Guidance(None, None, _source(missing, len(found)), notes=_notes(found))
+        guidance = Guidance(
+            None, None, _source(missing, len(conversations)), notes=_notes(conversations)
+        )
         edits: dict[Edit, str] = {}  # each once, with the first part that has it
-        for part, outcome in found.items():
+        for part, outcome in conversations.items():
             for edit in () if outcome.value is None else outcome.value.edits:
                 edits.setdefault(edit, part)
         if models and edits:
             names = " ".join(models[part] for part in edits.values())
             guidance = replace(guidance, notes={**guidance.notes, EDIT_MODELS: names})
-        for part, outcome in found.items():
+        for part, outcome in conversations.items():
             if kind_of(part) == "edits":
                 continue
             if (advice := outcome.value or backup) is not None:
@@ -250,18 +252,18 @@ class Adviser:
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """The failure if the model is no longer asked, because of unusable answers; else None."""
-        how, found = self.settings.useless, calls.transcript.useless_before(generation)
-        if how is None or len(found) < how.most:
+        how, useless = self.settings.useless, calls.transcript.useless_before(generation)
+        if how is None or len(useless) < how.most:
             return None
-        last = f" (the last: {found[-1].why})" if found[-1].failed in CHARGED else ""
+        last = f" (the last: {useless[-1].why})" if useless[-1].failed in CHARGED else ""
         if how.then == "stop":
             raise SupervisionError(
                 f"Expected a usable answer of {self.settings.model_name}, found none to the last"
-                f" {len(found)} questions{last}; set another supervisor.policy.model, or raise"
+                f" {len(useless)} questions{last}; set another supervisor.policy.model, or raise"
                 " supervisor.policy.useless.most."
             )
         return Failure(
-            FailureKind.USELESS, f"no usable answer to {len(found)} questions in a row{last}"
+            FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
         )
 
     def _answers(
@@ -295,14 +297,14 @@ class Adviser:
             now, limits = self._history.now, self.context.limits
             living = {} if now is None else nameable(now)
             check = check_edits(living, self._known(), self.context.schema.vocabulary, limits)
-        found = converse(
+        conversation = converse(
             calls, generation, part, request, check, repairs=how.repairs, repair=self._repair
         )
-        if not isinstance(found.value, Proposal) or not found.value.others:
-            return found
-        chosen, played, note = try_out(found.value, state, self.context)
+        if not isinstance(conversation.value, Proposal) or not conversation.value.others:
+            return conversation
+        chosen, played, note = try_out(conversation.value, state, self.context)
         calls.transcript.add(played)
-        return replace(found, value=chosen, trial=note)
+        return replace(conversation, value=chosen, trial=note)
 
     def _known(self) -> frozenset[str]:
         """Canonical texts of the living trees and of the examples."""
@@ -312,8 +314,8 @@ class Adviser:
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
         """Section 2.4.6: exploration until the milestone `exploit_from`, then exploitation."""
         how = self.settings
-        found = state.reached[self.exploit_from]
-        return ("tree_exploit", how.exploit) if found else ("tree_explore", how.explore)
+        exploiting = state.reached[self.exploit_from]
+        return ("tree_exploit", how.exploit) if exploiting else ("tree_explore", how.explore)
 
     def request(
         self, part: str, state: PopulationState, dialect: Dialect, model: str | None = None

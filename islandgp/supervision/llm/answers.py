@@ -64,15 +64,15 @@ def schema(model: type[BaseModel]) -> dict[str, Any]:
     def plain(part: Mapping[str, Any]) -> dict[str, Any]:
         if "$ref" in part:
             part = whole["$defs"][part["$ref"].rpartition("/")[2]]
-        found = {key: part[key] for key in ("type", "enum", "required") if key in part}
+        kept = {key: part[key] for key in ("type", "enum", "required") if key in part}
         if "const" in part:
-            found["enum"] = [part["const"]]
+            kept["enum"] = [part["const"]]
         if "items" in part:
-            found["items"] = plain(part["items"])
+            kept["items"] = plain(part["items"])
         if "properties" in part:
-            found["properties"] = {name: plain(p) for name, p in part["properties"].items()}
-            found["additionalProperties"] = False
-        return found
+            kept["properties"] = {name: plain(p) for name, p in part["properties"].items()}
+            kept["additionalProperties"] = False
+        return kept
 
     return plain(whole)
 
@@ -172,14 +172,14 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
         why = "an answer that was cut off before its first word; think much less"
         why = why if cut_off else "an empty answer"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
-    found = find_object(reply.text, model.model_fields)
+    fields = find_object(reply.text, model.model_fields)
     # If a further object was begun when the tokens ran out, those before it are drafts.
-    if found is None or (cut_off and "{" in _objects(reply.text)[1]):
+    if fields is None or (cut_off and "{" in _objects(reply.text)[1]):
         why = "an answer that was cut off; make it much shorter"
         why = why if cut_off else "none that can be read"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     # JSON escapes can encode characters that were removed from the text itself.
-    values = {key: cleaned(value) for key, value in found.items()}
+    values = {key: cleaned(value) for key, value in fields.items()}
     try:
         return model.model_validate(values)
     except ValidationError as error:

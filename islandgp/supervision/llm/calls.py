@@ -204,8 +204,8 @@ class LiveCalls:
                 " run stops (supervisor.policy.on_outage=stop). The same command continues it once"
                 " the server answers."
             )
-        asked = max(failure.retry_after or 0.0, self.retry.longest_wait)
-        pause = min(asked, self.ledger.seconds_left())
+        seconds = max(failure.retry_after or 0.0, self.retry.longest_wait)
+        pause = min(seconds, self.ledger.seconds_left())
         logging.getLogger("islandgp").warning(
             "No answer of the model (%s); the next attempt is in %.0f s (on_outage=wait)",
             failure.message,
@@ -251,9 +251,9 @@ class LiveCalls:
             answer = Failure(FailureKind.BUDGET, why)
         else:
             answer = self._with_remedy(self.client.send(request, seconds=seconds), seconds)
-        asked = answer.retry_after if isinstance(answer, Failure) else None
-        if asked is not None and asked <= self.retry.retry_after_most:
-            self._not_before = self.clock() + asked
+        retry_after = answer.retry_after if isinstance(answer, Failure) else None
+        if retry_after is not None and retry_after <= self.retry.retry_after_most:
+            self._not_before = self.clock() + retry_after
         self._check_open()
         usage = known_usage(answer)
         attempt = Attempt(

@@ -119,25 +119,25 @@ def check_proposal(
     model: Any = proposal_model(targets, candidates)
 
     def check(reply: Reply) -> Accepted[Proposal] | Rejection:
-        found = read_answer(reply, model)
-        if isinstance(found, Rejection):
-            return found
-        texts = found.trees[:candidates] if candidates > 1 else [found.tree]
+        proposal = read_answer(reply, model)
+        if isinstance(proposal, Rejection):
+            return proposal
+        texts = proposal.trees[:candidates] if candidates > 1 else [proposal.tree]
         checked = [_check_tree(without_fences(text), limits, vocabulary, known) for text in texts]
         trees = [tree for tree in checked if isinstance(tree, Node)]
         if not trees:
             return next(wrong for wrong in checked if isinstance(wrong, Rejection))
         change = f"{len(trees)} of {len(texts)} trees" if len(trees) < len(texts) else ""
-        rationale = found.rationale[:LONGEST]
-        return Accepted(Proposal(trees[0], found.target, rationale, tuple(trees[1:])), change)
+        rationale = proposal.rationale[:LONGEST]
+        return Accepted(Proposal(trees[0], proposal.target, rationale, tuple(trees[1:])), change)
 
     return check
 
 
 def without_fences(text: str) -> str:
     """A tree's text without a Markdown fence around it."""
-    found = _FENCED.search(text)
-    return found[1] if found else text
+    match = _FENCED.search(text)
+    return match[1] if match else text
 
 
 def _check_tree(
@@ -160,8 +160,8 @@ def _check_tree(
             RejectionStage.COPY,
             "Expected a new tree, found a copy of a living one or of an example.",
         )
-    if found := warnings(text, vocabulary, name="tree"):
-        return Rejection(RejectionStage.LINT, "\n".join(w.message for w in found))
+    if lint := warnings(text, vocabulary, name="tree"):
+        return Rejection(RejectionStage.LINT, "\n".join(w.message for w in lint))
     return tree
 
 
@@ -178,10 +178,10 @@ def check_edits(
     """
 
     def check(reply: Reply) -> Accepted[EditProposal] | Rejection:
-        found = read_answer(reply, EditsAnswer)
-        if isinstance(found, Rejection):
-            return found
-        listed, taken, wrong = found.edits[:MOST_EDITS], [], []
+        answer = read_answer(reply, EditsAnswer)
+        if isinstance(answer, Rejection):
+            return answer
+        listed, taken, wrong = answer.edits[:MOST_EDITS], [], []
         for number, plain in enumerate(listed, 1):
             try:
                 edit = _edit(plain)
@@ -205,24 +205,24 @@ def _edit(plain: Mapping[str, Any]) -> Edit:
     """
     values = {k: cleaned(v) for k, v in plain.items() if v is not None and v != ""}
     try:
-        found = EditAnswer.model_validate(values)
+        answer = EditAnswer.model_validate(values)
     except ValidationError as error:
         raise ValueError("; ".join(faults(error, EditAnswer, values))) from None
-    if found.kind not in EDITS:
-        raise ValueError(f"kind: expected one of {', '.join(EDITS)}, found {found.kind!r:.60}")
-    needs = EDITS[found.kind].needs
-    if needs not in found.model_fields_set:
-        raise ValueError(f"{needs}: expected a value in an edit {found.kind}, found none")
+    if answer.kind not in EDITS:
+        raise ValueError(f"kind: expected one of {', '.join(EDITS)}, found {answer.kind!r:.60}")
+    needs = EDITS[answer.kind].needs
+    if needs not in answer.model_fields_set:
+        raise ValueError(f"{needs}: expected a value in an edit {answer.kind}, found none")
     return Edit(
-        found.kind,
-        of=found.of[:LONGEST],
-        at=found.at[:LONGEST],
-        branch=parse(without_fences(found.branch), name="branch") if needs == "branch" else None,
-        number=found.number if needs == "number" else None,
-        term=found.term,
-        donor=found.donor[:LONGEST] if needs == "donor" else "",
-        donor_at=found.donor_at[:LONGEST],
-        reason=found.reason[:LONGEST],
+        answer.kind,
+        of=answer.of[:LONGEST],
+        at=answer.at[:LONGEST],
+        branch=parse(without_fences(answer.branch), name="branch") if needs == "branch" else None,
+        number=answer.number if needs == "number" else None,
+        term=answer.term,
+        donor=answer.donor[:LONGEST] if needs == "donor" else "",
+        donor_at=answer.donor_at[:LONGEST],
+        reason=answer.reason[:LONGEST],
     )
 
 

@@ -104,13 +104,13 @@ def spans(doing: Sequence[str]) -> list[Stretch]:
     """An episode's ticks in at most SPANS parts, cut where the actions change most."""
     bins = min(BINS, len(doing))
     edges = [i * len(doing) // bins for i in range(bins + 1)] if bins else []
-    found = [Stretch(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
-    while len(found) > 1:
-        lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(found)))
-        if len(found) <= SPANS and lost > 0:
+    stretches = [Stretch(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
+    while len(stretches) > 1:
+        lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(stretches)))
+        if len(stretches) <= SPANS and lost > 0:
             break
-        found[i : i + 2] = [found[i] + found[i + 1]]
-    return found
+        stretches[i : i + 2] = [stretches[i] + stretches[i + 1]]
+    return stretches
 
 
 def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:

@@ -167,8 +167,8 @@ class Ledger:
             next_at_most: upper bound of the request's tokens.
             waited: seconds of waiting before it that are in no attempt yet.
         """
-        for name, (found, cap) in self._after(1, next_at_most).items():
-            if cap is not None and found > cap:
+        for name, (amount, cap) in self._after(1, next_at_most).items():
+            if cap is not None and amount > cap:
                 return f"another request could pass the cap {name}={cap}"
         if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
@@ -197,7 +197,7 @@ class Ledger:
         if self.sweep is not None and self.sweep.over(bill):
             return False
         return seconds <= self.seconds_left() and all(
-            cap is None or found <= cap for found, cap in self._after(requests, at_most).values()
+            cap is None or amount <= cap for amount, cap in self._after(requests, at_most).values()
         )
 
     def _after(self, requests: int, at_most: Usage) -> dict[str, tuple[float, float | None]]:
@@ -303,8 +303,8 @@ class SweepLedger:
             with suppress(*DECODE_ERRORS):  # an incomplete line of a killed process
                 self._total += Bill(**read_json(line))
         self._read += end
-        for name, (found, cap) in (self._total + bill).against(self.caps).items():
-            if cap is not None and found > cap:
+        for name, (amount, cap) in (self._total + bill).against(self.caps).items():
+            if cap is not None and amount > cap:
                 return f"another request could pass the cap sweep_caps.{name}={cap}"
         return ""
 

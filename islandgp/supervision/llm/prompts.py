@@ -201,11 +201,11 @@ def fixed_values(context: RunContext) -> dict[str, str]:
 
 def _tier(name: str, classes: Classes, episodes: int) -> str:
     tier = classes.tiers[name]
-    asked = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
-    asked += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
-    asked += [f"and all that is asked of {classes.tier_title(tier.also)}s"] if tier.also else []
+    bounds = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
+    bounds += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
+    bounds += [f"and all that is asked of {classes.tier_title(tier.also)}s"] if tier.also else []
     where = "in one episode" if episodes == 1 else f"on the mean of {episodes} episodes"
-    return f"- {classes.tier_title(name)}: {where} {', '.join(asked) or 'anything'}."
+    return f"- {classes.tier_title(name)}: {where} {', '.join(bounds) or 'anything'}."
 
 
 def _examples(part: str, library: Library) -> str:
@@ -293,8 +293,8 @@ def about(domain: Domain, seed: int | None = None) -> str:
     general = "" if method is None else str(method())
     if seed is None or method is None:
         return general
-    found = str(method(seed))
-    return "" if found == general else found
+    text = str(method(seed))
+    return "" if text == general else text
 
 
 def multiplied(context: RunContext) -> frozenset[str]:
@@ -305,10 +305,10 @@ def multiplied(context: RunContext) -> frozenset[str]:
 
 def _stages(context: RunContext) -> dict[int, int]:
     """The first generation of each stage of the run, by the stage's index."""
-    found: dict[int, int] = {}
+    firsts: dict[int, int] = {}
     for generation in range(context.generations):
-        found.setdefault(context.curriculum.stage(generation), generation)
-    return found
+        firsts.setdefault(context.curriculum.stage(generation), generation)
+    return firsts
 
 
 def _episode(context: RunContext) -> Iterator[str]:

@@ -113,18 +113,22 @@ class LLM:
         calls = self._open()
         try:
             self._check_complete(calls.transcript)
-            found = self._dialects.start()
+            dialect = self._dialects.start()
         except SupervisionError:
             self.close()
             raise
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            known = asdict(found) if isinstance(found, Dialect) else None
+            known = asdict(dialect) if isinstance(dialect, Dialect) else None
             calls.transcript.begin({"settings": settings, "dialect": known})
         place = self.settings.address or "the Anthropic API"
         name, retires = self.settings.model_name, self.settings.facts.retires
-        how = found if isinstance(found, Dialect) else f"no answer yet: {found.message}; {_AGAIN}"
+        how = (
+            dialect
+            if isinstance(dialect, Dialect)
+            else f"no answer yet: {dialect.message}; {_AGAIN}"
+        )
         lines = [
             f"Supervised by {name} at {place}: {how}",
             f"{name} retires on {retires}" if retires else "",
@@ -189,8 +193,8 @@ class LLM:
         """
         if transcript.path is None:
             return
-        made, lost = transcript.taken()
-        expected, found = recorded_requests(transcript.path.parent), len(made) + len(lost)
+        attempts, lost = transcript.taken()
+        expected, found = recorded_requests(transcript.path.parent), len(attempts) + len(lost)
         if found < expected:
             raise SupervisionError(
                 f"Expected the {expected} requests that the run's costs.jsonl counts in"
@@ -246,10 +250,10 @@ class Dialects:
         """
         if (known := self._known(generation)) is not None:
             return known
-        found = find_dialect(self.calls, self.settings, generation)
-        if isinstance(found, Dialect) and self.transcript.learnt is None:
-            self.transcript.learn(generation, asdict(found))
-        return found
+        dialect = find_dialect(self.calls, self.settings, generation)
+        if isinstance(dialect, Dialect) and self.transcript.learnt is None:
+            self.transcript.learn(generation, asdict(dialect))
+        return dialect
 
     def _known(self, generation: int) -> Dialect | None:
         start, learnt = self.transcript.start, self.transcript.learnt
