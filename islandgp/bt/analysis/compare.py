@@ -49,7 +49,7 @@ _Row: TypeAlias = tuple[Mark, _Edge | None, _Edge | None]  # what became of an e
 
 
 def compare(old: Node, new: Node) -> list[DiffLine]:
-    """The nodes of both trees with what happened to them; a node is told without its children."""
+    """The nodes of both trees, one line each, marked as deleted, inserted, changed or equal."""
     found: list[DiffLine] = []
     marked: tuple[set[int], set[int]] = set(), set()  # beginnings of nodes, in both trees
     for mark, a, b in _rows(_edges(old), _edges(new)):

@@ -69,7 +69,7 @@ class LintWarning:
 
 
 class _Place(NamedTuple):
-    """A node where it stands in the expanded tree."""
+    """A node of the expanded tree with its context."""
 
     node: Node
     context: NodeContext
@@ -215,8 +215,8 @@ def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str,
 class _Course:
     """The nodes in the order in which a tick runs them.
 
-    The blackboard tells a key at the start of the tick. An action before another one may undo in
-    the same tick how that one changes the key.
+    The blackboard has the values at the start of the tick. An action may undo another one's change
+    of a key in the same tick.
     """
 
     def __init__(self, places: Sequence[_Place]) -> None:
@@ -276,9 +276,9 @@ def _why_not(
     *,
     for_action: bool = False,
 ) -> str:
-    """Why a condition, or the action that needs it, can't be where `known` holds."""
-    said, keys = condition_text(needed), {term.key for term in terms(needed)}
-    lead = f"it needs {said}" if for_action else f"{said} can't hold"
+    """The reason why a condition, or an action that needs it, contradicts `known`."""
+    text, keys = condition_text(needed), {term.key for term in terms(needed)}
+    lead = f"it needs {text}" if for_action else f"{text} can't hold"
     if excludes((), needed):
         return f"{lead}, whatever is on the blackboard"
     guards = [
@@ -288,8 +288,8 @@ def _why_not(
     if not against:
         meant = (f"{key} is {vocabulary.keys[key].meaning}" for key in sorted(keys))
         return f"{lead}, as {' and '.join(meant)}"
-    stands = " and ".join(f"when {condition_text(c)}" for c in against)
-    return f"{lead}, but above it stands {stands}"
+    conditions = " and ".join(f"when {condition_text(c)}" for c in against)
+    return f"{lead}, but above it stands {conditions}"
 
 
 def _why(expr: ConditionExpr, above: Above) -> str:

@@ -45,8 +45,8 @@ class BranchMemory(NamedTuple):
     known: tuple[bool | None, ...]
     """Of each guard that it observes: what its condition was in the last tick; None: not asked.
 
-    Of a guard of the running branch True says that it was asked, and no more: when the branch
-    hands over, its condition is read again.
+    For a guard of the running branch True only means that it was evaluated: when the branch hands
+    over, its condition is read again.
     """
 
 

@@ -1,4 +1,4 @@
-"""The numbers that stand in a tree file, what each is for, and the file with other numbers."""
+"""The numbers in a tree file with their purposes, and the file with other numbers."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NONE: Final[Purposes] = frozenset()
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number as it stands in a file."""
+    """A number in a file."""
 
     label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
     value: float

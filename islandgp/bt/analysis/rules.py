@@ -32,7 +32,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 STEPS: Final = 200_000  # some seconds
-MOST_CELLS: Final = 2_000  # kinds of blackboards that are told apart
+MOST_CELLS: Final = 2_000  # most classes of blackboards
 
 _RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
 _PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
@@ -179,7 +179,7 @@ def _explored(
 
 
 def _cells(machine: Machine) -> tuple[list[list[float]], bool]:
-    """A blackboard of each kind that the guards tell apart, and whether these are all kinds."""
+    """A blackboard of each class that the guards distinguish, and whether these are all."""
     sets, cells = machine.sets, [ANY_BOARD]
     for place, holds in machine.holds.items():
         halves = ((sets.both(c, holds), sets.both(c, machine.fails[place])) for c in cells)
@@ -231,7 +231,7 @@ def _ticks(
 
 
 class _Scripted(dict[str, Callable[[bool], int]]):
-    """Actions that return what a script says of their place.
+    """Actions that return the statuses of a script by place.
 
     The compiler looks each leaf up once, in document order.
     """

@@ -1,11 +1,9 @@
 """Shortens a tree without changing what it does.
 
-The shorter tree calls the same actions in the same ticks and ends with the same
-statuses, on every blackboard and whatever the actions return, as long as they
-return what the vocabulary says of them. Each rule below has its reason beside it; the
-meaning of nodes is that of docs/semantics.md. The delicate part is the guards
-that a composite observes while a later branch runs: a rewrite must neither add
-nor lose one.
+The shorter tree calls the same actions in the same ticks and ends with the same statuses, on every
+blackboard and for all statuses that the vocabulary declares for the actions. The reason for each
+rule is beside it; the semantics are those of docs/semantics.md. Guards that a composite observes
+while a later branch runs need most care: a rewrite must neither add nor remove one.
 """
 
 from __future__ import annotations
@@ -241,7 +239,7 @@ class Simplified(NamedTuple):
 def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
     """The shortest tree that the rules reach; simplifying it again changes nothing.
 
-    What `vocabulary` says of actions and keys allows more rewrites.
+    The declarations of actions and keys in `vocabulary` allow more rewrites.
     """
     reasons: list[str] = []
     while True:

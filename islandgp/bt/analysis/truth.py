@@ -18,7 +18,7 @@ from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
-MOST_CASES: Final = 32  # that are told apart where conditions are joined by `or`
+MOST_CASES: Final = 32  # most cases of conditions joined by `or`
 MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
 
 

@@ -26,7 +26,7 @@ MAX_TERMS: Final = 16  # comparisons and flags of a condition
 MAX_INSTANCES: Final = 1_000  # different arguments with which subtrees are used
 MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
 
-# lark.Tree and lark.Token: trees mix both, and the grammar says which one is where.
+# lark.Tree and lark.Token: trees mix both, at places determined by the grammar.
 _Tree: TypeAlias = Any
 _Token: TypeAlias = Any
 
@@ -37,7 +37,7 @@ _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 
 _Places: TypeAlias = list[Any]
-"""Where nodes stand, in document order: a word, or (a subtree, its use)."""
+"""Places of nodes, in document order: a word, or (a subtree, its use)."""
 
 
 class NodePlace(NamedTuple):
@@ -59,7 +59,7 @@ class _BuiltSubtree:
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """A subtree as it is defined. With parameters it is built anew for each arguments."""
+    """The definition of a subtree. With parameters it is built for each set of arguments."""
 
     parameters: tuple[str, ...]
     body: _Tree
@@ -108,7 +108,7 @@ class Builder:
         self._places: _Places = []  # of the tree that is being built
 
     def build(self, parts: Sequence[ParsedFile]) -> Node:
-        """The Node of the last part's tree; raises TreeError for whatever is wrong in the text."""
+        """The root of the last part's tree. Raises TreeError for any error in the text."""
         for part in parts:
             self._source = part.source
             definitions = [each for each in part.tree.children if _is(each, "subtree", "constant")]
@@ -205,9 +205,9 @@ class Builder:
         return self._node(tree, 1)
 
     def places(self) -> list[NodePlace]:
-        """Where each node of the tree that was built is written, in document order.
+        """The place of each node of the built tree, in document order.
 
-        A node of an included subtree stands where that is used. The grammar's trees must be placed.
+        A node of an included subtree has the place of its use. The parse trees must be placed.
         """
         found: list[NodePlace] = []
         inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
@@ -295,7 +295,7 @@ class Builder:
         return value
 
     def _argument(self, kind: str, argument: Argument, tree: _Tree) -> ConditionExpr | float | str:
-        """The value of an argument, from what stands for it."""
+        """The value of an argument from its parse tree."""
         if argument.sort is Sort.CONDITION:
             return self.condition(tree)
         if argument.sort is Sort.SECONDS:

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
 
 Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
-Stop: TypeAlias = Callable[[int, int], None]  # tells a watch: (first place, place behind the last)
+Stop: TypeAlias = Callable[[int, int], None]  # notifies a watch: (first place, place after last)
 
 
 def composite(branches: list[Tick], go_on: int) -> Tick:
@@ -310,7 +310,7 @@ def observing_composite(
         go_on: the status that hands over to the next branch.
         observed: the guards, those of the last branch left out.
         places: where each branch begins in document order, and where the last ends.
-        stop: is told of the branch that is left.
+        stop: called with the places of the branch that is left.
     """
     count = len(branches)
     guards, truth = tuple(observed.guards), observed.truth
@@ -378,7 +378,7 @@ def guard(
         truth: where its composite finds what the condition was at the start.
         slot: which element of `truth`.
         span: (first place, place behind the last) of the child in document order.
-        stop: is told of the child that is left.
+        stop: called with the places of the child that is left.
     """
 
     def tick(fresh: bool) -> int:

@@ -1,4 +1,4 @@
-"""Words for a text that is not a tree: what stands there, what could, what was probably meant."""
+"""Messages of syntax errors: the unexpected text, the accepted words, and a likely correction."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput
 
-_NAMING = ("subtree", "use", "domain", "constant")  # a name of its own stands behind
+_NAMING = ("subtree", "use", "domain", "constant")  # keywords that are followed by a name
 _NODE_WORDS = (*INNER, "use")
 _BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
 
@@ -86,7 +86,7 @@ def unknown_argument(
 def unknown_node(
     source: Source, token: Token, subtrees: Collection[str], words: Vocabulary
 ) -> TreeError:
-    """The error for a word that stands where a node is expected and is none."""
+    """The error for a word that is not a node, where a node is expected."""
     if token in subtrees and closest(token, subtrees):
         guess = f"use {token}"
     elif token in words.keys:
@@ -114,7 +114,7 @@ def syntax_error(
 
     Args:
         source: the text.
-        error: what the parser says.
+        error: of the parser.
         tokens: the words of the text, read up to the fault.
         vocabulary: the domain's words; None: any name could be one.
     """
@@ -160,7 +160,7 @@ def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
 
 
 def _names_of_numbers(words: Sequence[Token]) -> set[int]:
-    """Which words stand for numbers, or in brackets behind a name: no key or action is there."""
+    """Indices of words that name numbers, or are in brackets after a name."""
     found: set[int] = set()
     inside = False  # the brackets behind the name of a subtree or an action
     for at, word in enumerate(words):

@@ -1,11 +1,9 @@
-"""Runs a tree: compiles it to closures, one call a tick.
+"""Runs a tree: compiles it to closures, with one call per tick.
 
-What each node does is told in `docs/semantics.md`. Two ideas keep this small
-and fast. A node is a function of `fresh`: True starts it anew, False resumes it
-where it was RUNNING. So an abort needs no walk through the subtree: the node that
-aborts forgets that the subtree was running, and starts it fresh the next time.
-And because the blackboard doesn't change within a tick, checking guards on the
-way down from the root is the same as checking all of them when the tick starts.
+The nodes are specified in `docs/semantics.md`. A node is a function of `fresh`: True starts it,
+False resumes it where it was RUNNING. So an abort does not visit the subtree: the aborting node
+calls it with `fresh=True` the next time. The blackboard does not change within a tick, so checking
+guards on the way down from the root is equivalent to checking all of them at the start.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ from islandgp.errors import DomainError
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
 
-ABORTED: Final = 4  # told to a watch only: the node was running and has been stopped
+ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
 Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
 
@@ -48,25 +46,25 @@ def compile_tree(
     watch: Watch | None = None,
     step_s: float | None = None,
 ) -> Callable[[], int]:
-    """A function that ticks the tree once and returns the root's status.
+    """Compiles a tree to a function that ticks it once.
 
     Args:
-        tree: what to run. A node that stands twice in it runs as two nodes.
-        actions: one per action name in the tree, looked up once for each leaf; or a function
-            that makes one from the arguments of a leaf. It is called with `fresh`: True when the
-            leaf starts now, False when it was RUNNING on the tick before.
-        board: a value per key; the caller changes them between ticks, never within one.
+        tree: the root. A node object that occurs twice runs as two nodes.
+        actions: a function per action name in the tree, looked up once for each leaf; or a
+            function that makes one from the arguments of a leaf. It is called with `fresh`: True
+            if the leaf starts now, False if it was RUNNING in the tick before.
+        board: a value per key; the caller may change them between ticks only.
         places: the index of each key on the board, as `Vocabulary.places`.
-        watch: called for each node that is ticked, children before parents, and
-            with ABORTED for each running node that is stopped. None costs nothing.
-        step_s: seconds from a tick to the next one, > 0. A tree that counts seconds needs it.
-            One that `needs_each_tick` has to be ticked in each step.
+        watch: called for each node that is ticked, children before parents, and with ABORTED for
+            each running node that is stopped. None is fastest.
+        step_s: seconds between two ticks, > 0; required if the tree counts seconds. A tree that
+            `needs_each_tick` has to be ticked in each step.
 
     Returns:
-        The tick. It gives FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the
-        next tick does something else although nothing changed). After RUNNING,
-        as long as each condition keeps its truth and each running action stays
-        RUNNING, further ticks only resume the actions that were RUNNING in this one.
+        The tick function. It returns FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the next
+        tick differs although nothing has changed). After RUNNING, as long as no condition changes
+        its truth and each running action stays RUNNING, further ticks only resume the actions that
+        were RUNNING in this one.
 
     Raises:
         KeyError: an action of the tree is missing in `actions`, or a key in `places`.

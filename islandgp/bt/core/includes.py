@@ -18,7 +18,7 @@ MAX_READ: Final = 100_000  # characters of a file that `mentioned` reads; no tre
 
 
 class ParsedFile(NamedTuple):
-    """One file: what it says, and what the grammar makes of it."""
+    """The text of a file and its parse tree."""
 
     source: Source
     tree: Any  # lark.Tree; of its grammar's rule start or library
@@ -84,10 +84,10 @@ def gathered(
 
 
 def mentioned(text: str, folder: Path) -> dict[Path, str]:
-    """The files that a text includes, however indirectly, with what stands in them.
+    """The files that a text includes, directly or indirectly, with their texts.
 
-    Nothing is wrong here: what cannot be read is "", and what the language would not include is
-    left out. For programs that look at files while they are written.
+    Never raises: a file that cannot be read is "", and invalid includes are left out. For editors,
+    which read incomplete files.
     """
     top = folder.resolve()
     found: dict[Path, str] = {}

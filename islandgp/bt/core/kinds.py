@@ -46,8 +46,8 @@ class Sort(Enum):
 class Argument:
     """An argument of a node kind.
 
-    One with a default is written behind its name and may be left out, as in `abort lower`; one
-    without stands right behind the word of the kind, as in `repeater 3`.
+    An argument with a default is written after its name and may be left out, as in `abort lower`;
+    one without a default follows the keyword of the kind, as in `repeater 3`.
     """
 
     name: str  # as it is called in JSON, and in a text if it has a default
@@ -322,7 +322,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])"), "round"),
     ),
 }
-"""By the word that stands for it in a text; `action` itself is no word."""
+"""By keyword; `action` is not a keyword of the language."""
 
 INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0, 0))
 """The kinds of nodes with children."""
@@ -338,13 +338,13 @@ RESERVED: Final = frozenset((
 """Words of the grammar: no action or key can have such a name."""
 
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
-"""The kinds whose word stands before a count."""
+"""The kinds whose keyword is followed by a count."""
 
 TIMED: Final = tuple(n for n, k in KINDS.items() if k.args is SecondsArgs)
-"""The kinds whose word stands before a number of seconds."""
+"""The kinds whose keyword is followed by a number of seconds."""
 
 GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
-"""The kinds whose word stands before a condition."""
+"""The kinds whose keyword is followed by a condition."""
 
 
 def kind_of(node: Node) -> NodeKind:

@@ -161,7 +161,7 @@ def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bo
 
 
 def following(text: str) -> frozenset[str]:
-    """The terminals of the grammar that may stand behind a text; none where it is wrong itself."""
+    """The terminals of the grammar that can follow a text; none if the text is not valid."""
     from lark.exceptions import UnexpectedInput
 
     interactive = _parser().parse_interactive(plain(text), start="library")
@@ -173,7 +173,7 @@ def following(text: str) -> frozenset[str]:
 
 
 def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
-    """The condition that a text says, as it stands behind `when`. Raises TreeError as `parse`."""
+    """Parses a condition, as after `when`. Raises TreeError as `parse`."""
     from lark.exceptions import UnexpectedInput
 
     source = Source(plain(text[:MAX_CHARACTERS]), "<condition>")
@@ -207,15 +207,15 @@ def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -
 
 
 def domain_of(text: str) -> str:
-    """The domain that a text says it is for; "" where it says none, or is not a tree."""
-    found = _DOMAIN.match(plain(text))
-    return found[1] if found else ""
+    """The domain that a text names; "" if it names none or is not a tree."""
+    match = _DOMAIN.match(plain(text))
+    return match[1] if match else ""
 
 
 def domain_place(text: str) -> tuple[int, int]:
-    """The line and the column where a text says which domain it is for; (1, 1) for none."""
-    found = _DOMAIN.match(plain(text))
-    before = plain(text)[: found.start(1) if found else 0]
+    """Line and column of the domain's name in a text; (1, 1) for none."""
+    match = _DOMAIN.match(plain(text))
+    before = plain(text)[: match.start(1) if match else 0]
     return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 

@@ -147,8 +147,8 @@ class Used(Node):
     """The root of a named subtree where it is used; equal to the same node without a name."""
 
     names: tuple[str, ...] = ()
-    """As `use` says them, `recharge(20, 3)`; several, the outermost first, where a subtree is
-    nothing but another one."""
+    """As after `use`, e.g. `recharge(20, 3)`; several, the outermost first, if a subtree consists
+    of another one only."""
 
     @classmethod
     def of(cls, node: Node, name: str) -> Used:

@@ -78,12 +78,12 @@ def number_text(value: float) -> str:
 
 
 def use_text(name: str, numbers: Sequence[float]) -> str:
-    """What stands behind `use`: `recharge`, `recharge(20, 3)`."""
+    """The text after `use`: `recharge`, `recharge(20, 3)`."""
     return f"{name}({', '.join(map(number_text, numbers))})" if numbers else name
 
 
 def head(node: Node) -> str:
-    """What stands before a node's brace; the whole of a leaf: `when charge < 25`."""
+    """The text of a node before its brace, e.g. `when charge < 25`; of a leaf, all of it."""
     if isinstance(node.args, ActionArgs):
         return call_text(*node.args)
     if isinstance(node.args, UseArgs):
@@ -99,14 +99,14 @@ def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
 
 
 def _value_text(value: Value) -> str:
-    """A number, or a word; what is no word stands in double quotes."""
+    """A number or a word; other texts are in double quotes."""
     if not isinstance(value, str):
         return number_text(value)
     return value if NAME.fullmatch(value) and value not in RESERVED else f'"{value}"'
 
 
 def _argument(argument: Argument, value: Any) -> str:
-    """An argument as it stands behind the word of its node; "" for its default."""
+    """The text of an argument after its node's keyword; "" for its default."""
     if argument.sort is Sort.CONDITION:
         return condition_text(value)
     text = value if isinstance(value, str) else number_text(value)

@@ -28,8 +28,8 @@ STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
 class Action:
     """A leaf that acts on the world.
 
-    What is said beside the meaning holds in every world of the domain: `simplify` rewrites
-    trees by the statuses, and `check` warns by the conditions.
+    Statuses and conditions must hold in every world of the domain: `simplify` relies on the
+    statuses, and `check` on the conditions.
     """
 
     meaning: str  # one line: what it does, when it succeeds and fails

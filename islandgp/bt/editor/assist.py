@@ -47,11 +47,11 @@ MEANINGS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A word that could stand at a place."""
+    """A completion."""
 
     text: str
     sort: Sort
-    detail: str  # one line: what it is
+    detail: str  # meaning, one line
 
 
 def offers(
@@ -61,14 +61,17 @@ def offers(
     folder: Path,
     domains: Sequence[str] = (),
 ) -> list[Offer]:
-    """The words that could stand at a place, in place of the one that is being typed there.
+    """Completions at a position, including the word that is being typed there.
 
     Args:
-        text: the file; what stands before the place should be right so far.
-        offset: of the place.
+        text: of the file; it should be valid up to the position.
+        offset: of the position.
         vocabulary: the actions and keys.
-        folder: of the file, for what it includes.
-        domains: names of those that a file can be for.
+        folder: of the file, for included files.
+        domains: names of the domains that a file can name.
+
+    Returns:
+        The words that the grammar accepts there.
     """
     before = text[: _begin(text, offset)]
     found = words_of(before)
@@ -93,7 +96,7 @@ def _names(
     folder: Path,
     domains: Sequence[str],
 ) -> list[Offer]:
-    """The names that could stand behind these words."""
+    """The names that can follow these words."""
     last = code[-1] if code else ""
     if last == "use":
         own = _unfinished(code)
@@ -102,14 +105,14 @@ def _names(
     if arguments := _arguments(code, vocabulary):
         if last != ":":
             about = {key: f"{each.meaning}: {value_range(each)}" for key, each in arguments.items()}
-            return [Offer(key, "key", told) for key, told in about.items()]
+            return [Offer(key, "key", detail) for key, detail in about.items()]
         key = code[-2]
         if key in arguments and (words := arguments[key].words):
             return [Offer(word, "word", f"a value of {key}") for word in words]
     if last == "domain":
         return [Offer(name, "word", "a domain") for name in domains]
     if "NUMBER" in accepted:
-        return [Offer(name, "number", told) for name, told in _numbers(before, folder).items()]
+        return [Offer(name, "number", detail) for name, detail in _numbers(before, folder).items()]
     if "SELECTOR" in accepted:
         actions = vocabulary.actions.items()
         return [Offer(name, "action", action.meaning) for name, action in actions]
@@ -119,7 +122,7 @@ def _names(
 
 
 def _arguments(code: Sequence[str], vocabulary: Vocabulary) -> Mapping[str, Parameter]:
-    """The arguments of the action in whose brackets the last of these words stands, if it does."""
+    """The arguments of the action if the last word is in its brackets; else {}."""
     for at in range(len(code) - 1, 0, -1):
         if code[at] in (")", "{", "}"):
             break

@@ -50,7 +50,7 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
         LimitError: its canonical form would be too long to be read again.
     """
     if not text.strip("\ufeff \t\r\n"):
-        parse(text, name=name)  # says what is missing
+        parse(text, name=name)  # raises the error
     parts = files_of(text, name=name, folder=folder, start="library", placed=True)
     builder = Builder(parts[-1].source, None)
     built(builder, parts)
@@ -67,11 +67,11 @@ class _Comment(NamedTuple):
     """A comment on a line of its own."""
 
     text: str  # with its #
-    blank_before: bool  # a blank line stands before it
+    blank_before: bool  # after a blank line
 
 
 class _Word(NamedTuple):
-    """A word with what stands around it."""
+    """A word with the comments around it."""
 
     token: Token
     before: tuple[_Comment, ...]  # own lines above it
@@ -132,7 +132,7 @@ class _Formatter:
         yield " ".join(texts) + _aside(found[-1].behind)
 
     def _node(self, tree: Any, node: Node, indent: str, lead: str = "") -> Iterator[str]:
-        """The lines of a node with what stands above it; `lead` stands before its head."""
+        """The lines of a node with the comments above it; `lead` is the text before its head."""
         yield from _own_lines(*self._above(tree), indent)
         brace, behind = self._head_end(tree) - 1, self._span(tree)[1]
         last = self._words[behind - 1]
@@ -156,12 +156,12 @@ class _Formatter:
         return self._first[tree.meta.start_pos], self._behind[tree.meta.end_pos]
 
     def _head_end(self, tree: Any) -> int:
-        """The index behind what stands on the first line: behind its brace, or behind all of it."""
+        """The index after the first line of a node: after its brace, or after all of it."""
         below = _below(_body(tree))
         return self._span(below[0])[0] if below else self._span(tree)[1]
 
     def _commented(self, brace: int, behind: int) -> bool:
-        """Whether comments stand between the braces, or behind the first one."""
+        """True if there are comments between the braces or after the first one."""
         return any(word.behind for word in self._words[brace : behind - 1]) or any(
             word.before for word in self._words[brace + 1 : behind]
         )

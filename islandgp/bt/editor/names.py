@@ -114,7 +114,7 @@ def defines(text: str, symbol: Symbol) -> Word | None:
     """The word that defines a symbol in a text."""
     found = (each.word for each in occurrences(text) if each.symbol == symbol)
     if symbol.kind == "parameter":
-        return next(found, None)  # parameters stand before their uses
+        return next(found, None)  # parameters precede their uses
     return next((each.word for each in definitions(text) if each.symbol == symbol), None)
 
 

@@ -167,7 +167,7 @@ def to_xml(
     Args:
         tree: what to write; each `Used` in it becomes a tree of its own in the file.
         vocabulary: its actions and keys.
-        plain: only nodes of the library; what is not the same then is told by `losses`.
+        plain: only nodes of the library; `losses` lists the differences.
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.
 
     Raises:
@@ -256,7 +256,7 @@ def _attributes(part: TargetNode, step_s: float | None) -> str:
     if part.kind == "parallel" and isinstance(part.args, ParallelArgs):
         count = len(part.children)
         succeeds, fails = part.args.needed(count)
-        # It fails when it can't succeed any more, whatever stands here.
+        # It fails when it cannot succeed any more, for any value here.
         fails = min(fails, count - succeeds + 1) if part.args.success == "all" else fails
         succeeds = -1 if part.args.success == "all" else succeeds
         return f' success_count="{succeeds}" failure_count="{fails}"'

@@ -174,7 +174,7 @@ class _Action(BaseModel, extra="forbid"):
 
 
 class _Key(BaseModel, extra="forbid"):
-    """An entry of `keys`; one with a range is a number unless it says otherwise."""
+    """An entry of `keys`; one with a range is a number by default."""
 
     meaning: str = ""
     flag: bool = True

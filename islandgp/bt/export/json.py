@@ -49,7 +49,7 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
     """The tree in a JSON text.
 
     Raises:
-        TreeError: it is not JSON, or not such a tree; the message tells where.
+        TreeError: it is not JSON, or not such a tree; the message has the place.
     """
     try:
         whole = json.loads(text.removeprefix("\ufeff"))

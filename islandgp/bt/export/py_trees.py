@@ -113,7 +113,7 @@ def _body(part: TargetNode, step_s: float | None) -> str:
 
 
 def _own() -> str:
-    """The text of our behaviours, without what stands before the first of them."""
+    """The source of our behaviours, without the text before the first one."""
     text = own_nodes("islandgp_nodes.py")
     return text[text.index("class When(") :].rstrip() + "\n\n\n"
 
@@ -161,7 +161,7 @@ _AROUND: Final = {
     "force_success": "FailureIsSuccess('force_success', child=",
     "force_failure": "SuccessIsFailure('force_failure', child=",
 }
-"""What stands before the children of nodes without arguments."""
+"""The text before the children of nodes without arguments."""
 
 
 def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:

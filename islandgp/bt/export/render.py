@@ -1,6 +1,6 @@
 """Pictures of trees: in a terminal, as SVG, and as text for Mermaid and Graphviz.
 
-The SVG stands alone: the root is at the left, with a row for each leaf. So order from top to
+The SVG is self-contained: the root is at the left, with a row for each leaf. So order from top to
 bottom is the order in which branches are tried, as in the text, and a large tree grows
 downwards instead of getting too wide to read.
 """

@@ -20,7 +20,7 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     """The condition that a script asks.
 
     Raises:
-        ValueError: it is not one that a `when` can ask; the message tells why.
+        ValueError: it cannot be the condition of a `when`; the message has the reason.
     """
     return _Script(code, vocabulary).read()
 
