@@ -44,8 +44,10 @@ def test_answers_that_would_come_too_late_cost_nothing() -> None:
     """With a lag the last generations are not asked about."""
     assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
     assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 12
-    text = said("supervisor=llm", "supervisor.lag=5")
+    text = said("search=paper", "supervisor=llm", "supervisor.lag=5")
     assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "432"]
+    racing = said("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
+    assert [line.split()[2] for line in racing.splitlines() if "a run " in line] == ["36", "222"]
     assert expected(settings(), context(), 99).requests == 1
 
 
