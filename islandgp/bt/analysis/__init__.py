@@ -1,1 +1,1 @@
-"""What can be concluded from a tree without running it: simplify, lint, rules, comparison."""
+"""Static analysis of trees: simplification, warnings, rules, comparison."""

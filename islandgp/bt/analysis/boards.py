@@ -30,7 +30,7 @@ Cut: TypeAlias = tuple[float, int]
 
 
 class _Diagram(NamedTuple):
-    """Which set a blackboard has to be in, by the value of one key."""
+    """Sets of blackboards: a decision by the value of one key, with a set for each part."""
 
     key: int
     cuts: tuple[Cut, ...]  # ascending
@@ -81,14 +81,14 @@ class BoardSets:
         return found
 
     def has(self, boards: Boards, board: Sequence[float]) -> bool:
-        """Whether a blackboard is in a set."""
+        """True if a blackboard is in a set."""
         while boards > ANY_BOARD:
             diagram = self._diagrams[boards]
             boards = diagram.parts[_part(diagram.cuts, board[diagram.key])]
         return boards == ANY_BOARD
 
     def allows(self, board: Sequence[float]) -> bool:
-        """Whether the values of a blackboard are in the ranges of their keys."""
+        """True if the values of a blackboard are in the ranges of their keys."""
         ranges = zip(board, self._ranges, strict=True)
         return all(low < (value, 0.5) < high for value, (low, high) in ranges)
 
@@ -244,5 +244,5 @@ def _between(low: Cut, high: Cut) -> float:
 
 
 def _part(cuts: Sequence[Cut], value: float) -> int:
-    """How many cuts are below a value."""
+    """Number of cuts below a value."""
     return bisect_right(cuts, (value, 0.5))

@@ -1,4 +1,4 @@
-"""What changed between two trees, node by node.
+"""The differences between two trees, node by node.
 
 Nodes are compared in document order, with the places where they end. So a guard put around a
 branch shows as one inserted node, where a comparison of texts would show the whole branch.
@@ -15,7 +15,7 @@ from islandgp.bt.core.node import Node
 
 
 class Mark(StrEnum):
-    """What happened to a node."""
+    """Mark of a node in a comparison."""
 
     SAME = " "
     DELETED = "-"
@@ -36,7 +36,7 @@ class DiffLine(NamedTuple):
 
 
 class _Edge(NamedTuple):
-    """Where a node begins, or one with children ends."""
+    """The beginning of a node, or the end of one with children."""
 
     node: Node
     level: int

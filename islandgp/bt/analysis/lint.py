@@ -117,7 +117,7 @@ def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
-    """What a file defines and never uses; `file`: as the grammar has it."""
+    """Unused definitions of a file; `file` is its parse tree."""
     used = {str(use.children[0]) for use in file.find_data("use")}
     for subtree in file.find_data("subtree"):
         name, *parameters, body = subtree.children
@@ -224,7 +224,7 @@ class _Course:
         self._undone: dict[tuple[str, int], list[bool]] = {}
 
     def changed_before(self, key: str, sign: int, at: int) -> bool:
-        """Whether an action before the place changes a key in the other way.
+        """True if an action before the place changes a key in the opposite direction.
 
         `sign` is how the action of this place changes it; 0: it does not.
         """
@@ -260,7 +260,7 @@ class _Course:
 
 
 def _passes_up(node: Node, index: int) -> bool:
-    """Whether the success of that child is the success of the node, at once."""
+    """True if the node succeeds in the tick in which that child succeeds."""
     last = index == len(node.children) - 1
     kind = kind_of(node)
     if kind.decorates:
@@ -293,7 +293,7 @@ def _why_not(
 
 
 def _why(expr: ConditionExpr, above: Above) -> str:
-    """Why a condition always holds."""
+    """The reason why a condition always holds."""
     same = [c for c in _guards(above) if implies((c,), expr)]
     if not same:
         return f"{condition_text(expr)} always holds"

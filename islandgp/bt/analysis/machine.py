@@ -38,7 +38,7 @@ class ActionMemory:
 
 
 class BranchMemory(NamedTuple):
-    """What a running selector or sequence remembers."""
+    """Memory of a running selector or sequence."""
 
     branch: int  # that is running
     memory: Memory  # of that branch
@@ -51,14 +51,14 @@ class BranchMemory(NamedTuple):
 
 
 class RepeaterMemory(NamedTuple):
-    """What a running repeater remembers."""
+    """Memory of a running repeater."""
 
     left: float  # ends of its child that count, still to come, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
 class ParallelMemory(NamedTuple):
-    """What a running parallel remembers."""
+    """Memory of a running parallel."""
 
     memories: tuple[Memory | int, ...]  # of each child; of one that has ended, its status
 
@@ -80,7 +80,7 @@ class SpentError(Exception):
 
 
 class Machine:
-    """What can happen in ticks of one tree. Nodes are called by their place in document order.
+    """The state machine of a tree's ticks. Nodes are numbered in document order.
 
     Sets may hold more blackboards than they should where `sets.exact` is False.
     """

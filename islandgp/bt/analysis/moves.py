@@ -29,7 +29,7 @@ _RUNS: Final = ActionMemory()
 
 
 class Move(NamedTuple):
-    """What a node may do in a tick."""
+    """The possible moves of a node in a tick."""
 
     status: int
     memory: Memory | None  # None: it has ended
@@ -43,7 +43,7 @@ def moves(
     board: Sequence[float],
     target: TickTarget | None = None,
 ) -> Iterator[Move]:
-    """What the root of a tree may do in a tick.
+    """The possible moves of a tree's root in a tick.
 
     Args:
         machine: the tree. It is asked to `spend` a step for each action that is ticked.
@@ -72,7 +72,7 @@ class _Tick:
         self._truth: dict[int, bool] = {}
 
     def _holds(self, guard: int) -> bool:
-        """Whether the condition of a guard holds."""
+        """True if the condition of a guard holds."""
         if guard not in self._truth:
             holds = condition(
                 guard_of(self._machine.nodes[guard]).condition,
@@ -178,7 +178,7 @@ class _Tick:
     def _can(
         self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
     ) -> bool:
-        """Whether a child of a parallel can end the tick so."""
+        """True if a child of a parallel can end the tick with this status."""
         if target is None:
             can = self._machine.now(place, memory)
         else:

@@ -1,4 +1,4 @@
-"""How a node can end, from how the actions in it can end."""
+"""The possible statuses of a node, from those of its actions."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def dead_end(node: Node, context: NodeContext) -> int | None:
 
 
 def never(guard: GuardArgs, context: NodeContext) -> bool:
-    """Whether the condition of a `when` can't hold when the guard starts."""
+    """True if the condition of a `when` cannot hold when the guard starts."""
     return excludes(context.at_start, guard.condition)
 
 

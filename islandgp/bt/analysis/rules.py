@@ -58,7 +58,7 @@ class CounterTick:
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """What is known of a rule."""
+    """Result of checking a rule."""
 
     rule: Rule
     result: Literal["proven", "refuted", "unknown"]
@@ -88,7 +88,7 @@ def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
 
 
 def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEPS) -> RuleResult:
-    """Whether a tree keeps a rule.
+    """Proves or refutes that a tree keeps a rule.
 
     Args:
         tree: in the words of the vocabulary.
@@ -117,7 +117,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
 
 
 class _Way(NamedTuple):
-    """How a memory came to be."""
+    """The origin of a memory."""
 
     before: Memory | None
     board: Sequence[float]

@@ -1,4 +1,4 @@
-"""What must be true of the blackboard when a node of a tree is ticked.
+"""Conditions that hold on the blackboard when a node of a tree is ticked.
 
 A guard that checks itself (abort self or both) holds in each tick in which
 anything below it runs; any guard holds in the tick in which its child starts.
@@ -23,7 +23,7 @@ MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
 
 
 class NodeContext(NamedTuple):
-    """What holds when a node is ticked, and whether its guards are observed."""
+    """Conditions that hold when a node is ticked, and whether its guards are observed."""
 
     always: Conditions = ()  # in each tick in which the node runs
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
@@ -65,12 +65,12 @@ def hidden(branch: Node) -> Node:
 
 
 def exposes(branch: Node) -> bool:
-    """Whether a composite would observe a guard of this branch."""
+    """True if a composite would observe a guard of this branch."""
     return any(each.guard and each.guard.interrupts for each in chain(branch))
 
 
 def implies(known: Conditions, expr: ConditionExpr) -> bool:
-    """Whether `expr` holds on every blackboard on which all of `known` hold.
+    """True if `expr` holds on every blackboard on which all of `known` hold.
 
     False may also mean that this is not known: where very much is joined.
     """
@@ -78,7 +78,7 @@ def implies(known: Conditions, expr: ConditionExpr) -> bool:
 
 
 def excludes(known: Conditions, expr: ConditionExpr) -> bool:
-    """Whether `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
+    """True if `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
     single = [c for c in known if isinstance(c, Condition)]
     if isinstance(expr, Condition) and len(single) == len(known):
         return not _together([*(c for c in single if c.key == expr.key), expr])
@@ -138,7 +138,7 @@ def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
 
 
 def _possible(known: Conditions, expr: ConditionExpr) -> bool:
-    """Whether there may be a blackboard on which all hold."""
+    """True if there may be a blackboard on which all hold."""
     wanted = [to_nnf(expr)]
     room = MOST_TERMS
     for each in known:
@@ -157,7 +157,7 @@ def _cases(expr: ConditionExpr) -> int:
 
 
 def _some_case(single: list[Condition], wanted: list[ConditionExpr]) -> bool:
-    """Whether all of these conditions, which are spread, can hold together."""
+    """True if all of these conditions, in negation normal form, can hold together."""
     if not wanted:
         return _together(single)
     first, *others = wanted
@@ -169,7 +169,7 @@ def _some_case(single: list[Condition], wanted: list[ConditionExpr]) -> bool:
 
 
 def _together(conditions: Sequence[Condition]) -> bool:
-    """Whether there is a blackboard on which all of these hold."""
+    """True if there is a blackboard on which all of these hold."""
     ranges: dict[str, _Range] = {}
     for key, operator, number in conditions:
         ranges.setdefault(key, _Range()).narrow(operator, number)
@@ -228,7 +228,7 @@ def below(node: Node, context: NodeContext, index: int) -> NodeContext:
 
 
 def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
-    """Whether a `when` can ever stop a later branch in this context."""
+    """True if a `when` can stop a later branch in this context."""
     if context.observer is None or not guard.interrupts:
         return False
     # What is never true, or true all the time, does not turn true.
@@ -237,7 +237,7 @@ def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
 
 
 def whenever_asked(guard: GuardArgs, context: NodeContext) -> Conditions:
-    """What holds in each tick in which the condition of a `when` is asked."""
+    """Conditions that hold in each tick in which the condition of a `when` is evaluated."""
     if context.observer is not None and guard.interrupts:
         return context.observer
     return context.always if guard.checks_itself else context.at_start

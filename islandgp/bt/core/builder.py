@@ -41,7 +41,7 @@ _Places: TypeAlias = list[Any]
 
 
 class NodePlace(NamedTuple):
-    """Where a node is written."""
+    """The place of a node in its file."""
 
     line: int  # from 1
     column: int

@@ -1,4 +1,4 @@
-"""What each kind of node does in a tick, as a closure that holds the node's memory.
+"""The tick function of each kind of node, a closure with the node's memory.
 
 These are the node kinds of section 2.2.3 with the meaning that `docs/semantics.md`
 gives them, one function each; `engine` puts them together. A composite that observes guards
@@ -283,7 +283,7 @@ class ObservedGuard(NamedTuple):
 
 
 class Observed:
-    """What one composite observes. `truth` is None for a guard not visited in this activation."""
+    """Observed guards of a composite; `truth` is None for one not visited in this activation."""
 
     __slots__ = ("branch", "guards", "truth")
 

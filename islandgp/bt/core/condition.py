@@ -1,4 +1,4 @@
-"""What a `when` asks: conditions on blackboard keys, alone or joined by `and`, `or`, `not`."""
+"""Conditions on blackboard keys, alone or joined by `and`, `or`, `not`."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> Con
 
 
 def condition(expr: ConditionExpr, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:
-    """Whether the condition holds on the board at the moment of the call.
+    """True if the condition holds on the board at the moment of the call.
 
     `places` is the index of each key on the board.
     """

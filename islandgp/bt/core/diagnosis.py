@@ -149,7 +149,7 @@ def syntax_error(
 
 
 def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
-    """Whether the last word is an action without arguments."""
+    """True if the last word is an action without arguments."""
     if (
         not before
         or before[-1].type != "NAME"
@@ -260,7 +260,7 @@ def _unexpected_word(
 def _expected(
     accepted: Collection[str], before: Sequence[str], vocabulary: Vocabulary
 ) -> tuple[str, tuple[str, ...]]:
-    """What would have been taken: for people, and as words to guess from."""
+    """The accepted words, as a text and as candidates for a correction."""
     previous = str(before[-1]) if before else ""
     if "SELECTOR" in accepted:
         first = [

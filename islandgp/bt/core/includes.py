@@ -158,6 +158,6 @@ def _text(source: Source, token: Any, path: Path, most: int) -> str:
 
 
 def _shown(path: Path, folder: Path | None) -> str:
-    """What messages call a file."""
+    """The name of a file in messages."""
     assert folder is not None
     return str(folder / path.relative_to(folder.resolve()))

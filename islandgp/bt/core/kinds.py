@@ -31,7 +31,7 @@ ANY: Final = 1_000_000  # "as many children as the limits allow"
 
 
 class Sort(Enum):
-    """What an argument is."""
+    """Type of an argument."""
 
     NAME = auto()  # of an action
     CONDITION = auto()  # as `condition` has it
@@ -59,7 +59,7 @@ class Argument:
 
 
 class Look(NamedTuple):
-    """How the nodes of a kind are drawn; kinds differ in shape and sign too."""
+    """Appearance of the nodes of a kind; kinds differ in colour, shape and sign."""
 
     sign: str  # as the literature draws it
     style: str  # of rich; a terminal without colours shows the same text
@@ -72,7 +72,7 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeKind:
-    """What a node of a kind is made of, how it looks, and how its status comes about."""
+    """A kind of node: its arguments and children, its appearance, and its status."""
 
     meaning: str  # one line for people
     children: tuple[int, int]  # fewest and most
@@ -113,22 +113,22 @@ class NodeKind:
 
     @property
     def remembers_branch(self) -> bool:
-        """Whether it is a selector or sequence that goes on with its running child."""
+        """True for selectors and sequences that resume their running child."""
         return self.hands_over is not None and not self.reactive
 
     @property
     def decorates(self) -> bool:
-        """Whether it has exactly one child; a composite observes guards through it."""
+        """True if it has exactly one child; a composite observes guards through it."""
         return self.children == (1, 1)
 
     @property
     def forces(self) -> bool:
-        """Whether it ends with one status only."""
+        """True if it ends with one status only."""
         return self.ends[FAILURE] == self.ends[SUCCESS]
 
     @property
     def inverts(self) -> bool:
-        """Whether it exchanges success and failure."""
+        """True if it exchanges success and failure."""
         return self.ends == (SUCCESS, FAILURE)
 
 
@@ -353,7 +353,7 @@ def kind_of(node: Node) -> NodeKind:
 
 
 def needs_each_tick(tree: Node) -> bool:
-    """Whether a tree has a node that counts seconds, or that remembers how it ended."""
+    """True if a tree has a node that counts seconds or remembers its last status."""
     return any(node.kind in TIMED or kind_of(node).remembers_end for node in walk(tree))
 
 

@@ -79,7 +79,7 @@ def files_of(
     start: str = "start",
     placed: bool = False,
 ) -> list[ParsedFile]:
-    """What a text and the files that it includes say, the text last. Raises as `parse`.
+    """The parsed files that a text includes, and the text itself, last. Raises as `parse`.
 
     `placed`: each tree of the grammar knows where it begins and ends.
     """
@@ -136,7 +136,7 @@ def parse_placed(
 def tree_errors(
     text: str, vocabulary: Vocabulary | None, *, name: str, folder: Path | None
 ) -> list[TreeError]:
-    """What is wrong in a text, in its order, each once. Arguments as in `parse`.
+    """The distinct errors in a text, in its order. Arguments as in `parse`.
 
     All wrong names and numbers, or else the first fault of syntax.
     """

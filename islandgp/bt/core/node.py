@@ -43,12 +43,12 @@ class GuardArgs(NamedTuple):
 
     @property
     def checks_itself(self) -> bool:
-        """Whether the guard stops its own child when its condition turns false."""
+        """True if the guard stops its own child when its condition turns false."""
         return self.abort in ("self", "both")
 
     @property
     def interrupts(self) -> bool:
-        """Whether the guard stops later branches, if a composite observes it."""
+        """True if the guard stops later branches, provided that a composite observes it."""
         return self.abort in ("lower", "both")
 
 
@@ -79,7 +79,7 @@ class ParallelArgs(NamedTuple):
     failure: Policy = "one"  # how many must fail
 
     def needed(self, children: int) -> tuple[int, int]:
-        """How many successes, and how many failures, of that many children decide."""
+        """Numbers of successes and of failures that decide, for a number of children."""
         success, failure = (
             {"one": 1, "all": children}[policy] if isinstance(policy, str) else int(policy)
             for policy in self
@@ -226,7 +226,7 @@ class Limits:
 
 
 def within(node: Node, limits: Limits) -> bool:
-    """Whether a tree keeps its limits."""
+    """True if a tree is within its limits."""
     return depth(node) <= limits.max_depth and size(node) <= limits.max_nodes
 
 

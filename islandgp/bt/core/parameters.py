@@ -40,7 +40,7 @@ class Parameter:
 
     @property
     def numeric(self) -> bool:
-        """Whether its values are numbers."""
+        """True if its values are numbers."""
         return self.sort in ("number", "integer")
 
 
@@ -107,18 +107,18 @@ def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
 
 
 def described(meaning: str, parameters: Mapping[str, Parameter]) -> str:
-    """What an action does, with its arguments and their defaults."""
+    """The meaning of an action, with its arguments and their defaults."""
     lines = (f"{key} {each.meaning}, else {each.default}" for key, each in parameters.items())
     return "; ".join([meaning, *lines])
 
 
 def is_text(value: str) -> bool:
-    """Whether a tree can say it between double quotes."""
+    """True if a text can be written between double quotes."""
     return value.isprintable() and '"' not in value
 
 
 def fits(parameter: Parameter, value: object) -> bool:
-    """Whether a parameter can have a value."""
+    """True if a parameter can have a value."""
     if parameter.words:
         return value in parameter.words
     if parameter.sort == "text":

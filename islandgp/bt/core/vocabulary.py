@@ -94,7 +94,7 @@ def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | Non
 
 
 def is_name(word: str) -> bool:
-    """Whether a domain may give a word a meaning."""
+    """True if a word is a valid name of an action or a key."""
     return NAME.fullmatch(word) is not None and word not in RESERVED
 
 
@@ -201,7 +201,7 @@ class Vocabulary:
 
     @cached_property
     def always(self) -> tuple[Condition, ...]:
-        """What holds on every blackboard."""
+        """Conditions that hold on every blackboard."""
         numbers = {name: key for name, key in self.keys.items() if not key.flag}
         return (
             *(Condition(name, ">=", key.low) for name, key in numbers.items()),
@@ -213,7 +213,7 @@ class Vocabulary:
         return leaf_of(name, values, self.action(name).arguments)
 
     def action(self, name: str) -> Action:
-        """What is known of an action; UNKNOWN where it is not declared."""
+        """The declaration of an action; UNKNOWN if it is not declared."""
         return self.actions.get(name, UNKNOWN)
 
 

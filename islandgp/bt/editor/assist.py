@@ -1,4 +1,4 @@
-"""What an editor asks about a tree file while it is written: completions and meanings.
+"""Completions and meanings for a tree file in an editor.
 
 Places are offsets into the text as the editor has it. The text may be wrong anywhere.
 """
@@ -134,7 +134,7 @@ def _arguments(code: Sequence[str], vocabulary: Vocabulary) -> Mapping[str, Para
 def meaning(
     text: str, offset: int, vocabulary: Vocabulary, folder: Path
 ) -> tuple[str, Word] | None:
-    """What the word at a place means, as Markdown, and that word; None where there is nothing."""
+    """The meaning of the word at a position, as Markdown, with the word; None if there is none."""
     found = _at(text, offset)
     if found is None:
         return None
@@ -219,7 +219,7 @@ def _defined(kind: str, text: str, folder: Path, *, own: bool = False) -> Iterat
 
 
 def _begin(text: str, offset: int) -> int:
-    """Where the word that is being typed at a place begins."""
+    """The offset at which the word before a position begins."""
     while offset and (text[offset - 1].isalnum() or text[offset - 1] == "_"):
         offset -= 1
     return offset

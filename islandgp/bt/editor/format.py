@@ -103,7 +103,7 @@ class _Formatter:
         yield from _own_lines(self._words[-1].before, False, "")
 
     def _apart(self, tree: Any, following: Any) -> bool:
-        """Whether a blank line is put between the domain, or an include, and what follows."""
+        """True if a blank line follows the domain or an include."""
         if tree.data not in ("domain", "include"):
             return False
         same = (tree.data == "include") == (following.data == "include")

@@ -124,7 +124,7 @@ EQUAL = Loss("equal", "== and != take two numbers that differ by no more than 0.
 
 
 def losses(tree: Node) -> list[Loss]:
-    """What does not mean the same in a plain file, each kind once."""
+    """The differences in meaning of a plain file, each kind once."""
     found = guard_losses(tree)
     for node in walk(tree):
         if isinstance(node.args, CountArgs) and node.kind not in NAV2 and differs(node):
@@ -143,7 +143,7 @@ def losses(tree: Node) -> list[Loss]:
 
 
 def differs(node: Node) -> bool:
-    """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
+    """True if the library's node for a parallel, a repeater or a `when` differs in meaning."""
     if isinstance(node.args, SecondsArgs):
         return True
     if isinstance(node.args, CountArgs):
@@ -213,7 +213,7 @@ def to_xml(
 
 
 def needs_header(tree: Node) -> bool:
-    """Whether the file of a tree, unless it is plain, names nodes of ours."""
+    """True if the file of a tree, unless it is plain, uses nodes of our header."""
     return any(part.kind in OWN for part in parts(plan(tree, differs)))
 
 

@@ -83,7 +83,7 @@ def switch(cases: Sequence[ConditionExpr], children: Sequence[Node]) -> Node:
 
 
 def answers_at_once(tree: Node, vocabulary: Vocabulary) -> bool:
-    """Whether a tree asks condition leaves and does nothing else."""
+    """True if a tree has condition leaves, selectors, sequences and inverters only."""
     return all(
         vocabulary.action(node.action).condition
         if node.action

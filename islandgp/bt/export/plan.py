@@ -283,7 +283,7 @@ def _reacts(branch: Node, composite: str) -> bool:
 
 
 def hands_over(branch: Node, composite: str) -> bool:
-    """Whether a branch with a guard hands over to those behind it while its guard is false.
+    """True if a branch with a guard hands over to later ones while its guard is false.
 
     A failing guard does so in a selector, an inverted one in a sequence. One whose end a
     repeater or a retry counts does not: it would hand over after several ticks only.

@@ -57,7 +57,7 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 
 
 def losses(tree: Node) -> list[Loss]:
-    """What does not mean the same in a plain module, each kind once."""
+    """The differences in meaning of a plain module, each kind once."""
     found = guard_losses(tree)
     nodes = list(walk(tree))
     if any(differs(node) and isinstance(node.args, ParallelArgs) for node in nodes):
@@ -68,7 +68,7 @@ def losses(tree: Node) -> list[Loss]:
 
 
 def differs(node: Node) -> bool:
-    """Whether the library's own node for a parallel, a repeater or a `when` does something else."""
+    """True if the library's node for a parallel, a repeater or a `when` differs in meaning."""
     if isinstance(node.args, SecondsArgs):
         return True
     if not isinstance(node.args, ParallelArgs):
