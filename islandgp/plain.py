@@ -54,8 +54,8 @@ def validate_json(kind: Any, text: str | bytes) -> Any:
 
 def from_json(kind: type[T], value: Any) -> T:
     """A dataclass, with those inside it, of JSON values. Raises ValueError as `validate_json`."""
-    found: T = _validated(kind, json.dumps(value).encode())
-    return found
+    instance: T = _validated(kind, json.dumps(value).encode())
+    return instance
 
 
 def to_json(value: Any) -> Any:

@@ -154,14 +154,20 @@ def _rows(
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
     constraints = recorded_constraints(config)
     if len(runs) == 1:
-        found = _robots(runs[0], classes, tier, constraints)
+        contenders = _robots(runs[0], classes, tier, constraints)
     else:
-        found = _best_robots(runs, tier)
+        contenders = _best_robots(runs, tier)
     used = frozenset(world for run in runs for world in _used(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
     race = validation_seeds(seed, used, EFFORT * worlds)
     finalists = validate(
-        found, race, evaluator, stage, classes, episodes=EFFORT * worlds, constraints=constraints
+        contenders,
+        race,
+        evaluator,
+        stage,
+        classes,
+        episodes=EFFORT * worlds,
+        constraints=constraints,
     )
     test = validation_seeds(seed, used.union(race), worlds, Stream.TEST)
     trees: dict[str, tuple[str, bool]] = {}

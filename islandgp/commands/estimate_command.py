@@ -148,16 +148,16 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
 
     Caps cut it short.
     """
-    asked = _requests(settings, context)
+    exchanges = _requests(settings, context)
     times = _times(context, lag) * settings.retry.attempts
     turns = 1 + settings.repairs
     most = [
         most_tokens(request, longer=QUOTED * settings.repairs + (ADDED_MOST if added else 0))
-        for request, added in asked
+        for request, added in exchanges
     ]
     bill = _bill(
         settings,
-        times * turns * len(asked) + PROBES * settings.retry.attempts,
+        times * turns * len(exchanges) + PROBES * settings.retry.attempts,
         times * turns * sum(m.input for m in most),
         times * turns * sum(m.output for m in most),
     )

@@ -236,9 +236,9 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
 
 def _values(sweep: Override) -> int:
     """Number of values of a sweep, without making them. Raises ConfigError if there are none."""
-    found = sweep.value()
-    if isinstance(found, RangeSweep):
-        n = _steps(sweep, found)
+    sweep_values = sweep.value()
+    if isinstance(sweep_values, RangeSweep):
+        n = _steps(sweep, sweep_values)
     else:
         n = sum(1 for _ in islice(sweep.sweep_string_iterator(), MOST_JOBS + 1))
     if not n:

@@ -47,9 +47,9 @@ def error_lines(
     at: tuple[str, ...] = (),
 ) -> Iterator[str]:
     """A line for each error of a `model` made from `config`; `at` is its path."""
-    found = error.errors()
-    inside = {e["loc"][:n] for e in found for n in range(len(e["loc"]))}
-    for e in found:
+    details = error.errors()
+    inside = {e["loc"][:n] for e in details for n in range(len(e["loc"]))}
+    for e in details:
         if e["type"] == "too_short" and e["loc"] in inside:
             continue  # what is wrong in an item is not counted
         if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":

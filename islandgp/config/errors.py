@@ -44,16 +44,16 @@ DIGITS: Final = 1000  # of a number
 def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
     """The overrides as Hydra understands them. Raises ConfigError at the first that it cannot."""
     parser = OverridesParser.create(config_loader=loader)
-    found: list[Override] = []
+    overrides_read: list[Override] = []
     for override in overrides:
         if not override.lstrip("+~").partition("=")[0]:
             raise ConfigError(f"{override}: expected KEY=VALUE, found no key; write KEY=VALUE")
         _must_be_readable(override)
         try:
-            found += parser.parse_overrides([override])
+            overrides_read += parser.parse_overrides([override])
         except HydraException:
             raise ConfigError(_unreadable(override, parser)) from None
-    return found
+    return overrides_read
 
 
 def _must_be_readable(override: str) -> None:

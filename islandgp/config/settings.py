@@ -244,10 +244,10 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
     except (KeyError, TypeError, ValidationError):
         return config
     try:
-        found = budget.generations(gp.population, gp.episodes, gp.validation)
+        affordable = budget.generations(gp.population, gp.episodes, gp.validation)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return {**config, "gp": {**config["gp"], "generations": found}}
+    return {**config, "gp": {**config["gp"], "generations": affordable}}
 
 
 def _conflicts(settings: Settings) -> Iterator[str]:
@@ -318,8 +318,8 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
             yield from error_lines(error, values, type(settings.world), at=(path,))
             continue
         with plugin_errors(path_of(settings.domain.factory)):
-            found = settings.domain.factory.make(world, settings.rewards).schema
-        if (found.vocabulary, *map(tuple, (found.components, found.counters))) != (
+            declared = settings.domain.factory.make(world, settings.rewards).schema
+        if (declared.vocabulary, *map(tuple, (declared.components, declared.counters))) != (
             schema.vocabulary,
             *map(tuple, (schema.components, schema.counters)),
         ):

@@ -156,8 +156,8 @@ def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSett
         return tree
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
-    asked = _random_condition(rng, space)
-    return replace_at(tree, i, guarded(asked, nodes[i], random_abort(rng, space)))
+    drawn = _random_condition(rng, space)
+    return replace_at(tree, i, guarded(drawn, nodes[i], random_abort(rng, space)))
 
 
 def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:

@@ -321,8 +321,8 @@ class RunFolder:
         digest, size = "", 0
         for line in self._generations.whole():
             digest, size = chained(digest, line), size + len(line)
-        found = stamp(self._generations.path)
-        if digest != self._digest or size != (0 if found is None else found[0]):
+        present = stamp(self._generations.path)
+        if digest != self._digest or size != (0 if present is None else present[0]):
             raise RunError(
                 f"Expected the records in {self._generations.path} as this run wrote them, found"
                 " them changed by another program; restore them, or use resume=never for a new"

@@ -27,10 +27,10 @@ Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
 def stamp(file: Path) -> Stamp:
     """A value that changes when a file is written; None if there is no file."""
     try:
-        found = file.stat()
+        status = file.stat()
     except FileNotFoundError:
         return None
-    return found.st_size, found.st_mtime_ns, found.st_ino
+    return status.st_size, status.st_mtime_ns, status.st_ino
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,13 +119,13 @@ def read_digests(path: Path) -> list[str]:
     """The digests up to the first line that is not one; none where there is no file."""
     if not path.exists():
         return []
-    found: list[str] = []
+    sums: list[str] = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         index, _, digest = line.partition(" ")
-        if index != str(len(found)):
+        if index != str(len(sums)):
             break
-        found.append(digest)
-    return found
+        sums.append(digest)
+    return sums
 
 
 def wrong_record(lines: Sequence[bytes], expected: str, path: Path) -> str:

@@ -75,13 +75,13 @@ def is_secret(key: str) -> bool:
 
 def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     """A nested configuration by dotted keys; lists and mappings by operators stay whole."""
-    found: dict[str, Any] = {}
+    by_key: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, Mapping) and value and all(ALLOWED.fullmatch(str(k)) for k in value):
-            found |= flatten(value, f"{path}{key}.")
+            by_key |= flatten(value, f"{path}{key}.")
         else:
-            found[f"{path}{key}"] = value
-    return found
+            by_key[f"{path}{key}"] = value
+    return by_key
 
 
 def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -16,14 +16,14 @@ def interface(name: str) -> Any:
     """The class of an interface, e.g. of "std_srvs/srv/Trigger". Raises ConfigError."""
     package, kind, word = name.split("/")
     try:
-        found = getattr(import_module(f"{package}.{kind}"), word)
-        found.__class__.__import_type_support__()
+        interface_class = getattr(import_module(f"{package}.{kind}"), word)
+        interface_class.__class__.__import_type_support__()
     except (ImportError, AttributeError) as error:
         raise ConfigError(
             f"Expected the interface {name}, found it not installed ({error}); install the"
             f" package {package}, or source the workspace that has it"
         ) from None
-    return found
+    return interface_class
 
 
 def filled(made: Any, values: Mapping[str, Any], what: str) -> Any:

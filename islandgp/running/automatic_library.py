@@ -109,11 +109,11 @@ def _search(
     behaviours = [*settings.classes.behaviours]
     space = settings.plan(domain).space
     stages = list(_stages(settings))
-    found: dict[str, Node] = {}
+    by_behaviour: dict[str, Node] = {}
     _say("searching for a tree of each behaviour, once")
     with closing(make_evaluator()) as evaluator:
         for stage in stages:
-            missing = [name for name in behaviours if name not in found]
+            missing = [name for name in behaviours if name not in by_behaviour]
             if not missing:
                 break
             if stage != stages[0]:
@@ -125,16 +125,16 @@ def _search(
                 evaluator,
                 stage,
                 wanted=missing,
-                known=tuple(found.values()),
+                known=tuple(by_behaviour.values()),
             )
             for n, (name, tree) in enumerate(search, 1):
                 if tree is not None:
-                    found[name] = tree
+                    by_behaviour[name] = tree
                 if settings.progress != "off":
                     outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
                     _say(f"{name}: {outcome} ({n} of {len(missing)})")
         episodes = evaluator.simulated
-    trees = {name: to_text(found[name]) for name in behaviours if name in found}
+    trees = {name: to_text(by_behaviour[name]) for name in behaviours if name in by_behaviour}
     return KeptLibrary(episodes, trees)
 
 

@@ -25,13 +25,15 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     last stage. Fewer candidates take part where there are few episodes.
     """
     if settings.search.ranking == "evidence":
-        found = candidates_by_evidence(target.records(), constraints=settings.constraints)
+        contenders = candidates_by_evidence(target.records(), constraints=settings.constraints)
     else:
-        found = candidates(target.records(), settings.classes, constraints=settings.constraints)
+        contenders = candidates(
+            target.records(), settings.classes, constraints=settings.constraints
+        )
     episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
     if episodes < 1:
-        winner = max(found, key=lambda c: c.merit)
+        winner = max(contenders, key=lambda c: c.merit)
     else:
         used: set[int] = set()
         stage = 0
@@ -39,7 +41,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             used.update(record["worlds"])
             stage = record["snapshot"]["stage"]
         winner, verdict = validate(
-            entrants(found, episodes),
+            entrants(contenders, episodes),
             validation_seeds(settings.seed, frozenset(used), episodes),
             evaluator,
             stage,

@@ -35,15 +35,15 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
     Returns:
         The branches, each once, and a list of one fallback, or of none.
     """
-    found, fallbacks = [], Counter[Node]()
+    branches, fallbacks = [], Counter[Node]()
     for tree in library:
         guarded = (
             [c for c in tree.children if c.guard] if kind_of(tree).hands_over == FAILURE else []
         )
-        found.append(guarded[0] if guarded else tree)
+        branches.append(guarded[0] if guarded else tree)
         if guarded and not tree.children[-1].guard:
             fallbacks[tree.children[-1]] += 1
-    return list(dict.fromkeys(found)), [node for node, _ in fallbacks.most_common(1)]
+    return list(dict.fromkeys(branches)), [node for node, _ in fallbacks.most_common(1)]
 
 
 def priority_lists(

@@ -109,10 +109,10 @@ class MapElites(BreedingSearch[MapElitesSettings]):
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
-        found: dict[tuple[int, ...], list[Occupant]] = {}
+        by_cell: dict[tuple[int, ...], list[Occupant]] = {}
         for o in sorted(occupants, key=self._merit, reverse=True):
-            found.setdefault(cell(o.place, self.settings.bins), []).append(o)
-        return found
+            by_cell.setdefault(cell(o.place, self.settings.bins), []).append(o)
+        return by_cell
 
     def _merit(self, o: Occupant) -> Merit:
         return merit(o.fitness, self._violation(o))

@@ -97,9 +97,9 @@ def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:
         neighbours: how many of the nearest count, >= 1; fewer where there are no more.
     """
     pool = np.array([*places, *archive])
-    found = []
+    novelties = []
     for k in range(len(places)):
         distances = np.delete(np.linalg.norm(pool - pool[k], axis=1), k)
         nearest = np.sort(distances)[:neighbours]
-        found.append(float(nearest.mean()) if len(nearest) else 0.0)
-    return found
+        novelties.append(float(nearest.mean()) if len(nearest) else 0.0)
+    return novelties

@@ -323,8 +323,8 @@ def _search(
         drawn = [optimizer.ask() for _ in range(plan.population)]
         values = [_rounded(axes, offsets) for offsets in drawn]
         trees = list(dict.fromkeys(values))
-        found = candidates.points(trees, list(islice(worlds, settings.worlds)))
-        means = {tree: fmean(points) for tree, points in zip(trees, found, strict=True)}
+        fitness = candidates.points(trees, list(islice(worlds, settings.worlds)))
+        means = {tree: fmean(points) for tree, points in zip(trees, fitness, strict=True)}
         best = max(trees, key=means.__getitem__)
         winners.append(best)
         # The loss is relative to the best: CMA-ES stops where it stays 0 in all of a few dozen
@@ -356,8 +356,8 @@ def _race(
     for size in sizes:
         left = sorted(points, key=lambda tree: -_mean(points[tree]))[:size]
         new = list(islice(worlds, episodes // len(sizes) // size))
-        found = candidates.points(left, new)
-        points = {tree: points[tree] + more for tree, more in zip(left, found, strict=True)}
+        fitness = candidates.points(left, new)
+        points = {tree: points[tree] + more for tree, more in zip(left, fitness, strict=True)}
     return max(points, key=lambda tree: _mean(points[tree]))
 
 

@@ -220,11 +220,11 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
     share = shares(np.concatenate(exceeded)[None, :])[0]
     low = high = np.full(len(steps), nan)
     if _enough(arrays):
-        found = [
+        profiles = [
             shares(np.concatenate([e[i] for e, i in zip(exceeded, places, strict=True)], axis=1))
             for places in _resamples([len(each) for each in arrays], max(n, len(steps)))
         ]
-        low, high = np.quantile(np.concatenate(found), (0.025, 0.975), axis=0)
+        low, high = np.quantile(np.concatenate(profiles), (0.025, 0.975), axis=0)
     steps_, share_, low_, high_ = (tuple(map(float, row)) for row in (steps, share, low, high))
     return Profile(steps_, share_, low_, high_)
 

@@ -111,9 +111,11 @@ def _fit_targets(cases: Sequence[Case], shape: Shape) -> Rule:
 def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:
     from sklearn.tree import DecisionTreeRegressor
 
-    found = _rates(cases)
-    rates = [rate for _, rate in found]
-    return _fit(DecisionTreeRegressor, shape, found, rates, lambda n: round(float(n[0][0]), 6))
+    cases_of_rate = _rates(cases)
+    rates = [rate for _, rate in cases_of_rate]
+    return _fit(
+        DecisionTreeRegressor, shape, cases_of_rate, rates, lambda n: round(float(n[0][0]), 6)
+    )
 
 
 def _fit(

@@ -156,7 +156,7 @@ def normalised(
     Raises:
         StudyError: a world has no bounds, or they are not two finite and different numbers.
     """
-    found: dict[str, dict[str, list[float]]] = {}
+    by_world: dict[str, dict[str, list[float]]] = {}
     for world, arms in scores.items():
         low, high = bounds.get(world, (nan, nan))
         if not (isfinite(low) and isfinite(high) and low != high):
@@ -164,11 +164,11 @@ def normalised(
                 f"Expected two finite and different bounds for {world}, found"
                 f" {bounds.get(world, 'none')}; give the scores that are to become 0 and 1."
             )
-        found[world] = {
+        by_world[world] = {
             arm: ((np.asarray(values, float) - low) / (high - low)).tolist()
             for arm, values in arms.items()
         }
-    return found
+    return by_world
 
 
 def arm_names(scores: Scores) -> list[str]:

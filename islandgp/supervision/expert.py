@@ -24,8 +24,8 @@ from islandgp.text import title
 class Size(BaseModel, frozen=True, extra="forbid"):
     """Upper limits of a tree's size."""
 
-    depth: int = Field(ge=1)  # levels
-    nodes: int = Field(ge=1)
+    depth: int = Field(ge=1)  # most levels
+    nodes: int = Field(ge=1)  # most nodes
 
     def holds(self, tree: Node) -> bool:
         """True if `tree` is within the limits."""

@@ -56,10 +56,10 @@ class SweepFile:
 
     def arms(self) -> dict[str, list[SweepJob]]:
         """The jobs by arm."""
-        found: dict[str, list[SweepJob]] = {}
+        by_arm: dict[str, list[SweepJob]] = {}
         for job in self.jobs:
-            found.setdefault(self.arm(job), []).append(job)
-        return found
+            by_arm.setdefault(self.arm(job), []).append(job)
+        return by_arm
 
 
 class SweepFolder:

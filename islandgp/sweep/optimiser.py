@@ -260,7 +260,7 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
             try:
                 trust(names_in(ours))
                 settings = read_settings(ours)
-                found = choose(RunFolder(named), settings, redacted(ours))
+                target = choose(RunFolder(named), settings, redacted(ours))
             except (ConfigError, RunError) as error:
                 # It failed, and its folder has the error.
                 folder = RunFolder(named)
@@ -273,7 +273,7 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
                 folder.fail(error)
                 print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
                 return nan
-            entry = sweep_entry(ours, overrides, named, found.path, command, search.id)
+            entry = sweep_entry(ours, overrides, named, target.path, command, search.id)
             judge = AT_WORK.get(int(hydra.job.num))
             own = fitted(settings, hydra.launcher, search.at_once)
             return _run(search, entry, ours, own, home, judge)

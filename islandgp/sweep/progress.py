@@ -59,12 +59,12 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
 
     The job of the folder `beginning` counts as running, unless it is finished.
     """
-    found = [(run.path, run.status(), run.completed_generations()) for run in start.runs()]
+    progress = [(run.path, run.status(), run.completed_generations()) for run in start.runs()]
     states = [
         Status.RUNNING
         if beginning is not None and path == beginning.path and status is not Status.FINISHED
         else status
-        for path, status, _ in found
+        for path, status, _ in progress
     ]
     failed = sum(
         status is Status.FAILED and start.failed(run)
@@ -78,7 +78,7 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
     )
     if start.search:
         return f"search {start.search}: {counts}, {pruned} pruned"
-    generations = sum(settled for _, _, settled in found)
+    generations = sum(settled for _, _, settled in progress)
     total = sum(job.generations for job in start.jobs.values())
     new = generations - start.before
     left = f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
@@ -88,10 +88,10 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
 def _error_file(run: RunFolder) -> tuple[int, int] | None:
     """Inode and time of change of a run's error file; None if there is none."""
     try:
-        found = (run.path / "error.txt").stat()
+        status = (run.path / "error.txt").stat()
     except OSError:
         return None
-    return found.st_ino, found.st_mtime_ns
+    return status.st_ino, status.st_mtime_ns
 
 
 def job_line(run: RunFolder) -> str:

@@ -71,16 +71,16 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
     reader = _Reader(folder)
     steps: list[LineageStep] = []
     same: list[dict[str, Any]] = []  # the newest first: individuals with one tree
-    found = reader.individual(name)
+    ancestor = reader.individual(name)
     for _ in range(MOST_INDIVIDUALS):
-        if found is None:
+        if ancestor is None:
             break
-        same.append(found)
-        parent = reader.parent(found)
-        if parent is None or parent["tree"] != found["tree"]:
+        same.append(ancestor)
+        parent = reader.parent(ancestor)
+        if parent is None or parent["tree"] != ancestor["tree"]:
             steps.append(_step(reader, same, parent))
             same = []
-        found = parent
+        ancestor = parent
     if same:  # the chain is longer than what is read
         steps.append(_step(reader, same, None))
     whole = bool(steps) and not steps[-1].parents
@@ -174,9 +174,9 @@ class _Reader:
     def parent(self, child: Mapping[str, Any]) -> dict[str, Any] | None:
         """An individual's first parent, of an earlier generation; None for none."""
         for name in child["parents"][:1]:
-            found = self.individual(name)
-            if found is not None and _generation(found["id"]) < _generation(child["id"]):
-                return found
+            ancestor = self.individual(name)
+            if ancestor is not None and _generation(ancestor["id"]) < _generation(child["id"]):
+                return ancestor
         return None
 
     def gain(

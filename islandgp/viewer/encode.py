@@ -162,7 +162,7 @@ class _Scene:
     def plain(self) -> dict[str, Any]:
         """The scene data for the page's script."""
         film = self.film
-        found = {
+        encoded = {
             "width": round(self.width / self.unit, 3),
             "height": round(self.height / self.unit, 3),
             "forms": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
@@ -171,7 +171,7 @@ class _Scene:
             "movers": self._movers(film.movers),
             **self._frames(film.frames),
         }
-        return {**found, "looks": [*self.looks]}
+        return {**encoded, "looks": [*self.looks]}
 
     def _look(self, form: str, size: float, text: str) -> int:
         plain = (self.forms.index(form), round(size / self.unit, 1), text)

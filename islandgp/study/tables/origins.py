@@ -25,9 +25,9 @@ def lineage_table(study: Comparison) -> Table:
     """Survival of the lineages of injected trees, and of random trees of diversity slots."""
     rows = []
     for arm in study.arms:
-        found = [n for run in arm.runs for n in lineage.newcomers(run)]
+        trees = [n for run in arm.runs for n in lineage.newcomers(run)]
         for origin in (*lineage.ADVISED, Origin.RANDOM):
-            if mine := [n for n in found if n.origin == origin]:
+            if mine := [n for n in trees if n.origin == origin]:
                 life = lineage.median_life(mine, study.generations)
                 elite = fmean(lineage.elite_share(run, origin) for run in arm.runs)
                 alive_later = lineage.alive(mine, LATER + 1)[LATER]

@@ -361,13 +361,13 @@ class Adviser:
     def _run_values(self, state: PopulationState) -> RunValues:
         """The prompts' values on the run so far; computed once per generation."""
         if self._last is None or self._last[0] is not state:
-            found = NO_VALUES
+            result = NO_VALUES
             if self.uses_history:
-                found = run_values(self.settings.informed, self.context, state, self._history)
+                result = run_values(self.settings.informed, self.context, state, self._history)
             if self.context.edits:
                 values, played = edit_values(self.context, self._history, self.settings.parents)
-                found = RunValues({**found.values, **values}, found.episodes + played)
-            self._last = (state, found)
+                result = RunValues({**result.values, **values}, result.episodes + played)
+            self._last = (state, result)
         return self._last[1]
 
     def _repair(self, rejection: Rejection) -> str:

@@ -75,29 +75,29 @@ def check_decision(rates: RateSettings) -> Check[Guidance]:
     """The check of decisions on the mutation rate."""
 
     def check(reply: Reply) -> Accepted[Guidance] | Rejection:
-        found = read_answer(reply, DecisionAnswer)
-        if isinstance(found, Rejection):
-            return found
-        asked = found.mutation_rate
-        rate, change = asked, ""
-        if not rates.least <= asked <= rates.most:
+        answer = read_answer(reply, DecisionAnswer)
+        if isinstance(answer, Rejection):
+            return answer
+        advised = answer.mutation_rate
+        rate, change = advised, ""
+        if not rates.least <= advised <= rates.most:
             if rates.outside == "repair":
                 return Rejection(
                     RejectionStage.RANGE,
                     f"mutation_rate: expected a number from {rates.least} to {rates.most},"
-                    f" found {asked}",
+                    f" found {advised}",
                 )
-            rate = min(rates.most, max(rates.least, asked))
-            change = f"clamped from {asked}"
+            rate = min(rates.most, max(rates.least, advised))
+            change = f"clamped from {advised}"
         decision = Guidance(
             rate,
             None,
             "llm",
-            phase=found.phase,
-            pattern=found.pattern,
-            intervention=found.intervention,
-            risk=found.risk[:LONGEST],
-            reasoning=found.reasoning[:LONGEST],
+            phase=answer.phase,
+            pattern=answer.pattern,
+            intervention=answer.intervention,
+            risk=answer.risk[:LONGEST],
+            reasoning=answer.reasoning[:LONGEST],
         )
         return Accepted(decision, change)
 

@@ -225,7 +225,7 @@ class Ledger:
         usages = [a.usage for a in attempts if a.usage is not None]
         failures = Counter(a.answer.kind for a in made if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
-        found: dict[str, float] = {
+        sums: dict[str, float] = {
             "requests": len(attempts) + lost,
             "calls": len({a.call for a in attempts}),
             "input_tokens": sum(u.input for u in usages),
@@ -243,16 +243,16 @@ class Ledger:
         }
         played = list(self.transcript.played)
         if played:
-            found["episodes"] = sum(p.episodes for p in played)
+            sums["episodes"] = sum(p.episodes for p in played)
         if trials := [p for p in played if p.purpose == "trial"]:
-            found["trials"] = len(trials)
-            found["trial_gain"] = sum(p.gain for p in trials)
+            sums["trials"] = len(trials)
+            sums["trial_gain"] = sum(p.gain for p in trials)
         if (most := self.most().usd) is not None:
-            found["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
-            found["cost_usd_at_most"] = most
-        found |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
-        found |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
-        return found
+            sums["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
+            sums["cost_usd_at_most"] = most
+        sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
+        sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
+        return sums
 
 
 class SweepLedger:
