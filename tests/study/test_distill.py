@@ -180,7 +180,7 @@ def _expert(settings: object, given: object) -> object:
                     "no": {"answer": 0.2, "cases": 1},
                 }
             },
-            "asks for 'moon'",
+            "the feature 'moon'",
         ),
         (
             {
@@ -191,7 +191,7 @@ def _expert(settings: object, given: object) -> object:
                     "no": {"answer": 0.2, "cases": 1},
                 }
             },
-            r"asks for 'history\[\].best'",
+            r"the feature 'history\[\].best'",
         ),
         ({"format": 2}, "found another file"),
         ("[" * 100_000, "found another file"),
