@@ -291,7 +291,9 @@ def _print(
     console.print()
     reached = [tiers(outcome, settings.classes) for outcome in outcomes]
     counts = [f"{tier} {sum(tier in r for r in reached)}" for tier in settings.classes.tiers]
-    console.print(f"Tiers, of {len(outcomes)} worlds: {', '.join(counts)}")
+    console.print(
+        f"Tiers, of {len(outcomes)} world{'s' * (len(outcomes) > 1)}: {', '.join(counts)}"
+    )
     if settings.perturb is not None:
         worst = min(range(len(perturbed)), key=lambda k: perturbed[k])
         mean, least = numbers([fmean(perturbed), perturbed[worst]])

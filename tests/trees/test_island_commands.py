@@ -314,6 +314,7 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
     assert "One world has no interval; --seeds N takes more." in said
     alone = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
     assert "One world has no standard deviation" in alone
+    assert "Tiers, of 1 world:" in alone
     (row,) = (line.split() for line in alone.splitlines() if line.startswith("fitness"))
     assert row[2] == "-"
     assert "standard deviation" not in islandgp("play", GOOD, "--seeds", 2, *SHORT).out
