@@ -62,6 +62,10 @@ COMMANDS: Final = {
     "estimate": CommandInfo(
         "estimate the costs of supervision by a language model", "supervisor=llm"
     ),
+    "transcript": CommandInfo(
+        "show the questions to a language model and its answers",
+        "runs/default/llm-seed0 --generation 3",
+    ),
     "distill": CommandInfo(
         "fit a small offline policy to the decisions of past runs", "runs/default -o policy.json"
     ),

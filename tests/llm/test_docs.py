@@ -25,8 +25,9 @@ from tests.llm.made import advise, answering, context, settings, supervisor
 DOCS = resource("conf").parent / "docs"
 PAGES = [DOCS / "llm.md", *sorted((DOCS / "llm").glob("*.md")), DOCS / "distilling.md"]
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
-COMMANDS = re.findall(r"^    (\S.*)$", TEXT, re.MULTILINE) + re.findall(
-    r"^\| `(python .*?)` \|", TEXT, re.MULTILINE
+OUTSIDE = re.sub(r"^```.*?^```$", "", TEXT, flags=re.DOTALL | re.MULTILINE)
+COMMANDS = re.findall(r"^    (\S.*)$", OUTSIDE, re.MULTILINE) + re.findall(
+    r"^\| `(python .*?)` \|", OUTSIDE, re.MULTILINE
 )
 
 
@@ -56,6 +57,7 @@ def test_no_command_is_left_out() -> None:
     known = (
         "python -m islandgp ",
         "islandgp estimate",
+        "islandgp transcript",
         "python -m islandgp.testing.demo",
         "python -m benchmarks.mock_model",
         "islandgp distill",

@@ -1,0 +1,194 @@
+"""`islandgp transcript`: a run's transcript as text, and the errors for other files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.commands import transcript_command
+from islandgp.resources import resource
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.transcript import NAME, Attempt, Call, Conclusion, Sent, Transcript
+from islandgp.testing.mock_model import MockModel
+from islandgp.testing.server import MessagesServer
+from tests.llm.test_whole_run import live
+from tests.trees.shell import Cli, shell
+
+ESCAPE = "\x1b[2J\x9b31m\u202e\r"  # clears a terminal, colours it and reverses text
+
+
+@pytest.fixture
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `islandgp ARGUMENTS...`; see `shell`."""
+    return shell(monkeypatch, capsys)
+
+
+def answers(request: Mapping[str, Any]) -> Any:
+    """The mock's answers; rates after generation 1 are 7, and trees need a repair."""
+    answer = dict(MockModel()(request))
+    question = request["messages"][-1]["content"]
+    if "mutation_rate" in answer and "generation 0" not in request["messages"][0]["content"]:
+        answer["mutation_rate"] = 7
+    if "tree" in answer and "cannot be used" not in question:
+        answer["tree"] = "sequence { FlyHome }"
+    return answer
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of three generations against the mock server."""
+    folder = tmp_path_factory.mktemp("run")
+    patient = "supervisor.policy.retry.deadline=5"
+    with MessagesServer(answer=answers) as server:
+        live(server, folder, "gp.generations=3", "supervisor.edits=1", patient)
+    return folder
+
+
+def test_a_transcript_in_words(islandgp: Cli, run: Path) -> None:
+    """Questions by generation and part, answers by field, and results with their reasons."""
+    said = islandgp("transcript", run)
+    assert (said.code, said.err) == (0, "")
+    before, first, second = re.split(r"^After generation \d$", said.out, flags=re.MULTILINE)
+    assert "greeting: Hello" in before
+    assert re.findall(r"^  (\w+): (taken|fallback).*$", first, re.MULTILINE) == [
+        ("rate", "taken"), ("tree", "taken"), ("edits", "taken"),
+    ]  # fmt: skip
+    assert "  tree: taken, repaired\n" in first
+    assert "      rejected: names\n    repair 1:\n      That answer cannot be used." in first
+    assert "      mutation_rate: 0." in first
+    assert re.search(r'edits 1: kind "front", of "0\.\d+", at "", branch ".+"; Mock ', first)
+    assert re.search(r", [\d,]+ tokens in, \d+ out, 0\.\d{4} dollars, \d\.\d s$", first, re.M)
+    assert "  rate: fallback: range: " in second
+    assert second.count("      rejected: range\n") == 2
+    assert re.search(r"^10 attempts: [\d,]+ tokens in", second, re.MULTILINE)
+
+
+def test_one_generation_has_its_whole_prompts(islandgp: Cli, run: Path) -> None:
+    """The system prompt once, each turn's prompt, and the replies as they came."""
+    said = islandgp("transcript", run / NAME, "--generation", 0, "--part", "tree").out
+    question, repair = (
+        a for a in Transcript(run / NAME).attempts if a.call.generation == 0 and is_tree(a)
+    )
+    assert said.count("system prompt:") == said.count(f"  {question.request.turns[0][:20]}") == 1
+    shown = {line.strip() for line in said.splitlines()}
+    for text in (question.request.system, *question.request.turns, repair.request.turns[-1]):
+        assert {line.strip() for line in text.splitlines()} <= shown
+    for attempt in (question, repair):
+        assert isinstance(attempt.answer, Reply)
+        assert attempt.answer.text in shown
+    assert "After generation 1" not in said
+    assert "\n  rate" not in said
+
+
+def is_tree(attempt: Attempt) -> bool:
+    return attempt.call.part == "tree"
+
+
+def test_lines_are_wrapped_on_a_terminal_only(
+    islandgp: Cli, run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pipe gets whole lines; no word is lost."""
+    piped = islandgp("transcript", run, "--generation", 0).out
+    monkeypatch.setattr(transcript_command, "_width", lambda: 50)
+    wrapped = islandgp("transcript", run, "--generation", 0).out
+    assert max(map(len, piped.splitlines())) > 100
+    assert max(map(len, wrapped.splitlines())) == 50
+    assert "".join(wrapped.split()) == "".join(piped.split())
+
+
+REQUEST = Request("m", f"s{ESCAPE}", (), 100)
+DEEP = "[" * 900 + "]" * 900
+REPLIES: list[Reply | Failure] = [
+    Reply(json.dumps({"tree": ESCAPE, "target": ["\ud800"], "rationale": 7}), "end_turn", None),
+    Reply(f'{{"edits": [{DEEP}, {{"kind": {DEEP}, "reason": {DEEP}}}, 1]}}', "", Usage(1, 2)),
+    Reply("{" * 100_000 + ESCAPE, f"max{ESCAPE}", Usage(1, 2), ESCAPE),
+    Failure(FailureKind.TIMEOUT, ESCAPE),
+]
+
+
+@pytest.mark.parametrize("answer", REPLIES)
+@pytest.mark.parametrize("options", [(), ("--generation", 3)])
+def test_a_strangers_transcript_cannot_control_the_terminal(
+    islandgp: Cli, tmp_path: Path, answer: Reply | Failure, options: tuple[object, ...]
+) -> None:
+    """Control characters are left out, and no value of an answer is an error."""
+    transcript = Transcript(tmp_path / NAME)
+    call = Call(3, f"edits {ESCAPE}", 0)
+    transcript.add(Attempt(call, 1, REQUEST, answer, None, Usage(), None, 0.5, 1.0, "at"))
+    transcript.add(Conclusion(3, call.part, f"llm, {ESCAPE}", ESCAPE, (ESCAPE,)))
+    transcript.add(Sent(Call(3, "rate", 0), 1, Usage()))
+    said = islandgp("transcript", tmp_path, *options)
+    assert (said.code, said.err) == (0, "")
+    assert all(c.isprintable() or c == "\n" for c in said.out)
+    assert "attempt 1: sent, no answer is recorded" in said.out
+    assert "unknown dollars, 0.5 s after waiting for 1.0 s" in said.out
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "message"),
+    [
+        (None, (), "Expected a run's folder with a transcript.jsonl"),
+        (b"", (), "Expected questions to a model in "),
+        (b'{"line": "start"', (), "Expected questions to a model in "),
+        (f"{ESCAPE}\n".encode(), (), "found 1 damaged or changed lines"),
+        (b"\xff\x00\n[1]\n", (), "found 2 damaged or changed lines"),
+        (b"", ("--part", "poem"), "--part"),
+        (b"", ("--generation", "first"), "--generation"),
+    ],
+)
+def test_what_is_no_transcript_is_one_line(
+    islandgp: Cli, tmp_path: Path, content: bytes | None, options: tuple[str, ...], message: str
+) -> None:
+    """Exit code 2, with the file and a remedy."""
+    if content is not None:
+        (tmp_path / NAME).write_bytes(content)
+    said = islandgp("transcript", tmp_path, *options)
+    assert (said.code, said.out) == (2, "")
+    assert said.err.count("\n") == 1
+    assert said.err[:-1].isprintable()
+    assert message in said.err
+    assert islandgp("transcript", tmp_path / "nothing").code == 2
+
+
+def test_damaged_lines_are_left_out(islandgp: Cli, run: Path, tmp_path: Path) -> None:
+    """The others are shown; the error has the first damaged line, and the exit code is 2."""
+    lines = (run / NAME).read_text(encoding="utf-8").splitlines()
+    at = next(i for i, line in enumerate(lines) if '"mutation_rate\\": 7' in line)
+    lines[at] = lines[at].replace('"mutation_rate\\": 7', '"mutation_rate\\": 0')
+    (tmp_path / NAME).write_text("\n".join([*lines, "{}", ""]), encoding="utf-8")
+    said = islandgp("transcript", tmp_path)
+    assert said.code == 2
+    assert f"found 2 damaged or changed lines, which are not shown (the first: line {at + 1}," in (
+        said.err
+    )
+    assert "greeting: Hello" in said.out
+    assert "9 attempts" in said.out
+    assert "attempt 1: sent, no answer is recorded" in said.out
+
+
+def test_options_that_fit_no_question(islandgp: Cli, run: Path) -> None:
+    """The error has the generations that the transcript has."""
+    said = islandgp("transcript", run, "--generation", 9)
+    assert (said.code, said.out) == (2, "")
+    assert "that fit the options, found generations -1 to 1;" in said.err
+
+
+LINES = re.findall(
+    r"^    islandgp (transcript .+)$",
+    (resource("conf").parent / "docs/llm/replay.md").read_text(encoding="utf-8"),
+    re.MULTILINE,
+)
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_the_commands_of_the_page_run(islandgp: Cli, run: Path, line: str) -> None:
+    """With the folder of this run."""
+    words = line.replace("runs/default/llm-seed0", str(run)).split()
+    said = islandgp(*words)
+    assert (said.code, said.err) == (0, "")
+    assert "attempts: " in said.out
