@@ -46,7 +46,14 @@ def demo(overrides: Sequence[str]) -> int:
     """Runs, repeats, compares; returns the exit code."""
     print(INTRODUCTION)
     home = Path(tempfile.mkdtemp(prefix="islandgp-demo-llm-"))
-    common = ["experiment=smoke", "gp.generations=11", "tracking=off", "progress=off", *overrides]
+    common = [
+        "experiment=smoke",
+        "search=paper",  # which asks for rates and trees
+        "gp.generations=11",
+        "tracking=off",
+        "progress=off",
+        *overrides,
+    ]
     os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not reach a server of ours
     with MessagesServer(every(3, FAULTS)) as server:
         url = f"supervisor.policy.base_url={server.url}"
