@@ -41,7 +41,7 @@ def sources() -> dict[str, str]:
     """The place in the site of each file that it takes over, both as paths."""
     found = dict(AT_THE_TOP)
     for file in sorted(DOCS.rglob("*")):
-        if file.suffix in (".md", ".png", ".svg", ".csv", ".html"):
+        if file.suffix in (".md", ".gif", ".png", ".svg", ".csv", ".html"):
             name = file.relative_to(ROOT).as_posix()
             found[name] = RENAMED.get(name, file.relative_to(DOCS).as_posix())
     return found
@@ -63,6 +63,8 @@ def rewritten(text: str, source: str, places: dict[str, str]) -> str:
             return f"{picture}[{label}]({near}{anchor or ''})"
         if not (ROOT / meant).exists():
             raise SystemExit(f"{source}: expected a file at {target}, found none; mend the link.")
+        if picture:
+            raise SystemExit(f"{source}: expected a picture below docs, found {target}; move it.")
         return label if meant in label else f"{label} (`{meant}`)"
 
     parts = _CODE.split(text)  # odd ones are code, where brackets are no links
