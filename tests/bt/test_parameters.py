@@ -110,7 +110,7 @@ def test_wrong_arguments(text: str, message: str) -> None:
         (one_of("", ()), "words"),
         (one_of("", ("both",)), "no word of the language"),
         (one_of("", ("a", "a")), "different words"),
-        (3, "real, whole, one_of or switch"),
+        (3, "real, whole, one_of, switch or text"),
     ],
 )
 def test_wrong_declarations(argument: object, message: str) -> None:

@@ -113,10 +113,10 @@ def test_the_same_command_works_once_the_server_is_there(
 ) -> None:
     """The failed probe is not taken for an answer. Share of the answers and costs are told."""
     monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
-    assert main(SMALL) == 2
+    assert main([*SMALL, "search=paper"]) == 2
     with MessagesServer() as server:
         monkeypatch.setenv("ANTHROPIC_BASE_URL", server.url)
-        assert main(SMALL) == 0
+        assert main([*SMALL, "search=paper"]) == 0
     summary, said = found(here, "summary.json"), capsys.readouterr()
     assert summary["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
     assert summary["mostly_fallback"] is False
@@ -190,7 +190,8 @@ def test_answers_that_are_the_fallbacks_in_part(
         return "no tree today" if "tree" in answer else answer
 
     with MessagesServer(answer=rates_only) as server:
-        words = [*SMALL, f"supervisor.policy.base_url={server.url}", "seed=1", "-m"]
+        address = f"supervisor.policy.base_url={server.url}"
+        words = [*SMALL, "search=paper", address, "seed=1", "-m"]
         assert main(words) == 0
         assert main([*words[:-2], "seed=2"]) == 0
         assert main([*words, "supervisor.policy.most_fallback=0.4"]) == 3
