@@ -63,8 +63,9 @@ _WRITTEN = {
     **{kind: f"`{kind} 2.5 {{ x }}`" for kind in TIMED},
     "recovery": "`recovery 3 { x y }`",
     "when": "`when KEY < 25 abort lower { x }`",
-    "action": "its name",
+    "action": "the name of an action",
 }
+_CHILDREN = {(0, 0): "none", (1, 1): "one", (2, 2): "two"}
 
 
 def tables() -> dict[str, str]:
@@ -76,7 +77,7 @@ def tables() -> dict[str, str]:
                 (
                     _WRITTEN.get(name, f"`{name} {{ ... }}`"),
                     kind.look.sign,
-                    {0: "none", 1: "one"}.get(kind.children[1], "one or more"),
+                    _CHILDREN.get(kind.children, "one or more"),
                     kind.meaning,
                 )
                 for name, kind in KINDS.items()

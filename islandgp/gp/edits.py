@@ -164,16 +164,21 @@ def path_of(tree: Node, at: str) -> Path:
     )
 
 
+def is_selector(node: Node) -> bool:
+    """True for a selector, also a reactive one."""
+    return kind_of(node).hands_over == FAILURE
+
+
 def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
     """The tree with a branch that is tried before the node at a path.
 
-    The branch becomes a child of the selector around the node, or of the node if that is a
-    selector, or of a new selector with the two.
+    If the node's parent is a selector, the branch becomes the sibling before the node. Else, if the
+    node is a selector, it becomes its first child. Else a new selector has the two as children.
     """
     node = node_at(tree, path)
-    if path and kind_of(node_at(tree, path[:-1])).hands_over == FAILURE:
+    if path and is_selector(node_at(tree, path[:-1])):
         return _with_child(tree, path, branch)
-    if kind_of(node).hands_over == FAILURE:
+    if is_selector(node):
         return with_node(tree, path, node._replace(children=(branch, *node.children)))
     return with_node(tree, path, selector(branch, node))
 
@@ -241,18 +246,23 @@ def _combine(tree: Node, path: Path, _: Edit, donated: Node | None) -> Node:
 
 
 EDITS: Final[Mapping[str, EditKind]] = {
-    "front": EditKind("branch", "puts a branch in front of the node at the place", _front),
+    "front": EditKind(
+        "branch", "inserts a branch that is tried before the node at the place", _front
+    ),
     "insert": EditKind(
         "branch",
-        "puts a branch at the place, as a child of the selector, sequence or parallel there",
+        "inserts a branch into a selector, sequence or parallel; the place is the future one of the"
+        " branch: 0/2 makes it the third child of the node 0",
         _insert,
     ),
-    "replace": EditKind("branch", "puts a branch in the place of the subtree there", _replace),
+    "replace": EditKind("branch", "replaces the subtree at the place by a branch", _replace),
     "number": EditKind(
         "number", "changes a number of a `when`, or the count of a repeater", _number
     ),
     "combine": EditKind(
-        "donor", "puts the branch at a place of the donor in front of the node there", _combine
+        "donor",
+        "inserts the donor's branch at `donor_at`; it is tried before the node at the place",
+        _combine,
     ),
 }
 

@@ -2,8 +2,9 @@
 
 It compares the counters of the fittest tree with the requirements of the tiers, so it works in any
 domain. For each counter that is too low it looks for a branch: in the library by target, and in
-evaluated trees by the action that occurs most often together with the counter. The branch is
-inserted by its guard, narrow guards first.
+evaluated trees by the action most typical of the counter, i.e. that with the largest share of trees
+in which the counter is above 0. The branch is inserted before the first one with an equally wide
+or wider guard.
 """
 
 from __future__ import annotations
@@ -19,12 +20,11 @@ import numpy as np
 from pydantic import Field
 
 from islandgp.bt.core.condition import Condition, ConditionExpr
-from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import FAILURE, Node, guard_of, size, walk
+from islandgp.bt.core.node import Node, guard_of, size, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.gp.branches import branches_of, fine
-from islandgp.gp.edits import Edit, Path, nodes_with_paths, written
+from islandgp.gp.edits import Edit, Path, is_selector, nodes_with_paths, written
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
@@ -40,9 +40,9 @@ from islandgp.supervision.expert import (
 from islandgp.supervision.library import Library
 
 WIDER: Final = 0.15  # step by which a guard is widened, as a share of its key's range
-DONORS: Final = 5  # most trees per counter whose branches are candidates
-Key = tuple[str, str, str | None, float | None]
-"""Kind, place, branch and number of an edit."""
+EXAMPLES: Final = 5  # most trees per counter whose branches are candidates
+EditKey = tuple[str, str, str | None, float | None]
+"""Kind, place, canonical text of the branch, and number of an edit."""
 WORD: Final = re.compile(r"\w+")
 
 
@@ -59,17 +59,17 @@ class Requirement:
 
     counter: str
     value: float  # the bound
-    exceeds: bool  # True: the counter must be greater than the bound; False: it may be equal
+    strict: bool  # True: count > value; False: count >= value
     milestone: int  # index of the easiest milestone that requires it; number of milestones if none
 
     def __str__(self) -> str:
         """The bound in words, e.g. `at least 2`."""
-        return f"{'more than' if self.exceeds else 'at least'} {self.value:g}"
+        return f"{'more than' if self.strict else 'at least'} {self.value:g}"
 
     def met(self, counters: Mapping[str, float]) -> bool:
         """True if the counters meet the bound."""
         count = counters[self.counter]
-        return count > self.value if self.exceeds else count >= self.value
+        return count > self.value if self.strict else count >= self.value
 
 
 def requirements(classes: Classes) -> tuple[Requirement, ...]:
@@ -80,12 +80,13 @@ def requirements(classes: Classes) -> tuple[Requirement, ...]:
     bounds: list[Requirement] = []
     for k, milestone in enumerate(classes.milestones):
         for tier in (classes.tiers[name] for name in reversed(classes.needed(milestone))):
-            for exceeds, values in ((False, tier.at_least), (True, tier.above)):
-                bounds += [Requirement(c, value, exceeds, k) for c, value in values.items()]
+            for strict, values in ((False, tier.at_least), (True, tier.above)):
+                bounds += [Requirement(c, value, strict, k) for c, value in values.items()]
     last = len(classes.milestones)
     bounds += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
-    once = {(r.counter, r.value, r.exceeds): r for r in reversed(bounds) if r.counter != "fitness"}
-    return tuple(r for r in bounds if r in once.values())
+    # Each bound once, of its easiest milestone. `fitness` is a measure of tiers but no counter.
+    first = {(r.counter, r.value, r.strict): r for r in reversed(bounds) if r.counter != "fitness"}
+    return tuple(r for r in bounds if r in first.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +100,8 @@ class Branch:
 def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
     """Share of blackboards on which a condition holds, in [0, 1], for uniformly distributed values.
 
-    A flag holds on half of them.
+    A flag holds on half of them. A joined condition is estimated from its parts: `and` by the
+    narrowest, `or` by the widest, as the parts may depend on each other.
     """
     if not isinstance(expr, Condition):
         parts = [width(part, vocabulary) for part in expr.parts]
@@ -116,8 +118,8 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
     ]
 
 
-def urgency(branch: Node, vocabulary: Vocabulary) -> float:
-    """Sort key of branches in a selector: the width of the guard, 1 without one; lowest first."""
+def guard_width(branch: Node, vocabulary: Vocabulary) -> float:
+    """The width of a branch's guard, in [0, 1]; 1 without a guard."""
     return width(branch.guard.condition, vocabulary) if branch.guard else 1.0
 
 
@@ -127,14 +129,14 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
     It is inserted before the first child with an equally wide or wider guard. None if the root is
     not a selector.
     """
-    if kind_of(tree).hands_over != FAILURE:
+    if not is_selector(tree):
         return None
-    wide = urgency(branch, vocabulary)
-    wider = (k for k, child in enumerate(tree.children) if urgency(child, vocabulary) >= wide)
+    least = guard_width(branch, vocabulary)
+    wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= least)
     return next(wider, len(tree.children))
 
 
-def guard_above(tree: Node, branch: Node) -> tuple[Path, Node] | None:
+def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
     """Path and node of the first guard in a tree with the same child as a branch's guard."""
     if not branch.guard:
         return None
@@ -174,20 +176,22 @@ class Editor:
         self.settings = settings
         self.context = context
         self.requirements = requirements(context.classes)
-        self._now: GenerationView | None = None
-        self._donors: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
+        self._latest: GenerationView | None = None
+        self._trees: dict[int, dict[str, str]] = {}  # by generation and id; `lag` + 1 generations
+        self._examples: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
         self._with: Counter[tuple[str, str]] = Counter()  # trees by counter above 0 and action
         self._all: Counter[str] = Counter()  # trees by action
-        self._tried: Counter[str] = Counter()  # edits by inserted branch
-        self._gained: Counter[str] = Counter()  # those that improved the tree
-        self._done: set[tuple[str, Key]] = set()  # accepted edits, by tree
+        self._evaluated: Counter[str] = Counter()  # edits by inserted branch
+        self._improved: Counter[str] = Counter()  # those of them that improved the tree
+        self._advised: set[tuple[str, EditKey]] = set()  # by tree; accepted or refused
 
     # Measurements of the run.
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
         self._learn(generation)
-        self._now = generation
+        self._latest = generation
+        self._trees[generation.snapshot.generation] = {i.id: i.tree for i in generation.individuals}
         counters = dict.fromkeys(r.counter for r in self.requirements)
         for i in generation.individuals:
             actions = set(WORD.findall(i.tree)) & self.context.schema.vocabulary.actions.keys()
@@ -195,73 +199,91 @@ class Editor:
             for counter in counters:
                 if i.counters[counter] > 0:
                     self._with.update((counter, action) for action in actions)
-                    self._donors.setdefault(counter, []).append(i)
-        for counter, donors in self._donors.items():
-            order = sorted(donors, key=lambda i: (-i.counters[counter], i.nodes))
-            self._donors[counter] = list({i.tree: i for i in reversed(order)}.values())[::-1]
-            del self._donors[counter][DONORS:]
+                    self._examples.setdefault(counter, []).append(i)
+        for counter, examples in self._examples.items():
+            order = sorted(examples, key=lambda i: (-i.counters[counter], i.nodes))
+            self._examples[counter] = list({i.tree: i for i in reversed(order)}.values())[::-1]
+            del self._examples[counter][EXAMPLES:]
 
     def _learn(self, generation: GenerationView) -> None:
-        """Counts accepted edits and those that improved a tree in the same world."""
-        if self._now is None or generation.guidance is None:
+        """Record the edits that made a generation, and which of them improved a tree.
+
+        The edits are those of the record, so that a resumed run has the same. They name individuals
+        of the generation that was the latest when they were advised.
+        """
+        led = generation.guidance
+        if led is None or led.asked_at is None:
             return
-        trees = {i.id: i.tree for i in self._now.individuals}
-        accepted = [edit for edit in generation.guidance.edits if not edit.refused]
-        for edit, trial in zip(accepted, generation.trials, strict=False):
+        self._trees = {g: trees for g, trees in self._trees.items() if g >= led.asked_at}
+        trees = self._trees.get(led.asked_at, {})
+        for edit in led.edits:
             if edit.of in trees:
-                self._done.add((trees[edit.of], (edit.kind, edit.at, edit.branch, edit.number)))
+                key = (edit.kind, edit.at, edit.branch, edit.number)
+                self._advised.add((trees[edit.of], key))
+        accepted = [edit for edit in led.edits if not edit.refused]
+        # There are no trials if the search did not evaluate the edits, or stopped before.
+        for edit, trial in zip(accepted, generation.trials, strict=False):
             if edit.branch is not None:
-                self._tried[edit.branch] += 1
-                self._gained[edit.branch] += trial.fitness > trial.parent_fitness
+                self._evaluated[edit.branch] += 1
+                self._improved[edit.branch] += trial.fitness > trial.parent_fitness
 
     # Advice.
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. The expert's rate, and edits of the best tree."""
-        seen, how = self._now, self.settings
+        view, settings = self._latest, self.settings
         edits: list[tuple[str, Edit]] = []
-        if seen is not None and seen.snapshot.generation == state.now.generation:
-            edits = self.edits(seen, rng)
-        phase = classify_phase(state, how)
+        if view is not None and view.snapshot.generation == state.now.generation:
+            edits = self.edits(view, rng)
+        phase = classify_phase(state, settings)
         return Guidance(
-            mutation_rate=wanted_rate(state, how),
+            mutation_rate=wanted_rate(state, settings),
             tree=None,
             source=self.name,
             phase=phase,
-            pattern=classify_pattern(state, how),
+            pattern=classify_pattern(state, settings),
             reasoning="; ".join(edit.reason for _, edit in edits) or "nothing to edit",
             notes={"counters": " ".join(counter for counter, _ in edits)} if edits else {},
             edits=tuple(edit for _, edit in edits),
         )
 
-    def edits(self, seen: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
+    def edits(self, view: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
         """Edits with the counter of each; at most `supervisor.edits`."""
-        fittest = best_of(seen.individuals, self.context.constraints)
-        candidates: dict[str, Iterator[Edit]] = {}
+        fittest = best_of(view.individuals, self.context.constraints)
+        advised = set(self._advised)
+        untried: dict[str, Iterator[Edit]] = {}  # by counter
         edits: list[tuple[str, Edit]] = []
-        for r in self.wanted(fittest):
+        for r in self.requirements_to_edit_for(fittest):
             if len(edits) == self.context.edits:
                 break
-            if r.counter not in candidates:
-                branches = self.branches(r.counter, rng)
-                candidates[r.counter] = self.new(self.tree(seen, fittest, rng), branches, r)
-            if (edit := next(candidates[r.counter], None)) is not None:
+            if r.counter not in untried:
+                branches = self.ranked_branches(r.counter, rng)
+                individual = self.individual_to_edit(view, fittest, rng)
+                untried[r.counter] = self.untried_edits(individual, branches, r, advised)
+            if (edit := next(untried[r.counter], None)) is not None:
                 edits.append((r.counter, edit))
         return edits
 
-    def new(
-        self, i: IndividualRecord, branches: Sequence[Branch], r: Requirement
+    def untried_edits(
+        self,
+        i: IndividualRecord,
+        branches: Sequence[Branch],
+        r: Requirement,
+        advised: set[tuple[str, EditKey]],
     ) -> Iterator[Edit]:
-        """Edits that add the branches to a tree, without those accepted before."""
-        done = {edit for tree, edit in self._done if tree == i.tree}
-        for edit in (edit for branch in branches for edit in self.ways(i, branch, r)):
+        """Edits that add the branches to a tree, except those in `advised`; adds them to it."""
+        for edit in (edit for branch in branches for edit in self.edits_with(i, branch, r)):
             text = None if edit.branch is None else to_text(edit.branch)
-            if (key := (edit.kind, edit.at, text, edit.number)) not in done:
-                done.add(key)
+            key = (i.tree, (edit.kind, edit.at, text, edit.number))
+            if key not in advised:
+                advised.add(key)
                 yield edit
 
-    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
-        """The requirements to edit for, in turn; control arms override it."""
+    def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
+        """The requirements in the order of the edits; control arms override it.
+
+        The unmet ones, repeated, as a requirement may need several edits.
+        """
         return self.unmet(fittest) * self.context.edits
 
     def unmet(self, i: IndividualRecord) -> list[Requirement]:
@@ -277,28 +299,28 @@ class Editor:
 
         return sorted(easiest, key=order)
 
-    def tree(
-        self, seen: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
+    def individual_to_edit(
+        self, view: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """The individual to edit; control arms override it."""
-        del seen, rng
+        del view, rng
         return fittest
 
-    def branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
+    def ranked_branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
         """Distinct branches for a counter, the most promising first; control arms override it."""
         del rng
-        branches = self.known(counter)
 
-        def promise(branch: Branch) -> float:
+        def success_rate(branch: Branch) -> float:
+            """The share of the branch's edits that improved a tree; 1/2 without edits."""
             text = to_text(branch.node)
-            return (self._gained[text] + 1) / (self._tried[text] + 2)
+            return (self._improved[text] + 1) / (self._evaluated[text] + 2)
 
-        return sorted(branches, key=promise, reverse=True)
+        return sorted(self.candidate_branches(counter), key=success_rate, reverse=True)
 
-    def known(self, counter: str) -> list[Branch]:
+    def candidate_branches(self, counter: str) -> list[Branch]:
         """Distinct branches that may raise a counter, in the order of the sources."""
-        of = {"library": self._of_library, "archive": self._of_archive}
-        branches = [branch for source in self.settings.sources for branch in of[source](counter)]
+        find = {"library": self._of_library, "archive": self._of_archive}
+        branches = [branch for source in self.settings.sources for branch in find[source](counter)]
         return list({branch.node: branch for branch in reversed(branches)}.values())[::-1]
 
     def _of_library(self, counter: str) -> list[Branch]:
@@ -308,7 +330,7 @@ class Editor:
         return [
             Branch(branch, f"library tree {name}")
             for name in dict.fromkeys(names)
-            for branch in library_branches([self.library.trees[name]])[0]
+            for branch in library_branches([self.library.trees[name]])[0]  # one
         ]
 
     def _of_archive(self, counter: str) -> list[Branch]:
@@ -319,7 +341,7 @@ class Editor:
         action = max(actions, key=lambda a: (self._with[counter, a] / self._all[a], a))
         branches = [
             Branch(branch, f"individual {i.id}")
-            for i in self._donors[counter]
+            for i in self._examples[counter]
             for branch in branches_of(parse(i.tree))
             if branch.guard and any(node.action == action for node in walk(branch))
         ]
@@ -330,20 +352,22 @@ class Editor:
         """The run's library; to search for one takes seconds."""
         return self.context.library()
 
-    def ways(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Iterator[Edit]:
+    def edits_with(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Iterator[Edit]:
         """Edits that insert a branch by its guard or in front of the whole tree.
 
         If the tree has the branch already, the edit widens its guard instead.
         """
-        tree, words = parse(i.tree), self.context.schema.vocabulary
+        tree, vocabulary = parse(i.tree), self.context.schema.vocabulary
         why = f"{r.counter} {i.counters[r.counter]:g}, wanted {r}"
-        if (own := guard_above(tree, branch.node)) is not None:
-            at, number = written(own[0]), widened(guard_of(own[1]).condition, words)
+        if (present := same_child_guard(tree, branch.node)) is not None:
+            path, guard = present
+            number = widened(guard_of(guard).condition, vocabulary)
             if number is not None:
-                yield Edit("number", i.id, at, number=number, reason=f"{why}: a wider guard")
+                reason = f"{why}: a wider guard"
+                yield Edit("number", i.id, written(path), number=number, reason=reason)
             return
         why = f"{why}: a branch of {branch.source}"
-        place = place_for(tree, branch.node, words)
+        place = place_for(tree, branch.node, vocabulary)
         if place is not None and place > 0:
             kind = "insert" if place == len(tree.children) else "front"
             yield Edit(kind, i.id, str(place), branch.node, reason=why)

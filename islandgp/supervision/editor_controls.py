@@ -1,4 +1,4 @@
-"""Control arms of `supervisor=editor`: the same number of edits, each without one of its choices.
+"""Control arms of `supervisor=editor`: each replaces one of its decisions.
 
 If the choice of the branch matters, the editor beats RandomBranch; if the choice of the tree
 matters, RandomTree; if the present population matters, EditorYoked and Constant.
@@ -23,11 +23,13 @@ class RandomBranch(Editor):
 
     name = "editor_random_branch"
 
-    def branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
+    def ranked_branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
         """Branches drawn from all; as many as the editor knows for the counter."""
-        candidates = [branch for r in self.requirements for branch in self.known(r.counter)]
+        candidates = [
+            branch for r in self.requirements for branch in self.candidate_branches(r.counter)
+        ]
         pool = list({branch.node: branch for branch in candidates}.values())
-        drawn = rng.permutation(len(pool))[: len(self.known(counter))]
+        drawn = rng.permutation(len(pool))[: len(self.candidate_branches(counter))]
         return [pool[k] for k in drawn]
 
 
@@ -36,12 +38,12 @@ class RandomTree(Editor):
 
     name = "editor_random_tree"
 
-    def tree(
-        self, seen: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
+    def individual_to_edit(
+        self, view: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
     ) -> IndividualRecord:
         """An individual drawn uniformly from the population."""
         del fittest
-        return seen.individuals[rng.integers(len(seen.individuals))]
+        return view.individuals[rng.integers(len(view.individuals))]
 
 
 class ConstantSettings(EditorSettings, frozen=True, extra="forbid"):
@@ -84,7 +86,7 @@ class Constant(Editor):
             )
         return known[counter]
 
-    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
+    def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
         """The same requirement for every edit."""
         del fittest
         return [self.always()] * self.context.edits
@@ -121,12 +123,12 @@ class EditorYoked(Editor):
             ) from None
         return supervisor
 
-    def wanted(self, fittest: IndividualRecord) -> list[Requirement]:
+    def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
         """Requirements on the counters of the other run's edits after the same generation."""
         del fittest
-        assert self._now is not None
+        assert self._latest is not None
         known = {r.counter: r for r in reversed(self.requirements)}
-        counters = self.counters[self._now.snapshot.generation]
+        counters = self.counters[self._latest.snapshot.generation]
         return [known[counter] for counter in counters if counter in known]
 
 

@@ -67,18 +67,21 @@ class EventKind(StrEnum):
     """A message of the sync process."""
 
     PREPARING = "preparing"  # `text` names what takes time: MLflow loads, a store is made; "": done
-    PROGRESS = "progress"  # more records are in the store
-    TROUBLE = "trouble"  # `text`: why a request failed; with no folder: why the child ended
-    DONE = "done"  # an ending request is carried out; `text`: what could not be sent
+    PROGRESS = "progress"  # records were sent, or a followed folder has nothing new
+    TROUBLE = "trouble"  # `text`: why a request failed, or, without a folder, the process ended
+    DONE = "done"  # the last request for a folder is carried out; `text`: what could not be sent
 
 
 @dataclass(frozen=True, slots=True)
 class SyncEvent:
-    """A report of the child."""
+    """A message about requests, from the sync process.
+
+    `SyncProcess` adds one itself: TROUBLE without a folder, when the process has ended.
+    """
 
     kind: EventKind
     text: str = ""
-    folder: str = ""  # of the request, with TROUBLE and DONE
+    folder: str = ""  # of the request; "": of none, or records of any request were sent
 
 
 OnEvent = Callable[[SyncEvent], None]

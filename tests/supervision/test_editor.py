@@ -17,7 +17,13 @@ from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor
 from islandgp.supervision.base import GenerationView
-from islandgp.supervision.editor import Editor, place_for, requirements, urgency, widened
+from islandgp.supervision.editor import (
+    Editor,
+    guard_width,
+    place_for,
+    requirements,
+    widened,
+)
 from islandgp.supervision.editor_controls import EditorYoked
 from tests.composed import composed
 from tests.evolution.runs import run
@@ -153,13 +159,13 @@ def test_the_narrowest_guard_stands_first(tree: str, branch: str, place: int | N
     assert place_for(parse(tree), parse(branch), VOCABULARY) == place
 
 
-def test_urgency() -> None:
+def test_guard_width() -> None:
     """The share of its key's range in which a guard holds; 1 without a guard."""
-    assert urgency(parse(CHARGE), VOCABULARY) == 0.45
-    assert urgency(parse("when not foundGarbage { PatrolWaypoint }"), VOCABULARY) == 0.5
+    assert guard_width(parse(CHARGE), VOCABULARY) == 0.45
+    assert guard_width(parse("when not foundGarbage { PatrolWaypoint }"), VOCABULARY) == 0.5
     both = parse("when batteryLevel < 20 and foundGarbage { PatrolWaypoint }")
-    assert urgency(both, VOCABULARY) == 0.2
-    assert urgency(parse(PATROL), VOCABULARY) == 1
+    assert guard_width(both, VOCABULARY) == 0.2
+    assert guard_width(parse(PATROL), VOCABULARY) == 1
 
 
 def test_widened() -> None:
@@ -175,22 +181,36 @@ def test_widened() -> None:
     assert of("foundGarbage") is None
 
 
-def test_an_edit_is_not_repeated() -> None:
-    """A tree that is still the fittest gets another branch, and one that helped comes first."""
+@pytest.mark.parametrize("refused", ["", "the tree breaks the limits"])
+@pytest.mark.parametrize("lag", [0, 2])
+def test_an_edit_is_not_repeated(refused: str, lag: int) -> None:
+    """Accepted, refused or applied later: the same tree gets another branch afterwards."""
     other = "when batteryLevel < 50 { sequence { SeekCharger ExecuteCharge PatrolWaypoint } }"
     donor = individual("0.1", f"selector {{ {other} PatrolWaypoint }}", 10, charges=1)
     population = (individual("0.0", COLLECT, 500, pickups=3), donor)
     supervisor = editor("editor", "supervisor.edits=1")
     (first,) = advice(supervisor, seen(*population))
     assert first.branch == parse(CHARGE)
+    for generation in range(1, lag + 1):
+        supervisor.on_generation(seen(generation=generation))
     led = run()[0].record.guidance
     assert led is not None
+    trials = () if refused else (EditTrial("1.0", "0.0", 500, 500),)
     later = replace(
-        seen(*population, generation=1, trials=(EditTrial("1.0", "0.0", 500, 500),)),
-        guidance=replace(led, edits=(as_record(first, ""),)),
+        seen(*population, generation=lag + 1, trials=trials),
+        guidance=replace(led, asked_at=0, edits=(as_record(first, refused),)),
     )
     (second,) = advice(supervisor, later)
     assert second.branch == parse(other)
+
+
+def test_two_counters_do_not_get_the_same_edit() -> None:
+    """A branch that is typical of both is inserted once."""
+    donor = individual("0.1", f"selector {{ {CHARGE} PatrolWaypoint }}", charges=1, deliveries=1)
+    population = (individual("0.0", COLLECT, 500, pickups=3), donor)
+    edits = advice(editor("editor", "supervisor.policy.sources=[archive]"), seen(*population))
+    changes = [(edit.kind, edit.at, edit.branch) for edit in edits]
+    assert len(changes) == len(set(changes)) == 1
 
 
 def test_a_random_branch() -> None:

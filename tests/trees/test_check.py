@@ -182,7 +182,7 @@ DOUBTFUL = [
     ("when batteryLevel > 100 { SeekCharger }", (1, 27), "0 to 100"),
     ("when lap < 0 { SeekCharger }", (1, 16), "can never run"),
     ("when lap > 1 { when lap > 1 { SeekCharger } }", (1, 16), "says nothing new"),
-    ("when lap > 2 { sequence { when lap > 1 { SeekCharger } } }", (1, 27), "when lap > 2"),
+    ("when lap > 2 { sequence { when lap > 1 { SeekCharger } } }", (1, 27), "requires lap > 2"),
     ("when batteryLevel >= 0 { SeekCharger }", (1, 1), "always holds"),
     ("inverter { inverter { SeekCharger } }", (1, 1), "double inverter"),
     ("when not foundGarbage { MoveToGarbage }", (1, 25), "MoveToGarbage can never succeed"),
@@ -206,7 +206,7 @@ DOUBTFUL = [
     (
         "when foundGarbage or lap > 1 { when lap < 1 and not foundGarbage { SeekCharger } }",
         (1, 68),
-        "stands when foundGarbage or lap > 1",
+        "the guard above it requires foundGarbage or lap > 1",
     ),
     ("when not (foundGarbage or lap > 1) { MoveToGarbage }", (1, 38), "can never succeed"),
     ("subtree a = SeekCharger PatrolWaypoint", (1, 9), "never used"),

@@ -288,8 +288,8 @@ def _why_not(
     if not against:
         meant = (f"{key} is {vocabulary.keys[key].meaning}" for key in sorted(keys))
         return f"{lead}, as {' and '.join(meant)}"
-    conditions = " and ".join(f"when {condition_text(c)}" for c in against)
-    return f"{lead}, but above it stands {conditions}"
+    guard = "guard above it requires" if len(against) == 1 else "guards above it require"
+    return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"
 
 
 def _why(expr: ConditionExpr, above: Above) -> str:
@@ -297,7 +297,7 @@ def _why(expr: ConditionExpr, above: Above) -> str:
     same = [c for c in _guards(above) if implies((c,), expr)]
     if not same:
         return f"{condition_text(expr)} always holds"
-    return f"when {condition_text(same[-1])} stands above it already"
+    return f"the guard above it already requires {condition_text(same[-1])}"
 
 
 def _guards(above: Above) -> list[ConditionExpr]:

@@ -257,14 +257,16 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "pipeline": NodeKind(
-        meaning="runs its children as a sequence that repeats the earlier ones in each tick",
+        meaning="runs its children as a sequence that repeats the earlier ones in each tick, as"
+        " Nav2's PipelineSequence",
         children=(1, ANY),
         look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         opaque=True,
         paper=False,
     ),
     "round_robin": NodeKind(
-        meaning="tries its children in turn, from the one behind that which succeeded last",
+        meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
+        " RoundRobin",
         children=(1, ANY),
         look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
@@ -272,7 +274,8 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "recovery": NodeKind(
-        meaning="runs its first child; after a failure the second, then the first again",
+        meaning="runs its first child; after a failure the second, then the first again, as Nav2's"
+        " RecoveryNode",
         children=(2, 2),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=REPEATS),),
@@ -288,7 +291,8 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "every": NodeKind(
-        meaning="after a success waits until so many seconds have passed",
+        meaning="after a success does not start its child again before so many seconds have passed,"
+        " as Nav2's RateController",
         children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "after a success", range=SECONDS),),
