@@ -116,7 +116,10 @@ def running(machine: Machine, place: int, memory: Memory | int | None) -> set[in
 @examples(max_examples=40, deadline=None)
 @given(nodes(few_numbers(), max_leaves=5, max_repeats=2, timed=False, nav2=False))
 def test_ticks_that_reach_an_action(tree: Node) -> None:
-    """`reach` gives the blackboards of such ticks, and `moves` finds these ticks."""
+    """`reach` gives the blackboards of such ticks, and `moves` finds these ticks.
+
+    Not of timed trees: `moves` has no clock, and `check_rule` does not search for ticks of them.
+    """
     boards = all_boards(tree, VOCABULARY)
     assume(len(boards) <= 8)
     machine = machine_of(tree)

@@ -1,4 +1,8 @@
-"""The ticks of a tree one by one: what a tick can do, by what its actions return."""
+"""The ticks of a tree one by one: what a tick can do, by what its actions return.
+
+Of trees with clocks (`TIMED`) the moves are incomplete: a `wait` starts its child at once, and a
+`timeout` or `cooldown` never fails by itself. `Machine` includes these outcomes.
+"""
 
 from __future__ import annotations
 
