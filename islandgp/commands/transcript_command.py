@@ -175,9 +175,10 @@ def _cost(attempt: Attempt) -> str:
 def _totals(attempts: Collection[Attempt]) -> str:
     """The sums over attempts."""
     used = [attempt.usage for attempt in attempts if attempt.usage is not None]
-    unknown = f", {len(attempts) - len(used)} of them with unknown tokens"
+    count, known = len(attempts), len(used)
+    unknown = f", {count - known} of them with unknown tokens" if known < count else ""
     return (
-        f"{len(attempts)} attempts{unknown if len(used) < len(attempts) else ''}:"
+        f"{count} attempt{'s' * (count != 1)}{unknown}:"
         f" {sum(u.read for u in used):,} tokens in, {sum(u.output for u in used):,} out,"
         f" {sum(a.usd or 0 for a in attempts):.4f} dollars,"
         f" {sum(a.seconds for a in attempts):,.1f} s"

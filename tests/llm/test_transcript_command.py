@@ -126,6 +126,7 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
     assert (said.code, said.err) == (0, "")
     assert all(c.isprintable() or c == "\n" for c in said.out)
     assert "attempt 1: sent, no answer is recorded" in said.out
+    assert "1 attempt, 1 of them with unknown tokens: 0 tokens in" in said.out
     assert "unknown dollars, 0.5 s after waiting for 1.0 s" in said.out
 
 
