@@ -31,6 +31,7 @@ from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 TRIES: Final = 30  # attempts at a tree that was not tried before
+CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
 
 
 class Breeding(BaseModel, frozen=True, extra="forbid"):
@@ -129,16 +130,15 @@ def new_child(
     return tree, tuple(parents), "+".join(change for change in changes if change)
 
 
-CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
-
-
 @dataclass(frozen=True, slots=True)
 class Brood:
     """The parts of a generation, without a supervisor's trees."""
 
     pick: Pick | None = None  # of the children's parents; None: random trees in place of children
     again: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
-    written: Sequence[Node] = ()  # trees that nobody bred, such as the plan's founders
+    written: Sequence[
+        Node
+    ] = ()  # trees that are evaluated as they are, such as the plan's founders
     tried: Collection[str] = ()  # digests of trees that no new tree should equal
 
 
@@ -147,15 +147,15 @@ def new_generation(
 ) -> tuple[Individual, ...]:
     """As many individuals as `gp.population`, in the order of their slots.
 
-    Written trees come first, then those evaluated again, the supervisor's, and new trees for the
-    other slots. At least two slots are left for others by the trees that are evaluated again.
+    The order: written trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
+    Trees evaluated again leave at least two slots to the others.
 
     Args:
-        plan: of the run.
-        streams: of the run.
+        plan: with the number of individuals and the space of trees.
+        streams: of the run's random numbers; those of the new slots are consumed.
         state: with the generation's number, and the supervisor's advice for it.
-        brood: what it is made of.
-        how: children and random trees are made.
+        brood: the parts of the generation.
+        how: the settings of children and random trees.
     """
     g, n = state.generation, plan.gp.population
     advice = state.advice or Advice(rate=0.0)

@@ -1,11 +1,15 @@
-"""Survivors among parents and children, by the mean of all episodes that a tree has had.
+"""Survivors among parents and children, by the mean over all episodes that a tree has had.
 
-A (mu + lambda) evolution strategy over trees. Each generation holds survivors that meet new
-worlds, and new children; whoever has the higher lower bound survives. So an elite does not live
-on the luck of one world, and no tree is evaluated twice in the same worlds. Survivors among
-parents and children without duplicates, with fitness as a mean of reruns: Iovino et al. 2021,
-arXiv 2011.03252. Who is evaluated again is chosen by an upper bound, as in racing (Maron and
-Moore 1994) and bandits.
+A (mu + lambda) evolution strategy over trees. It keeps the trees with the best lower confidence
+bound on their mean fitness, over all episodes so far. Each generation evaluates
+
+- a few survivors, those with the highest upper bound, again in new worlds;
+- the supervisor's trees;
+- children, in the other slots.
+
+So a tree does not survive by luck in one world, and is not evaluated twice in the same worlds.
+Survivors without duplicates, and fitness as a mean of reruns: Iovino et al. 2021, arXiv
+2011.03252. The upper bound is that of racing (Maron and Moore 1994) and bandits.
 """
 
 from __future__ import annotations
@@ -39,21 +43,25 @@ from islandgp.seeding import Stream, Streams
 
 
 class RacingSettings(BreedingSettings, frozen=True):
-    """Number of survivors, their comparison, and the making of children."""
+    """Number of survivors, their comparison, and the making of children.
+
+    `milestone`, `behaviour` and `parsimony` are in residual standard deviations: those of a single
+    evaluation around its tree's level, as `gp.evidence.estimate` returns them.
+    """
 
     random: int = Field(ge=1, le=1000)  # generations of random trees before the first children
     survivors: float = Field(gt=0, le=10)  # as a share of the population
     again: float = Field(gt=0, lt=1)  # share of the slots in which survivors are evaluated again
-    library: int = Field(ge=0)  # of the first trees: priority lists of the library's branches
-    caution: FiniteFloat = Field(ge=0)  # standard errors between a mean and its bound
-    milestone: FiniteFloat = Field(ge=0)  # standard deviations that a milestone is worth
-    behaviour: FiniteFloat = Field(ge=0)  # standard deviations that a behaviour is worth
-    parsimony: FiniteFloat = Field(ge=0)  # standard deviations that a node costs
+    library: int = Field(ge=0)  # number of the first trees that join branches of the library
+    caution: FiniteFloat = Field(ge=0)  # standard errors between a tree's level and its bounds
+    milestone: FiniteFloat = Field(ge=0)  # bonus for each milestone reached
+    behaviour: FiniteFloat = Field(ge=0)  # bonus for each behaviour shown
+    parsimony: FiniteFloat = Field(ge=0)  # cost of each node
     specialists: float = Field(ge=0, le=1)
     """Share of mothers chosen by lexicase selection over the last generation's episodes.
 
     Lexicase selection favours trees that are best in some world even if they are poor in others.
-    No effect with one episode per individual.
+    It needs `gp.episodes` > 1, and has no effect otherwise.
     """
 
 
@@ -64,28 +72,29 @@ class Entry:
     id: str  # of its last individual
     tree: Tree
     fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
-    bonus: float  # for milestones and behaviours, in standard deviations; mean over these
-    trace: str  # of its last outcome: two trees with equal traces did the same
-    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
+    bonus: float  # mean over its evaluations, in residual standard deviations
+    trace: str  # of its last outcome; equal for two trees that behaved the same
+    counters: dict[str, float] = field(default_factory=dict)
+    """Mean over its evaluations of the counters that have a constraint."""
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
-    """The survivors, best first, and what was tried."""
+class RacingMemory:
+    """The survivors, best first, and the trees evaluated so far."""
 
     entries: tuple[Entry, ...]
     tried: tuple[str, ...]  # digests of trees
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
-TRIED: Final = 3000  # digests of trees that are kept, the last ones
+TRIED: Final = 3000  # most digests kept, the latest ones
 
 
 class Racing(BreedingSearch[RacingSettings]):
-    """See the module."""
+    """The search of this module."""
 
     Settings = RacingSettings
-    Memory: ClassVar[Any] = Evidence
+    Memory: ClassVar[Any] = RacingMemory
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
@@ -108,13 +117,14 @@ class Racing(BreedingSearch[RacingSettings]):
 
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
-        memory: Evidence = state.memory
-        likely = self._ranked(memory.entries, 1.0)
-        most = max(1, round(self.settings.again * self.plan.gp.population))
+        memory: RacingMemory = state.memory
+        promising = self._ranked(memory.entries, 1.0)
+        slots = max(1, round(self.settings.again * self.plan.gp.population))
         pick = None if state.generation < self.settings.random else self._pick(memory)
-        return Brood(pick, again=[Parent(e.id, e.tree) for e in likely[:most]], tried=memory.tried)
+        again = [Parent(e.id, e.tree) for e in promising[:slots]]
+        return Brood(pick, again=again, tried=memory.tried)
 
-    def _pick(self, memory: Evidence) -> Pick:
+    def _pick(self, memory: RacingMemory) -> Pick:
         """Mothers are survivors, or by lexicase selection specialists of the last generation."""
         parents = [Parent(e.id, e.tree) for e in memory.entries]
         fathers = [*parents, *self.library]
@@ -127,25 +137,26 @@ class Racing(BreedingSearch[RacingSettings]):
 
         return pick
 
-    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Evidence:
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> RacingMemory:
         """See `BreedingSearch`."""
-        memory: Evidence = state.memory or Evidence((), ())
+        memory: RacingMemory = state.memory or RacingMemory((), ())
         known = {digest(e.tree): e for e in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
-        for key, e in zip(keys, evaluated, strict=True):
-            counters = limited(e.outcome.counters, self.plan.constraints)
-            known[key] = updated(known.get(key), e, self._bonus(e), state.generation, counters)
+        for key, individual in zip(keys, evaluated, strict=True):
+            counters = limited(individual.outcome.counters, self.plan.constraints)
+            bonus, before = self._bonus(individual), known.get(key)
+            known[key] = updated(before, individual, bonus, state.generation, counters)
         ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
-        most = max(2, round(self.settings.survivors * self.plan.gp.population))
+        survivors = max(2, round(self.settings.survivors * self.plan.gp.population))
         several = self.settings.specialists and self.plan.gp.episodes > 1
-        return Evidence(
-            tuple(ranked[:most]),
+        return RacingMemory(
+            tuple(ranked[:survivors]),
             tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
             tuple(contender(e, e.episodes) for e in evaluated) if several else (),
         )
 
     def _bonus(self, e: Evaluated) -> float:
-        """Bonuses for milestones and behaviours, in standard deviations.
+        """Bonuses for milestones and behaviours, in residual standard deviations.
 
         Both are steps towards a good robot that may cost points at first.
         """
@@ -153,8 +164,10 @@ class Racing(BreedingSearch[RacingSettings]):
         reached = len(set(e.labels.tiers) & set(classes.milestones))
         return how.milestone * reached + how.behaviour * len(classes.shown(e.outcome.counters))
 
-    def _ranked(self, entries: Sequence[Entry], side: float) -> list[Entry]:
-        """Best first, by a bound of an entry's worth: the lower for side=-1, the upper for 1.
+    def _ranked(self, entries: Sequence[Entry], sign: float) -> list[Entry]:
+        """Best first, by a confidence bound: the lower one for sign=-1, the upper one for 1.
+
+        The bound is of the tree's level with its bonus and the cost of its nodes.
 
         Constraints come first, by the means over all episodes.
         """
@@ -164,7 +177,7 @@ class Racing(BreedingSearch[RacingSettings]):
         def bound(k: int) -> Merit:
             e = entries[k]
             worth = e.bonus - how.parsimony * size(e.tree)
-            points = levels[k] + sd * (worth + side * how.caution / sqrt(len(e.fitness)))
+            points = levels[k] + sd * (worth + sign * how.caution / sqrt(len(e.fitness)))
             return merit(points, violation(e.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
@@ -196,12 +209,12 @@ def updated(
 
 
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:
-    """Without trees of this generation that did exactly the same as one before them in the list."""
+    """The entries without those of this generation that behaved the same as an earlier entry."""
     seen: set[str] = set()
     trees = []
     for e in entries:
-        new = e.fitness[-1][0] != generation or e.trace not in seen
-        if new:
+        keep = e.fitness[-1][0] != generation or e.trace not in seen
+        if keep:
             trees.append(e)
         seen.add(e.trace)
     return trees

@@ -1,9 +1,9 @@
-"""The process that sends run folders to MLflow: `python -m islandgp.tracking.follow`.
+"""The sync process, which sends run folders to MLflow: `python -m islandgp.tracking.follow`.
 
-MLflow takes seconds to load, and its calls take processor time. A run leaves both to this child,
-which follows the run's folder. Requests and events are lines of JSON on its standard input and
-output; it ends when its input does. The folders hold all its state, so a killed child loses
-nothing.
+MLflow takes seconds to load, and its calls take processor time. A run leaves both to this process,
+which it starts. Requests and events are lines of JSON on the standard input and output of the sync
+process; it ends when its input does. All state is in the folders, so nothing is lost if it is
+killed.
 """
 
 from __future__ import annotations
@@ -28,21 +28,24 @@ from islandgp.tracking.sync import sync
 from islandgp.trust import trust, trusted
 
 PERIOD: Final = 2.0  # s between two looks at a folder; a look costs ten milliseconds
-NICENESS: Final = 5  # episodes have three times the weight; the end of a run has to wait for this
+NICENESS: Final = (
+    5  # an episode's process gets three times the CPU share; higher delays a run's end
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SyncRequest:
-    """A run's folder to send, or a folder to synchronize with all that is below it.
+    """A request to send one run, or, with the status None, all runs and sweeps below a folder.
 
     A run with the status RUNNING is followed until a request with another status replaces this.
     """
 
     folder: str
-    places: tuple[Place, ...]  # of a run: its store; else the stores whose credentials are known
-    status: Status | None = None  # of the run; None: all runs and sweeps below the folder
-    retry: bool = True  # whether to try until it succeeds
-    trusted: frozenset[str] = field(default_factory=trusted)  # names that the sender trusts
+    places: tuple[Place, ...]  # one run: its store; else the stores whose credentials are known
+    status: Status | None = None  # of the run; None: `folder` is synchronized with all below it
+    retry: bool = True  # True: repeat a failed request until it succeeds
+    trusted: frozenset[str] = field(default_factory=trusted)
+    """Names of user code that the process that makes the request trusts."""
 
     def to_line(self) -> str:
         """The request as a line of JSON. It holds credentials."""
@@ -66,7 +69,7 @@ class SyncRequest:
 class EventKind(StrEnum):
     """A message of the sync process."""
 
-    PREPARING = "preparing"  # `text` names what takes time: MLflow loads, a store is made; "": done
+    PREPARING = "preparing"  # `text`: the slow step, loading MLflow or making a store; "": done
     PROGRESS = "progress"  # records were sent, or a followed folder has nothing new
     TROUBLE = "trouble"  # `text`: why a request failed, or, without a folder, the process ended
     DONE = "done"  # the last request for a folder is carried out; `text`: what could not be sent
@@ -88,7 +91,7 @@ OnEvent = Callable[[SyncEvent], None]
 
 
 class Follower:
-    """Carries out requests, one after the other."""
+    """Carries out requests, in turn; a followed run again every PERIOD."""
 
     def __init__(self, on_event: OnEvent) -> None:
         self._on_event = on_event
@@ -96,19 +99,20 @@ class Follower:
 
     def run(self, requests: Queue[SyncRequest | None]) -> None:
         """Carry out the requests of a queue until it yields None."""
-        waiting: dict[str, SyncRequest] = {}
+        open_requests: dict[str, SyncRequest] = {}
         while True:
             with suppress(Empty):
-                request = requests.get(timeout=PERIOD if waiting else None)
+                request = requests.get(timeout=PERIOD if open_requests else None)
                 if request is None:
                     return
-                waiting[request.folder] = request
-            for request in tuple(waiting.values()):
+                open_requests[request.folder] = request
+            for request in tuple(open_requests.values()):
                 succeeded = self._carry_out(request)
                 if request.status is not Status.RUNNING and (succeeded or not request.retry):
-                    del waiting[request.folder]
+                    del open_requests[request.folder]
 
     def _carry_out(self, request: SyncRequest) -> bool:
+        """Carry out a request once; return True unless it failed."""
         trust(request.trusted)
         try:
             text = self._sync(request) if request.status is None else self._send(request)
@@ -122,6 +126,7 @@ class Follower:
         return True
 
     def _send(self, request: SyncRequest) -> str:
+        """Send one run; return "", as a failure raises."""
         assert request.status is not None
         (place,) = request.places
         mirror = self._mirrors.get(request.folder)
@@ -156,11 +161,11 @@ def main() -> None:
     with suppress(AttributeError):  # not on Windows
         os.nice(NICENESS)
     events = os.fdopen(os.dup(1), "w", encoding="ascii")
-    os.dup2(2, 1)  # libraries may print
+    os.dup2(2, 1)  # libraries that print to standard output must not break the events
     requests: Queue[SyncRequest | None] = Queue()
 
     def on_event(event: SyncEvent) -> None:
-        with suppress(OSError):  # the parent has died
+        with suppress(OSError):  # the run's process has died
             print(json.dumps(asdict(event)), file=events, flush=True)
 
     def work() -> None:
@@ -170,9 +175,9 @@ def main() -> None:
 
     Thread(target=work, daemon=True).start()
     for line in sys.stdin:
-        if line.endswith("\n"):  # else the parent died while it wrote
+        if line.endswith("\n"):  # else the run's process died while it wrote
             requests.put(SyncRequest.from_line(line))
-    os._exit(0)  # in the middle of a request, too
+    os._exit(0)  # does not wait for the thread, which may be in the middle of a request
 
 
 if __name__ == "__main__":

@@ -13,7 +13,12 @@ from typing import NamedTuple, TypeAlias
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
 
 Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
-Stop: TypeAlias = Callable[[int, int], None]  # notifies a watch: (first place, place after last)
+ReportStopped: TypeAlias = Callable[[int, int], None]
+"""Reports that a subtree was stopped: (position of its first node, position after its last).
+
+Positions are those in document order. The report goes to a watch; the nodes are not called. An
+action gets to know it at its next start, by `fresh=True`.
+"""
 
 
 def composite(branches: list[Tick], go_on: int) -> Tick:
@@ -36,7 +41,9 @@ def composite(branches: list[Tick], go_on: int) -> Tick:
     return tick
 
 
-def reactive_composite(branches: list[Tick], go_on: int, places: list[int], stop: Stop) -> Tick:
+def reactive_composite(
+    branches: list[Tick], go_on: int, positions: list[int], report_stopped: ReportStopped
+) -> Tick:
     """A selector or sequence that begins with its first child in each tick."""
     current = 0  # the child that ran in the tick before
 
@@ -47,7 +54,7 @@ def reactive_composite(branches: list[Tick], go_on: int, places: list[int], stop
             status = branch(at != running)
             if status != go_on:
                 if running > at:
-                    stop(places[running], places[running + 1])
+                    report_stopped(positions[running], positions[running + 1])
                 current = at
                 # The children before it start again in the next tick.
                 return AGAIN if status == RUNNING and at else status
@@ -57,7 +64,11 @@ def reactive_composite(branches: list[Tick], go_on: int, places: list[int], stop
 
 
 def parallel(
-    branches: list[Tick], success: int, failure: int, places: list[int], stop: Stop
+    branches: list[Tick],
+    success: int,
+    failure: int,
+    positions: list[int],
+    report_stopped: ReportStopped,
 ) -> Tick:
     """All children at once; `success` and `failure` are how many of them decide."""
     count = len(branches)
@@ -80,7 +91,7 @@ def parallel(
             return going
         for at, status in enumerate(statuses):
             if status >= RUNNING:
-                stop(places[at], places[at + 1])
+                report_stopped(positions[at], positions[at + 1])
         return SUCCESS if failed < failure and succeeded >= success else FAILURE
 
     return tick
@@ -126,7 +137,7 @@ def repeater(child: Tick, count: float, counted: int) -> Tick:
 
 
 def wait(child: Tick, ticks: int) -> Tick:
-    """Starts its child in the tick of that index, its own first one being 0."""
+    """Starts its child `ticks` ticks after its own start."""
     left = 0
 
     def tick(fresh: bool) -> int:
@@ -137,15 +148,15 @@ def wait(child: Tick, ticks: int) -> Tick:
     return tick
 
 
-def timeout(child: Tick, ticks: int, span: tuple[int, int], stop: Stop) -> Tick:
-    """Fails in the tick of that index if its child still runs; `span` as in `guard`."""
+def timeout(child: Tick, ticks: int, span: tuple[int, int], report_stopped: ReportStopped) -> Tick:
+    """Fails `ticks` ticks after its start if its child still runs; `span` as in `guard`."""
     left = 0
 
     def tick(fresh: bool) -> int:
         nonlocal left
         left = ticks if fresh else left - 1
         if left == 0:
-            stop(*span)
+            report_stopped(*span)
             return FAILURE
         status = child(fresh)
         return AGAIN if status == RUNNING else status
@@ -154,7 +165,7 @@ def timeout(child: Tick, ticks: int, span: tuple[int, int], stop: Stop) -> Tick:
 
 
 def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
-    """Fails so many ticks long after its child has ended; `now` is the number of the tick."""
+    """Fails for `ticks` ticks after its child has ended; `now` returns the number of the tick."""
     free = 0  # the first tick in which the child may start
 
     def tick(fresh: bool) -> int:
@@ -170,7 +181,7 @@ def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
 
 
 def every(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
-    """After a success of its child, the child starts again so many ticks later."""
+    """Starts its child again at least `ticks` ticks after its success; `now` as in `cooldown`."""
     due = 0  # the first tick in which the child may start
     before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
     started = False  # whether the child runs
@@ -192,10 +203,10 @@ def every(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
     return tick
 
 
-def pipeline(branches: list[Tick], places: list[int], stop: Stop) -> Tick:
+def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportStopped) -> Tick:
     """A sequence that begins with its first child in each tick and passes running ones.
 
-    It passes those before the child at which it stopped in the tick before.
+    A running child is passed if it is before the furthest child that ran in this activation.
     """
     running = [False] * len(branches)
     furthest = 0
@@ -217,14 +228,14 @@ def pipeline(branches: list[Tick], places: list[int], stop: Stop) -> Tick:
                 return AGAIN if at else status
         for at, left in enumerate(running):
             if left:
-                stop(places[at], places[at + 1])
+                report_stopped(positions[at], positions[at + 1])
         return status
 
     return tick
 
 
 def round_robin(branches: list[Tick]) -> Tick:
-    """Tries its children in turn; begins behind the child that succeeded last."""
+    """Tries its children in turn; begins after the child that succeeded last."""
     current = failed = 0
     running = False  # at a start: it was aborted
 
@@ -288,12 +299,12 @@ class Observed:
     __slots__ = ("branch", "guards", "truth")
 
     def __init__(self) -> None:
-        self.branch = 0  # that is being compiled
+        self.branch = 0  # index of the branch that is being compiled
         self.guards: list[ObservedGuard] = []  # in document order
         self.truth: list[bool | None] = []  # last known, a slot per guard
 
     def add(self, holds: Callable[[], bool]) -> int:
-        """Observes one more guard of the branch; gives the slot where its truth is kept."""
+        """Observes one more guard of the branch; returns its index in `truth`."""
         slot = len(self.guards)
         self.guards.append(ObservedGuard(self.branch, slot, holds))
         self.truth.append(None)
@@ -301,7 +312,11 @@ class Observed:
 
 
 def observing_composite(
-    branches: list[Tick], go_on: int, observed: Observed, places: list[int], stop: Stop
+    branches: list[Tick],
+    go_on: int,
+    observed: Observed,
+    positions: list[int],
+    report_stopped: ReportStopped,
 ) -> Tick:
     """A selector or sequence that goes back to an earlier branch when its guard turns true.
 
@@ -309,8 +324,8 @@ def observing_composite(
         branches: the children.
         go_on: the status that hands over to the next branch.
         observed: the guards, those of the last branch left out.
-        places: where each branch begins in document order, and where the last ends.
-        stop: called with the places of the branch that is left.
+        positions: of the first node of each branch, and that after the last branch.
+        report_stopped: called with the positions of the branch that is stopped.
     """
     count = len(branches)
     guards, truth = tuple(observed.guards), observed.truth
@@ -337,15 +352,15 @@ def observing_composite(
         else:
             at = turned_true()
             if at != current:
-                stop(places[current], places[current + 1])
+                report_stopped(positions[current], positions[current + 1])
                 fresh = True
                 for branch, slot, _ in guards:
                     if branch >= at:
                         truth[slot] = None
         status = branches[at](fresh)
         if status == go_on and not fresh:
-            # From now on the guards of this branch are observed, and what they
-            # were when the branch started may be long ago.
+            # From now on the guards of this branch are observed. Their values are those of the
+            # branch's start, which may be many ticks ago.
             for branch, slot, holds in guards:
                 if branch == at and truth[slot] is not None:
                     truth[slot] = holds()
@@ -367,18 +382,18 @@ def guard(
     truth: list[bool | None],
     slot: int,
     span: tuple[int, int],
-    stop: Stop,
+    report_stopped: ReportStopped,
 ) -> Tick:
     """A `when`.
 
     Args:
         child: what it guards.
         holds: its condition.
-        checks_itself: whether it stops its own child (abort self or both).
-        truth: where its composite finds what the condition was at the start.
-        slot: which element of `truth`.
-        span: (first place, place behind the last) of the child in document order.
-        stop: called with the places of the child that is left.
+        checks_itself: True with `abort self` or `both`: it stops its child when `holds` is False.
+        truth: the last known values of the conditions that its composite observes.
+        slot: index of this condition in `truth`.
+        span: position of the first node of the child, and that after its last.
+        report_stopped: called with the positions of the child that is stopped.
     """
 
     def tick(fresh: bool) -> int:
@@ -386,7 +401,7 @@ def guard(
             truth[slot] = now = holds()
             return child(True) if now else FAILURE
         if checks_itself and not holds():
-            stop(*span)
+            report_stopped(*span)
             return FAILURE
         return child(False)
 

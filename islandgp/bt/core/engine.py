@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
 from islandgp.bt.core import closures
-from islandgp.bt.core.closures import Observed, Stop, Tick
+from islandgp.bt.core.closures import Observed, ReportStopped, Tick
 from islandgp.bt.core.condition import Board, condition
 from islandgp.bt.core.kinds import KINDS, count_of, needs_each_tick
 from islandgp.bt.core.node import (
@@ -31,7 +31,7 @@ __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "th
 
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
-Watch: TypeAlias = Callable[[int, int], None]  # (node's place in document order, status)
+Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document order, status)
 
 
 Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
@@ -54,15 +54,17 @@ def compile_tree(
             function that makes one from the arguments of a leaf. It is called with `fresh`: True
             if the leaf starts now, False if it was RUNNING in the tick before.
         board: a value per key; the caller may change them between ticks only.
-        places: the index of each key on the board, as `Vocabulary.places`.
+        places: index of each key in `board`, as `Vocabulary.places`.
         watch: called for each node that is ticked, children before parents, and with ABORTED for
-            each running node that is stopped. None is fastest.
+            each running node that is stopped. None is fastest; then no abort is
+            reported, and an aborted action is only called with `fresh` True at its next start.
         step_s: seconds between two ticks, > 0; required if the tree counts seconds. A tree that
             `needs_each_tick` has to be ticked in each step.
 
     Returns:
-        The tick function. It returns FAILURE, SUCCESS, RUNNING, or AGAIN (running, and the next
-        tick differs although nothing has changed). After RUNNING, as long as no condition changes
+        The tick function. It returns FAILURE, SUCCESS, RUNNING, or AGAIN: the tree is running, and
+        the next tick may do something else although nothing has changed, so that a caller must not
+        skip it. After RUNNING, as long as no condition changes
         its truth and each running action stays RUNNING, further ticks only resume the actions that
         were RUNNING in this one.
 
@@ -80,8 +82,8 @@ def compile_tree(
             compiler.now += 1
         status = root(fresh)
         fresh = status < RUNNING
-        if compiler.cut_short:
-            compiler.cut_short = False
+        if compiler.stopped_midtick:
+            compiler.stopped_midtick = False
             return AGAIN if status == RUNNING else status
         return status
 
@@ -92,8 +94,8 @@ class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
     __slots__ = (
-        "_actions", "_board", "_places", "_running", "_step_s", "_stop", "_watch",
-        "cut_short", "now",
+        "_actions", "_board", "_key_index", "_report_stopped", "_running", "_step_s", "_watch",
+        "now", "stopped_midtick",
     )  # fmt: skip
 
     def __init__(
@@ -108,22 +110,31 @@ class _Compiler:
         self.now = 0  # the number of the tick, in a tree that counts seconds
         self._actions = actions
         self._board = board
-        self._places = places
+        self._key_index = places
         self._watch = watch
-        self._running: list[bool] = []  # by place; its length is the place of the next node
-        self._stop: Stop = _ignore if watch is None else self._tell_stopped
-        self.cut_short = False  # in this tick an action was RUNNING and then aborted
+        self._running: list[bool] = []  # by position
+        self._report_stopped: ReportStopped = _ignore if watch is None else self._tell_watch
+        self.stopped_midtick = False  # in this tick an action was RUNNING and then aborted
+
+    @property
+    def _next_position(self) -> int:
+        """The position of the next node to compile."""
+        return len(self._running)
 
     def compile(self, node: Node, observed: Observed | None) -> Tick:
-        """The closure of a node; `observed` belongs to the composite that holds its branch."""
-        place = len(self._running)
+        """The closure of a node.
+
+        `observed` has the observed guards of the nearest composite above; None if it observes none
+        of this branch.
+        """
+        position = self._next_position
         self._running.append(False)
         args = node.args
         if isinstance(args, ActionArgs):
             tick = self._actions(args) if callable(self._actions) else self._actions[args.name]
         else:
-            tick = _MADE[node.kind](self, node, observed)
-        return tick if self._watch is None else self._watched(tick, place, self._watch)
+            tick = _MAKERS[node.kind](self, node, observed)
+        return tick if self._watch is None else self._watched(tick, position, self._watch)
 
     def _composite(self, node: Node, _: Observed | None) -> Tick:
         """A selector or sequence."""
@@ -131,36 +142,38 @@ class _Compiler:
         assert go_on is not None
         observed = Observed()
         last = len(node.children) - 1
-        branches, places = [], []
+        branches, positions = [], []
         for branch, child in enumerate(node.children):
-            places.append(len(self._running))
+            positions.append(self._next_position)
             observed.branch = branch
-            # Nothing stands behind the last branch, so its guards are not observed.
+            # No branch comes after the last one, so its guards are not observed.
             branches.append(self.compile(child, observed if branch < last else None))
-        places.append(len(self._running))
+        positions.append(self._next_position)
         if observed.guards:
-            return closures.observing_composite(branches, go_on, observed, places, self._stop)
+            return closures.observing_composite(
+                branches, go_on, observed, positions, self._report_stopped
+            )
         return closures.composite(branches, go_on)
 
     def _parallel(self, node: Node, _: Observed | None) -> Tick:
         assert isinstance(node.args, ParallelArgs)
-        branches, places = self._unobserved(node)
+        branches, positions = self._unobserved(node)
         success, failure = node.args.needed(len(branches))
-        return closures.parallel(branches, success, failure, places, self._cut_short)
+        return closures.parallel(branches, success, failure, positions, self._stop_midtick)
 
     def _reactive(self, node: Node, _: Observed | None) -> Tick:
         go_on = KINDS[node.kind].hands_over
         assert go_on is not None
-        branches, places = self._unobserved(node)
-        return closures.reactive_composite(branches, go_on, places, self._stop)
+        branches, positions = self._unobserved(node)
+        return closures.reactive_composite(branches, go_on, positions, self._report_stopped)
 
     def _unobserved(self, node: Node) -> tuple[list[Tick], list[int]]:
-        """The closures of children whose guards nobody observes, and where each begins and ends."""
-        branches, places = [], []
+        """The closures of children whose guards are not observed, and their positions."""
+        branches, positions = [], []
         for child in node.children:
-            places.append(len(self._running))
+            positions.append(self._next_position)
             branches.append(self.compile(child, None))
-        return branches, [*places, len(self._running)]
+        return branches, [*positions, self._next_position]
 
     def _ticks(self, node: Node) -> int:
         assert isinstance(node.args, SecondsArgs)
@@ -176,9 +189,9 @@ class _Compiler:
         return closures.wait(self.compile(node.children[0], observed), ticks)
 
     def _timeout(self, node: Node, observed: Observed | None) -> Tick:
-        first, ticks = len(self._running), self._ticks(node)
+        first, ticks = self._next_position, self._ticks(node)
         child = self.compile(node.children[0], observed)
-        return closures.timeout(child, ticks, (first, len(self._running)), self._stop)
+        return closures.timeout(child, ticks, (first, self._next_position), self._report_stopped)
 
     def _cooldown(self, node: Node, observed: Observed | None) -> Tick:
         ticks = self._ticks(node)
@@ -190,13 +203,13 @@ class _Compiler:
         return closures.every(self.compile(node.children[0], observed), ticks, lambda: self.now)
 
     def _pipeline(self, node: Node, _: Observed | None) -> Tick:
-        return closures.pipeline(*self._unobserved(node), self._cut_short)
+        return closures.pipeline(*self._unobserved(node), self._stop_midtick)
 
     def _round_robin(self, node: Node, _: Observed | None) -> Tick:
         return closures.round_robin(self._unobserved(node)[0])
 
     def _recovery(self, node: Node, _: Observed | None) -> Tick:
-        (child, remedy), _places = self._unobserved(node)
+        (child, remedy), _positions = self._unobserved(node)
         return closures.recovery(child, remedy, count_of(node))
 
     def _inverter(self, node: Node, observed: Observed | None) -> Tick:
@@ -213,41 +226,41 @@ class _Compiler:
 
     def _when(self, node: Node, observed: Observed | None) -> Tick:
         assert node.guard is not None
-        holds = condition(node.guard.condition, self._board, self._places)
+        holds = condition(node.guard.condition, self._board, self._key_index)
         truth: list[bool | None] = [None]
         slot = 0
         if observed is not None and node.guard.interrupts:
             truth, slot = observed.truth, observed.add(holds)
-        first = len(self._running)
+        first = self._next_position
         child = self.compile(node.children[0], observed)
-        span = (first, len(self._running))
-        stops = node.guard.checks_itself
-        return closures.guard(child, holds, stops, truth, slot, span, self._stop)
+        span = (first, self._next_position)
+        checks_itself = node.guard.checks_itself
+        return closures.guard(child, holds, checks_itself, truth, slot, span, self._report_stopped)
 
-    def _watched(self, tick: Tick, place: int, watch: Watch) -> Tick:
+    def _watched(self, tick: Tick, position: int, watch: Watch) -> Tick:
         running = self._running
 
         def watched(fresh: bool) -> int:
             status = tick(fresh)
-            running[place] = status >= RUNNING
-            watch(place, status)
+            running[position] = status >= RUNNING
+            watch(position, status)
             return status
 
         return watched
 
-    def _cut_short(self, first: int, end: int) -> None:
-        self.cut_short = True
-        self._stop(first, end)
+    def _stop_midtick(self, first: int, end: int) -> None:
+        self.stopped_midtick = True
+        self._report_stopped(first, end)
 
-    def _tell_stopped(self, first: int, end: int) -> None:
+    def _tell_watch(self, first: int, end: int) -> None:
         assert self._watch is not None
-        for place in range(first, end):
-            if self._running[place]:
-                self._running[place] = False
-                self._watch(place, ABORTED)
+        for position in range(first, end):
+            if self._running[position]:
+                self._running[position] = False
+                self._watch(position, ABORTED)
 
 
-_MADE: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
+_MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
     "selector": _Compiler._composite,
     "sequence": _Compiler._composite,
     "reactive_selector": _Compiler._reactive,
