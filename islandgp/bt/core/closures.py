@@ -226,8 +226,8 @@ def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportS
                 furthest = at
                 # The children before it that ended start again in the next tick.
                 return AGAIN if at else status
-        for at, left in enumerate(running):
-            if left:
+        for at, still_running in enumerate(running):
+            if still_running:
                 report_stopped(positions[at], positions[at + 1])
         return status
 
@@ -294,14 +294,14 @@ class ObservedGuard(NamedTuple):
 
 
 class Observed:
-    """Observed guards of a composite; `truth` is None for one not visited in this activation."""
+    """Observed guards of a composite."""
 
     __slots__ = ("branch", "guards", "truth")
 
     def __init__(self) -> None:
         self.branch = 0  # index of the branch that is being compiled
         self.guards: list[ObservedGuard] = []  # in document order
-        self.truth: list[bool | None] = []  # last known, a slot per guard
+        self.truth: list[bool | None] = []  # last known, by slot; None: not visited yet
 
     def add(self, holds: Callable[[], bool]) -> int:
         """Observes one more guard of the branch; returns its index in `truth`."""
@@ -339,8 +339,8 @@ def observing_composite(
                 break
             before = truth[slot]
             if before is not None:
-                now = truth[slot] = holds()
-                if now and not before:
+                true_now = truth[slot] = holds()
+                if true_now and not before:
                     return branch
         return current
 
@@ -398,8 +398,8 @@ def guard(
 
     def tick(fresh: bool) -> int:
         if fresh:
-            truth[slot] = now = holds()
-            return child(True) if now else FAILURE
+            truth[slot] = true_now = holds()
+            return child(True) if true_now else FAILURE
         if checks_itself and not holds():
             report_stopped(*span)
             return FAILURE

@@ -294,4 +294,4 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
 
 
 def _ignore(first: int, end: int) -> None:
-    """Without a watch."""
+    """Reports nothing: the tree has no watch."""
