@@ -159,7 +159,7 @@ def path_of(tree: Node, at: str) -> Path:
     if not paths:
         raise ValueError(f"expected a subtree of the tree as the place, found {at[:60]!r}")
     raise ValueError(
-        f"expected a subtree that stands in the tree once, found it {len(paths)} times, at"
+        f"expected a subtree that occurs in the tree once, found it {len(paths)} times, at"
         f" {' and '.join(map(written, paths[:3]))}; name one of these places"
     )
 
@@ -190,7 +190,7 @@ def _with_child(tree: Node, path: Path, branch: Node) -> Node:
     if index > len(parent.children):
         raise ValueError(
             f"expected a place among the {len(parent.children)} children of {written(path[:-1])!r}"
-            f" or behind the last, found {written(path)!r}"
+            f" or after the last, found {written(path)!r}"
         )
     children = (*parent.children[:index], branch, *parent.children[index:])
     return with_node(tree, tuple(above), parent._replace(children=children))

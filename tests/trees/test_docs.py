@@ -193,7 +193,7 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
             arguments += ["--set", "world.episode.length=20"]
         said = islandgp(*arguments)
         assert said.code == (arguments[0] == "diff"), line
-        if arguments == ["check", "empty.bt"]:
+        if arguments == ["check", "interrupted_charge.bt"]:
             assert "ExecuteCharge can never succeed" in said.out
         elif arguments[0] == "check":
             assert "warning:" not in said.out
@@ -239,7 +239,7 @@ def test_tutorial_tells_the_results() -> None:
     assert earned == sorted(earned)
     assert abs(found["`guard.bt`"] - found["`garbage.bt`"]) < 1000
     assert found["`hasty.bt`"] < found["`rounder.bt`"]
-    assert found["`empty.bt`"] > found["`charge.bt`"]
+    assert found["`interrupted_charge.bt`"] > found["`charge.bt`"]
     assert earned[-1] > found["`grammar/examples/all_rounder.bt`"]
 
 
