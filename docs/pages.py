@@ -41,7 +41,7 @@ def sources() -> dict[str, str]:
     """The place in the site of each file that it takes over, both as paths."""
     found = dict(AT_THE_TOP)
     for file in sorted(DOCS.rglob("*")):
-        if file.suffix in (".md", ".gif", ".png", ".svg", ".csv", ".html"):
+        if file.suffix in (".md", ".css", ".gif", ".png", ".svg", ".csv", ".html"):
             name = file.relative_to(ROOT).as_posix()
             found[name] = RENAMED.get(name, file.relative_to(DOCS).as_posix())
     return found
