@@ -66,7 +66,7 @@ def test_play_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monk
     looks(monkeypatch, lambda: save(file, "sequence {"), lambda: save(file, "SeekCharger"))
     said = islandgp("play", "--rerun", file, "--seeds", 1, "--set", "world.episode.length=5")
     assert said.code == 130
-    assert said.out.count("of 1 worlds") == 2
+    assert said.out.count("of 1 world:") == 2
     assert "the text ends too early" in said.err
 
 
