@@ -39,7 +39,7 @@ LONGEST: Final = 500  # most characters of an unreadable answer without --genera
 STEP: Final = "  "  # indentation by level
 
 
-class Question(NamedTuple):
+class ModelQuestion(NamedTuple):
     """A question with its repair turns."""
 
     generation: int  # -1: the probe
@@ -114,24 +114,24 @@ def _read(run: Path) -> tuple[Path, Transcript, list[TranscriptLine]]:
     return path, transcript, wrong
 
 
-def _question(entry: Attempt | Conclusion | Sent) -> Question:
+def _question(entry: Attempt | Conclusion | Sent) -> ModelQuestion:
     place = entry if isinstance(entry, Conclusion) else entry.call
-    return Question(place.generation, place.part)
+    return ModelQuestion(place.generation, place.part)
 
 
-def _questions(transcript: Transcript) -> list[Question]:
+def _questions(transcript: Transcript) -> list[ModelQuestion]:
     """All questions by generation and part."""
     entries: list[Attempt | Conclusion | Sent] = [*transcript.sent, *transcript.attempts]
     order = [*FIELDS]
 
-    def place(question: Question) -> tuple[int, int, str]:
+    def place(question: ModelQuestion) -> tuple[int, int, str]:
         kind = kind_of(question.part)
         return question[0], order.index(kind) if kind in order else len(order), question.part
 
     return sorted({_question(entry) for entry in [*entries, *transcript.parts]}, key=place)
 
 
-def _print_question(transcript: Transcript, question: Question, *, whole: bool) -> None:
+def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: bool) -> None:
     """Prints the result of a question, and its attempts and repair turns."""
     end = next((end for end in reversed(transcript.parts) if _question(end) == question), None)
     unknown = "" if question.part == "probe" else ": no result is recorded"
