@@ -22,10 +22,10 @@ from typing import Any, Final, Self
 
 from islandgp.bt.core.engine import ABORTED, compile_tree
 from islandgp.bt.core.language import domain_of, domain_place, parse, plain
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, asked_in, walk
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, keys_in, walk
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.source import Source, closest
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
 from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
@@ -59,7 +59,7 @@ class Tree:
 
     def keys(self) -> tuple[str, ...]:
         """The blackboard keys that its conditions read, in document order, each once."""
-        return tuple(dict.fromkeys(term.key for term in asked_in(self.node)))
+        return keys_in(self.node)
 
     def bind(
         self, leaves: object, keys: object = None, *, step_s: float | None = None
@@ -72,9 +72,9 @@ class Tree:
                 `islandgp.leaves` for functions and generator functions. When an action is
                 aborted, its generator is closed, and its function's method `stop()` is called
                 if it has one.
-            keys: a value for each blackboard key, by name: a number, True or False, or a function
-                that returns one. A mapping or an object; read once per tick. None: the entries
-                are in `leaves`.
+            keys: a value for each blackboard key, by name: a number, True or False, one of the
+                key's words or its index, or a function that returns one. A mapping or an object;
+                read once per tick. None: the entries are in `leaves`.
             step_s: seconds between two ticks, > 0; required if the tree has a wait, a timeout or
                 a cooldown.
 
@@ -139,6 +139,7 @@ class RobotTree:
         """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
         self._asked = tree.keys()
+        self._known = tree.vocabulary.keys if tree.vocabulary else {}
         self._board = [0.0] * len(self._asked)
         self._start()
 
@@ -153,7 +154,7 @@ class RobotTree:
         """
         try:
             for place, name in enumerate(self._asked):
-                self._board[place] = _value(self._keys, name)
+                self._board[place] = _value(self._keys, name, self._known.get(name))
             self.statuses = [None] * len(self.statuses)
             return _STATUSES[self._tick()]
         except BaseException:
@@ -320,13 +321,18 @@ def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
     return ""
 
 
-def _value(source: object, name: str) -> float:
-    """The present value of a key. Raises DomainError if it is not a number."""
+def _value(source: object, name: str, key: Key | None) -> float:
+    """The present value of a key. Raises DomainError for a value that the key cannot have."""
     entry = _entry(source, name)
     value = entry() if callable(entry) else entry
+    expected = "a finite number, True or False"
+    if key is not None and key.words:
+        expected = key.kind
+        value = key.indexed(value)
+        value = value if value in range(len(key.words)) else repr(value)
     if not is_number(value) and not is_flag(value):
         raise DomainError(
-            f"Expected a finite number, True or False as the value of the key {name}, found"
+            f"Expected {expected} as the value of the key {name}, found"
             f" {short_repr(value)}{defined_in(entry)}."
         )
     return float(value)

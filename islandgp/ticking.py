@@ -255,9 +255,12 @@ class Stepped:
             DomainError unless `sense` returns a finite number for each key.
         """
         sense, keys = episode.sense, self.schema.vocabulary.keys
+        chosen = {name: key for name, key in keys.items() if key.words}
 
         def read() -> list[float]:
             values = sense()
+            if chosen and isinstance(values, Mapping):
+                values = {**values, **_indices(values, chosen)}
             try:
                 board = [values[key] for key in keys]
                 if not isfinite(sum(board)) or len(values) != len(keys):
@@ -351,6 +354,12 @@ def _near(name: object, known: Iterable[str]) -> str:
     return f"; perhaps {near[0]} is meant" if near else ""
 
 
+def _indices(values: Mapping[str, Any], chosen: Mapping[str, Key]) -> dict[str, Any]:
+    """The values of the keys that have words, as indices; others that they cannot have as texts."""
+    found = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
+    return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in found.items()}
+
+
 def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
     """Checks the values returned by `sense`.
 
@@ -375,6 +384,7 @@ def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
         if not is_number(values[name]) and not is_flag(values[name]):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
+            expected = key.kind if key.words else expected
             raise DomainError(
                 f"Expected {expected} as the value of the key {name} from `sense`, found"
                 f" {short_repr(values[name])}{where}."

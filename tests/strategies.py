@@ -41,16 +41,27 @@ def few_boards() -> st.SearchStrategy[list[float]]:
 def single_conditions(thresholds: st.SearchStrategy[float]) -> st.SearchStrategy[Condition]:
     """Any comparison or flag."""
     operators, flags = st.sampled_from(OPERATORS), st.sampled_from(["is", "not"])
-    return st.builds(Condition, st.sampled_from(_FLAGS), flags, st.just(0.0)) | st.builds(
-        Condition, st.sampled_from(_NUMBERS), operators, thresholds
+    alone = st.just("")
+    return st.builds(Condition, st.sampled_from(_FLAGS), flags, st.just(0.0), alone) | st.builds(
+        Condition, st.sampled_from(_NUMBERS), operators, thresholds, alone
     )
 
 
+def compared_keys() -> st.SearchStrategy[Condition]:
+    """Any comparison of two keys that are numbers."""
+    operators, keys = st.sampled_from(OPERATORS), st.permutations(_NUMBERS)
+    return st.builds(lambda op, names: Condition(names[0], op, 0.0, names[1]), operators, keys)
+
+
 def conditions(
-    thresholds: st.SearchStrategy[float] | None = None,
+    thresholds: st.SearchStrategy[float] | None = None, *, pairs: bool = False
 ) -> st.SearchStrategy[ConditionExpr]:
-    """Any condition of at most eight comparisons and flags, single ones among them."""
+    """Any condition of at most eight comparisons and flags, single ones among them.
+
+    `pairs`: comparisons of two keys, too.
+    """
     single = single_conditions(numbers() if thresholds is None else thresholds)
+    single = single | compared_keys() if pairs else single
 
     def grown(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
         words = st.sampled_from(["and", "or"])
@@ -60,10 +71,10 @@ def conditions(
 
 
 def when_args(
-    thresholds: st.SearchStrategy[float],
+    thresholds: st.SearchStrategy[float], *, pairs: bool = False
 ) -> st.SearchStrategy[GuardArgs]:
     """The arguments of any `when`."""
-    return st.builds(GuardArgs, conditions(thresholds), st.sampled_from([*ABORTS]))
+    return st.builds(GuardArgs, conditions(thresholds, pairs=pairs), st.sampled_from([*ABORTS]))
 
 
 def nodes(
@@ -74,13 +85,14 @@ def nodes(
     timed: bool = True,
     reactive: bool = True,
     nav2: bool = True,
+    pairs: bool = False,
 ) -> st.SearchStrategy[Node]:
     """Valid trees, about `max_leaves` leaves at most, of every kind of node.
 
     `timed`: those that count seconds, too; `reactive`: reactive composites, too; `nav2`: those of
-    NAV2, too.
+    NAV2, too; `pairs`: guards that compare two keys, too.
     """
-    guard = when_args(numbers() if thresholds is None else thresholds)
+    guard = when_args(numbers() if thresholds is None else thresholds, pairs=pairs)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
     seconds = st.builds(SecondsArgs, st.sampled_from([0.5, 1.0, 2.0, 2.5]))
     kinds = ["selector", "sequence"] + ["reactive_selector", "reactive_sequence"] * reactive

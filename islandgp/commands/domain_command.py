@@ -129,7 +129,14 @@ def _lines(schema: Schema) -> Iterator[str]:
             },
         ),
         ("Keys that are yes or no", {n: k.meaning for n, k in words.keys.items() if k.flag}),
-        ("Keys that are numbers", {n: k.meaning for n, k in words.keys.items() if not k.flag}),
+        (
+            "Keys that are numbers",
+            {n: k.meaning for n, k in words.keys.items() if not k.flag and not k.words},
+        ),
+        (
+            "Keys that are words",
+            {n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in words.keys.items() if k.words},
+        ),
         ("Events", {name: event.meaning for name, event in schema.events.items()}),
         ("Counters", {name: counter.meaning for name, counter in schema.counters.items()}),
         ("Components of the fitness", schema.components),
@@ -148,7 +155,15 @@ def _plain(schema: Schema) -> dict[str, Any]:
             del action["arguments"]
         if not action["condition"]:
             del action["condition"]
+        for conditions in ("to_start", "to_succeed"):
+            action[conditions] = [
+                (each.key, each.operator, each.other or getattr(each.number, "name", each.number))
+                for each in action[conditions]
+            ]
         action["statuses"] = [STATUS_NAMES[status] for status in sorted(action["statuses"])]
+    for key in plain["vocabulary"]["keys"].values():
+        if not key["words"]:
+            del key["words"]
     return plain
 
 

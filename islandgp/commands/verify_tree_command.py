@@ -97,8 +97,9 @@ def _levels(node: Node, level: int) -> Iterator[tuple[Node, int]]:
 
 
 def _board(tick: CounterTick, vocabulary: Vocabulary) -> str:
-    """The values of a blackboard: flags by name, numbers by value."""
+    """The values of a blackboard: flags by name, others by value."""
+    keys = vocabulary.keys
     return ", ".join(
-        (key if value else f"not {key}") if vocabulary.keys[key].flag else f"{key} {value:g}"
+        (key if value else f"not {key}") if keys[key].flag else f"{key} {keys[key].shown(value)}"
         for key, value in tick.board.items()
     )

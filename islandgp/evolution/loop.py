@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import Node, asked_in, depth, size, walk, within
+from islandgp.bt.core.node import Node, depth, keys_in, size, walk, within
 from islandgp.domain import Outcome, total
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Job, evaluated
@@ -350,7 +350,7 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
     words = {node.action for node in walk(tree) if node.action}
     for used, known in (
         (words, plan.vocabulary.actions),
-        ({term.key for term in asked_in(tree)}, plan.vocabulary.keys),
+        ({*keys_in(tree)}, plan.vocabulary.keys),
     ):
         if strange := sorted(used - known.keys()):
             raise ValueError(

@@ -247,11 +247,10 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
 
 def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
     """Places of numbers in a tree: (index of the node, index of the term or of the argument)."""
-    keys = space.vocabulary.keys
     places: list[tuple[int, int]] = []
     for i, node in enumerate(walk(tree)):
         if node.guard:
-            compared = [not keys[term.key].flag for term in terms(node.guard.condition)]
+            compared = [space.vocabulary.has_number(t) for t in terms(node.guard.condition)]
         else:
             arguments = space.vocabulary.action(node.action).arguments.values()
             compared = [each.numeric for each in arguments]

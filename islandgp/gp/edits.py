@@ -16,6 +16,7 @@ from islandgp.bt.core.condition import terms, with_term
 from islandgp.bt.core.kinds import REPEATS, kind_of
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, CountArgs, Limits, Node, depth, selector, size, within
+from islandgp.bt.core.printer import Named, condition_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -235,6 +236,8 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
     term = conditions[edit.term]
     if term.operator in ("is", "not"):
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
+    if term.other or isinstance(term.number, Named):
+        raise ValueError(f"expected a comparison with a number, found {condition_text(term)}")
     changed = with_term(asked, edit.term, term._replace(number=float(number)))
     assert changed is not None
     return with_node(tree, path, node._replace(args=node.guard._replace(condition=changed)))

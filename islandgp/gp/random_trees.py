@@ -26,6 +26,7 @@ class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
 
     joined: float = Field(default=0, ge=0, le=1)  # chance that a condition joins several
     terms: int = Field(default=3, ge=2, le=8)  # most that evolution joins by `and`, `or`
+    pairs: float = Field(default=0, ge=0, le=1)  # chance that a comparison is with another key
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
@@ -204,6 +205,13 @@ def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
     key = space.vocabulary.keys[name]
     if key.flag:
         return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
+    pairs = space.settings.conditions.pairs
+    if pairs and rng.random() < pairs and (others := space.vocabulary.comparable(name)):
+        op = key.operators[rng.integers(len(key.operators))]
+        return Condition(name, op, 0.0, others[rng.integers(len(others))])
+    if key.words:
+        op = key.operators[rng.integers(len(key.operators))]
+        return Condition(name, op, key.number_of(key.words[rng.integers(len(key.words))]))
     op = weighted(rng, space.settings.operators)
     steps = round((key.high - key.low) / key.step)
     return Condition(name, op, on_grid(key, float(rng.integers(steps + 1))))

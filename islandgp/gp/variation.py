@@ -156,7 +156,7 @@ def _parameter(
             space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
         ):
             args = old.args._replace(condition=_rejoined(rng, asked, nudge, space))
-        elif not space.vocabulary.keys[asked.key].flag and rng.random() < 0.5:
+        elif space.vocabulary.has_number(asked) and rng.random() < 0.5:
             key = space.vocabulary.keys[asked.key]
             args = old.args._replace(condition=_nudged(asked, key, nudge))
     return replace_at(tree, i, old._replace(args=args))
@@ -196,7 +196,7 @@ def _rejoined(
         return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
         return with_term(expr, at, None) or random_term(rng, space)
-    if not key.flag and rng.random() < 0.5:
+    if space.vocabulary.has_number(parts[at]) and rng.random() < 0.5:
         return with_term(expr, at, _nudged(parts[at], key, nudge)) or expr
     return with_term(expr, at, random_term(rng, space)) or expr
 

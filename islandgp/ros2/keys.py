@@ -15,8 +15,8 @@ from islandgp.ros2.robot_map import ServiceKey, TopicKey
 class RosKey:
     """The last value of one key."""
 
-    def __init__(self, name: str, entry: TopicKey | ServiceKey) -> None:
-        self.name, self.entry = name, entry
+    def __init__(self, name: str, entry: TopicKey | ServiceKey, *, texts: bool) -> None:
+        self.name, self.entry, self.texts = name, entry, texts
         self._value: Any = None
         self._at = 0.0  # s, monotonic; when the value came
 
@@ -25,6 +25,18 @@ class RosKey:
         value = value_of(message, self.entry.field)
         self._value = None if isinstance(value, float) and not isfinite(value) else value
         self._at = monotonic()
+
+    def check(self, message: Any) -> None:
+        """Raises ConfigError if the message has no such field, or one of another type."""
+        field, place = self.entry.field, f"keys.{self.name}.field"
+        must_have(message, field, place)
+        value = value_of(message, field)
+        known = (bool, int, float, str) if self.texts else (bool, int, float)
+        if "[" not in field and not isinstance(value, known):
+            expected = "a number, a truth value or a text" if self.texts else "a truth value"
+            raise ConfigError(
+                f"{place}: expected {expected}, found {type(value).__name__}; name a field of it"
+            )
 
     def read(self) -> Any:
         """The value now; None: there is none, or it is too old."""
@@ -36,13 +48,13 @@ class RosKey:
 
 
 def ros_keys(
-    node: Any, entries: Mapping[str, TopicKey | ServiceKey]
+    node: Any, entries: Mapping[str, TopicKey | ServiceKey], *, texts: bool = True
 ) -> dict[str, Callable[[], Any]]:
     """A function for each key that returns its value now, or None. Raises ConfigError.
 
-    `node`: an rclpy Node, whose executor has to spin.
+    `node`: an rclpy Node, whose executor has to spin. `texts`: fields can be texts.
     """
-    keys = [RosKey(name, entry) for name, entry in entries.items()]
+    keys = [RosKey(name, entry, texts=texts) for name, entry in entries.items()]
     for key in keys:
         if isinstance(key.entry, TopicKey):
             _subscribe(node, key, key.entry)
@@ -55,7 +67,7 @@ def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
 
     kind = interface(entry.type)
-    _check(kind(), entry.field, f"keys.{key.name}.field")
+    key.check(kind())
     policy = ReliabilityPolicy.RELIABLE if entry.reliable else ReliabilityPolicy.BEST_EFFORT
     node.create_subscription(kind, entry.topic, key.take, QoSProfile(depth=1, reliability=policy))
 
@@ -63,7 +75,7 @@ def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
 def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
     kind = interface(entry.type)
     request = filled(kind.Request(), entry.request, f"keys.{key.name}.request")
-    _check(kind.Response(), entry.field, f"keys.{key.name}.field")
+    key.check(kind.Response())
     client = node.create_client(kind, entry.service)
     waiting: list[Any] = []
 
@@ -78,14 +90,3 @@ def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
             waiting[0].add_done_callback(lambda done: key.take(done.result()))
 
     node.create_timer(entry.every, ask)
-
-
-def _check(message: Any, field: str, place: str) -> None:
-    """Raises ConfigError for a field that is not there, or no number."""
-    must_have(message, field, place)
-    value = value_of(message, field)
-    if "[" not in field and not isinstance(value, bool | int | float):
-        raise ConfigError(
-            f"{place}: expected a number or a truth value, found {type(value).__name__}; name a"
-            " field of it"
-        )

@@ -51,7 +51,7 @@ class TreeNode:
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
         self._keys = ros_keys(node, robot_map.keys)
-        answers = ros_keys(node, robot_map.conditions)
+        answers = ros_keys(node, robot_map.conditions, texts=False)
         self._conditions = {name: partial(holds, read) for name, read in answers.items()}
         self._stamp = _stamp(file)
         self._looked = monotonic()

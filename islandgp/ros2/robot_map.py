@@ -16,7 +16,7 @@ _NAME: Final = Field(pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_
 _PART: Final = r"[a-z][a-z0-9_]*(\[[0-9]{1,6}\])?"
 _FIELD: Final = Field(pattern=rf"^{_PART}(\.{_PART})*$")
 _Seconds = Annotated[float, Field(gt=0, le=86_400)]
-_Value = FiniteFloat | bool
+_Value = FiniteFloat | bool | str
 
 
 def _type(kind: str) -> Any:

@@ -100,8 +100,8 @@ class Branch:
 def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
     """Share of blackboards on which a condition holds, in [0, 1], for uniformly distributed values.
 
-    A flag holds on half of them. A joined condition is estimated from its parts: `and` by the
-    narrowest, `or` by the widest, as the parts may depend on each other.
+    A flag and a comparison of two keys hold on half of them. A joined condition is estimated from
+    its parts: `and` by the narrowest, `or` by the widest, as the parts may depend on each other.
     """
     if not isinstance(expr, Condition):
         parts = [width(part, vocabulary) for part in expr.parts]
@@ -109,8 +109,10 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
             return 1 - parts[0]
         return min(parts) if expr.word == "and" else max(parts)
     key = vocabulary.keys[expr.key]
-    if expr.operator in ("is", "not"):
+    if expr.operator in ("is", "not") or expr.other:
         return 0.5
+    if key.words:
+        return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
     below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
     equal = min(1.0, key.step / (key.high - key.low))
     return {"<": below, "<=": below, ">": 1 - below, ">=": 1 - below, "==": equal, "!=": 1 - equal}[
@@ -148,7 +150,7 @@ def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
 
 def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
     """The number of a single comparison, moved so that it holds more often; None if it cannot."""
-    if not isinstance(expr, Condition) or expr.operator not in ("<", "<=", ">", ">="):
+    if not isinstance(expr, Condition) or expr.other or expr.operator not in ("<", "<=", ">", ">="):
         return None
     key = vocabulary.keys[expr.key]
     by = WIDER * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)

@@ -109,6 +109,7 @@ def _board(recording: Recording) -> list[dict[str, Any]]:
             "meaning": key.meaning,
             "low": key.low,
             "most": key.most,
+            "words": key.words,
             "marks": [] if key.flag else thresholds(recording.tree, name),
             "changes": changes(_rounded(board[place], key) for board in recording.boards),
         }

@@ -174,7 +174,9 @@ def courses(recording: Recording) -> Iterator[str]:
         values = [board[place] if isfinite(board[place]) else key.low for board in recording.boards]
         low = min(*values, 0.0 if key.flag else key.low)
         most = max(*values, 1.0 if key.flag else key.high)
-        ends = f"{min(values):g} to {max(values):g}"
+        ends = f"{key.shown(min(values))} to {key.shown(max(values))}"
+        if key.words:
+            ends = ", ".join(key.shown(value) for value in dict.fromkeys(values))
         yield f"{name:<{wide}}{_blocks(values, low, most)}  {ends}"
 
 
@@ -183,7 +185,7 @@ def _blocks(values: Sequence[float], low: float, most: float) -> str:
     for i in range(WIDTH):
         begin = i * len(values) // WIDTH
         part = values[begin : max((i + 1) * len(values) // WIDTH, begin + 1)]
-        cells.append(BLOCKS[round(8 * (sum(part) / len(part) - low) / (most - low))])
+        cells.append(BLOCKS[round(8 * (sum(part) / len(part) - low) / ((most - low) or 1))])
     return "".join(cells)
 
 

@@ -307,7 +307,8 @@ def holds(asked: ConditionExpr, board: list[float], places: Mapping[str, int]) -
     if not isinstance(asked, Condition):
         inside = [holds(part, board, places) for part in asked.parts]
         return {"and": all(inside), "or": any(inside), "not": not inside[0]}[asked.word]
-    value, number = board[places[asked.key]], asked.number
+    value = board[places[asked.key]]
+    number = board[places[asked.other]] if asked.other else asked.number
     return {
         "<": value < number,
         "<=": value <= number,

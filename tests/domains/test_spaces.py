@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from islandgp.domains.gymnasium.spaces import Spaces
+from islandgp.domains.gymnasium.world import Observation
 from islandgp.errors import ConfigError
 from tests.composed import composed
 
@@ -98,3 +99,12 @@ def test_wrong_configuration_is_told_in_a_line(words: str, line: str) -> None:
     with pytest.raises(ConfigError) as found:
         composed("domain=pendulum", f"++world.{words}")
     assert str(found.value).startswith(f"world.{line}")
+
+
+@pytest.mark.parametrize(("value", "number"), [(0, 0.0), (1.6, 2.0), (7, 2.0), (-1, 0.0)])
+def test_words_of_an_observation(value: float, number: float) -> None:
+    """A number that counts from 0 is a word; beyond the words it is the first or the last."""
+    seen = Observation(at=0, meaning="m", words=("red", "green", "blue"))
+    assert seen.key().words == ("red", "green", "blue")
+    low, high = seen.bounds
+    assert round(min(high, max(low, value))) == number

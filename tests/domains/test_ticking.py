@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from pydantic import BaseModel
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable
@@ -129,6 +130,21 @@ def test_keys_are_sensed_before_the_tick() -> None:
     """A number on the blackboard is the one of the tick's start."""
     calls, _ = run("selector { when n >= 4 { Yes } No }")
     assert calls == ["no"] * 4 + ["yes"] * 2
+
+
+def test_words_of_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`sense` gives a key's word or its index; another word is named with those that there are."""
+    mode = enumeration("what it does", ("idle", "busy"))
+    words = replace(SCHEMA.vocabulary, keys={**SCHEMA.vocabulary.keys, "mode": mode})
+    monkeypatch.setitem(globals(), "SCHEMA", replace(SCHEMA, vocabulary=words))
+    guarded = "selector { when mode == busy { Yes } No }"
+    for value, calls in (("busy", ["yes"]), (1, ["yes"]), ("idle", ["no"])):
+        found, _ = run(guarded, 1, sense=lambda v=value: {"ready": 0, "n": 0, "mode": v})
+        assert found == calls
+    with pytest.raises(
+        DomainError, match="Expected one of idle, busy as the value of the key mode"
+    ):
+        run(guarded, 1, sense=lambda: {"ready": 0, "n": 0, "mode": "lazy"})
 
 
 def test_a_leaf_without_a_status_is_told() -> None:

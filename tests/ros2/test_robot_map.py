@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from islandgp.errors import ConfigError
+from islandgp.ros2.keys import RosKey
 from islandgp.ros2.node import holds
 from islandgp.ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
 from tests.trees.shell import Cli, shell
@@ -87,3 +89,15 @@ def test_without_rclpy(islandgp: Cli, page: Path, monkeypatch: pytest.MonkeyPatc
     assert "pip install 'islandgp[ros2]'" in said.err
     (page / "robot.yaml").write_text("{")
     assert "expected YAML" in islandgp("ros2", "patrol.bt", "--map", "robot.yaml").err
+
+
+def test_a_key_can_be_a_text_and_a_condition_cannot() -> None:
+    """The field of a key may be a text, one of its words; that of a condition is true or false."""
+    entry = TopicKey(topic="/mode", type="std_msgs/msg/String", field="data")
+    message = SimpleNamespace(data="docking", get_fields_and_field_types=lambda: {"data": "string"})
+    key = RosKey("mode", entry, texts=True)
+    key.check(message)
+    key.take(message)
+    assert key.read() == "docking"
+    with pytest.raises(ConfigError, match=r"keys.mode.field: expected a truth value, found str"):
+        RosKey("mode", entry, texts=False).check(message)

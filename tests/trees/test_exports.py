@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.parameters import one_of, real, switch
-from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf
+from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.json import from_json, to_json
@@ -498,3 +498,61 @@ def test_commands(islandgp: Cli, tmp_path: Path) -> None:
         said = islandgp("import", tmp_path / name)
         assert parse(said.out) == parse(example.read_text())
     assert islandgp("export", example).code == 2
+
+
+WORDS = Vocabulary(
+    "bot",
+    {"Dock": Action("docks"), "Drive": Action("drives")},
+    {
+        "mode": enumeration("what it does", ("idle", "docking")),
+        "before": enumeration("what it did", ("idle", "docking")),
+        "charge": number("%", 0, 100),
+        "reserve": number("%", 0, 100),
+    },
+)
+
+
+@pytest.mark.parametrize(
+    "condition", ["mode == docking", "mode != before and charge < reserve", "charge < reserve"]
+)
+@pytest.mark.parametrize("abort", ["none", "self"])
+@pytest.mark.parametrize("charge", [5.0, 50.0])
+def test_words_and_two_keys_in_both_libraries(condition: str, abort: str, charge: float) -> None:
+    """The libraries compare texts with words, and entries with entries."""
+    library: Any = pytest.importorskip("py_trees")
+    tree = parse(f"selector {{ when {condition} abort {abort} {{ Dock }} Drive }}", WORDS)
+    mode = "docking" if charge < 10 else "idle"
+    board = {"mode": mode, "before": "idle", "charge": charge, "reserve": 9.0}
+    called: list[str] = []
+
+    class Called(library.behaviour.Behaviour):  # type: ignore[misc]  # it has no types
+        def update(self) -> object:
+            called.append(self.name)
+            return library.common.Status.SUCCESS
+
+    module: dict[str, Any] = {}
+    exec(py_trees.to_python(tree, WORDS), module)
+    library.blackboard.Blackboard.clear()
+    for name, value in board.items():
+        library.blackboard.Blackboard.set(name, value)
+    module["create_tree"](Called).tick_once()
+    expected = ["Dock" if charge < 10 else "Drive"]
+    assert called == expected
+    called.clear()
+    _tick_in_cpp(behaviortree_cpp.to_xml(tree, WORDS, plain=True), board, called)
+    assert called == expected
+
+
+def _tick_in_cpp(xml: str, board: Mapping[str, str | float], called: list[str]) -> None:
+    """Ticks a plain file once in BehaviorTree.CPP; its actions succeed."""
+    cpp: Any = pytest.importorskip("behaviortreepy")
+    factory, blackboard = cpp.BehaviorTreeFactory(), cpp.Blackboard.create()
+    for name in WORDS.actions:
+        factory.register_simple_action(
+            name, lambda _, name=name: called.append(name) or cpp.NodeStatus.SUCCESS
+        )
+    for name, value in board.items():
+        kind = "string" if isinstance(value, str) else "double"
+        getattr(blackboard, f"set_{kind}")(name, value)
+    factory.register_behavior_tree_from_text(xml)
+    factory.create_tree("Robot", blackboard).tick_once()

@@ -44,7 +44,7 @@ KEYS = {*VOCABULARY.keys}
         ("when (", KEYS | {"not"}),
         ("when batteryLevel ", {"<", "<=", ">", ">=", "==", "!=", "and", "or", "abort"}),
         ("when foundGarbage abort l", {"none", "self", "lower", "both"}),
-        ("constant low = 20 when batteryLevel < ", {"low"}),
+        ("constant low = 20 when batteryLevel < ", {"low", "lap", "robotCurrentExtraCapacity"}),
         ("constant low = 2 repeater ", {"low"}),
         ("subtree go(times) = repeater ", {"times"}),
         ("parallel ", {"success", "failure"}),

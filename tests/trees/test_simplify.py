@@ -21,7 +21,7 @@ from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.worlds import Trace, island_trace, random_trees
 
-TREES = nodes(few_numbers(), max_leaves=14, max_repeats=3)
+TREES = nodes(few_numbers(), max_leaves=14, max_repeats=3, pairs=True)
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from math import floor, inf
+from sys import maxsize
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, to_nnf
+from islandgp.bt.core.condition import Condition, ConditionExpr, ordered, to_nnf
 from islandgp.bt.core.vocabulary import Key
 
 Boards: TypeAlias = int
@@ -45,7 +46,8 @@ class BoardSets:
     """Sets of the blackboards of some keys.
 
     The work is bounded: where joining takes too many steps, the result is a set that holds more
-    blackboards than it should, never fewer, and `exact` turns False.
+    blackboards than it should, never fewer, and `exact` turns False. So it is where two keys are
+    compared: their difference counts as a key that has any value.
     """
 
     def __init__(self, keys: Mapping[str, Key]) -> None:
@@ -53,8 +55,9 @@ class BoardSets:
         self.places = {name: place for place, name in enumerate(keys)}
         self._keys = tuple(keys.values())
         self._ranges = [_range(key) for key in self._keys]
+        self._differences: dict[tuple[str, ...], int] = {}
         self._usual = [_usual(key) for key in self._keys]
-        self._diagrams = [_Diagram(len(keys), (), ()), _Diagram(len(keys), (), ())]
+        self._diagrams = [_Diagram(maxsize, (), ()), _Diagram(maxsize, (), ())]
         self._numbers: dict[_Diagram, Boards] = {}
         self._joined: dict[tuple[Boards, Boards, Boards], Boards] = {}
         self._left = ALL_STEPS
@@ -127,7 +130,8 @@ class BoardSets:
         return self.both(*parts) if expr.word == "and" else self.either(*parts)
 
     def _single(self, expr: Condition) -> Boards:
-        x, no, yes = float(expr.number), NO_BOARD, ANY_BOARD
+        expr, no, yes = ordered(expr), NO_BOARD, ANY_BOARD
+        x = float(expr.number)
         cuts: tuple[Cut, ...]
         cuts, parts = {
             "<": (((x, 0),), (yes, no)),
@@ -139,6 +143,8 @@ class BoardSets:
             "is": (((x, 1),), (no, yes)),
             "not": (((x, 1),), (yes, no)),
         }[expr.operator]
+        if expr.other:
+            return self._number(self._difference(expr), cuts, parts)
         place = self.places[expr.key]
         if self._keys[place].whole:  # above 3 is the same as from 4 on
             cuts = tuple((x + 1, 0) if above and x % 1 == 0 else (x, above) for _, above in cuts)
@@ -148,6 +154,11 @@ class BoardSets:
         while cuts and cuts[-1] >= high:
             cuts, parts = cuts[:-1], parts[:-1]
         return self._number(place, cuts, parts)
+
+    def _difference(self, expr: Condition) -> int:
+        """The place of the difference of two keys, behind those of the keys."""
+        self.exact = False
+        return self._differences.setdefault(expr.keys, len(self._keys) + len(self._differences))
 
     def _join(self, a: Boards, b: Boards, absorbing: Boards, otherwise: Boards) -> Boards:
         """Both (`absorbing` is NO_BOARD) or either; `otherwise` where that is too much work."""

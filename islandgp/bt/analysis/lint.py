@@ -277,12 +277,14 @@ def _why_not(
     for_action: bool = False,
 ) -> str:
     """The reason why a condition, or an action that needs it, contradicts `known`."""
-    text, keys = condition_text(needed), {term.key for term in terms(needed)}
+    text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
     lead = f"it needs {text}" if for_action else f"{text} can't hold"
     if excludes((), needed):
         return f"{lead}, whatever is on the blackboard"
     guards = [
-        c for c in _guards(above) if c in known and not keys.isdisjoint(t.key for t in terms(c))
+        c
+        for c in _guards(above)
+        if c in known and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
     ]
     against = [c for c in guards if excludes((c,), needed)][-1:] or guards
     if not against:

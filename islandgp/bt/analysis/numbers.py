@@ -107,6 +107,8 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) 
         case "constant", [name, word]:
             yield _Slot(f"constant {name} =", _NONE, word, str(name))
         case "comparison", [key, operator, word]:
+            if words.keys[str(key)].words:
+                return
             equal = {EQUAL} if operator in ("==", "!=") else set()
             yield _Slot(f"{key} {operator}", frozenset({str(key), *equal}), word)
         case "use", [name, given]:

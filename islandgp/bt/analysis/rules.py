@@ -27,7 +27,7 @@ from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import TIMED, kind_of
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Node, asked_in, leaf, walk
+from islandgp.bt.core.node import Node, asked_in, keys_in, leaf, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -108,6 +108,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     left = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
     if not left:
         return RuleResult(rule, "proven", "it follows from the guards")
+    if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
+        why = "neither proven nor refuted: of keys compared with keys only the guards are looked at"
+        return RuleResult(rule, "unknown", why)
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
     if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
         why = f"neither proven nor refuted: of a tree with a {kind} only the guards are looked at"
@@ -217,7 +220,7 @@ def _ticks(
     tick = compile_tree(
         tree, _Scripted(tree, returns), board, vocabulary.places, watch=seen.__setitem__
     )
-    asked = {term.key for term in (*asked_in(tree), *terms(rule.condition))}
+    asked = {*keys_in(tree), *(term.key for term in terms(rule.condition))}
     found = []
     for values, calls in course:
         board[:] = values

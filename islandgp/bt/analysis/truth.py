@@ -11,7 +11,15 @@ from collections.abc import Mapping, Sequence
 from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, opposite, terms, to_nnf
+from islandgp.bt.core.condition import (
+    Condition,
+    ConditionExpr,
+    conjoin,
+    opposite,
+    ordered,
+    terms,
+    to_nnf,
+)
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Args, GuardArgs, Node
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
@@ -81,7 +89,7 @@ def excludes(known: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
     single = [c for c in known if isinstance(c, Condition)]
     if isinstance(expr, Condition) and len(single) == len(known):
-        return not _together([*(c for c in single if c.key == expr.key), expr])
+        return not _together([*(c for c in single if {*c.keys} == {*expr.keys}), expr])
     return not _possible(_about(known, expr), expr)
 
 
@@ -119,8 +127,8 @@ def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
 
 def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
     """Those of `known` that say something of the keys of `expr`, however indirectly."""
-    keys = {term.key for term in terms(expr)}
-    left = [(c, {term.key for term in terms(c)}) for c in known]
+    keys = {key for term in terms(expr) for key in term.keys}
+    left = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
     found: list[ConditionExpr] = []
     grown = True
     while grown:
@@ -169,10 +177,13 @@ def _some_case(single: list[Condition], wanted: list[ConditionExpr]) -> bool:
 
 
 def _together(conditions: Sequence[Condition]) -> bool:
-    """True if there is a blackboard on which all of these hold."""
-    ranges: dict[str, _Range] = {}
-    for key, operator, number in conditions:
-        ranges.setdefault(key, _Range()).narrow(operator, number)
+    """True if there may be a blackboard on which all of these hold.
+
+    The difference of two keys that are compared counts as a key without a range.
+    """
+    ranges: dict[tuple[str, ...], _Range] = {}
+    for each in map(ordered, conditions):
+        ranges.setdefault(each.keys, _Range()).narrow(each.operator, each.number)
     return not any(each.empty() for each in ranges.values())
 
 

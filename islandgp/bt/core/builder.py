@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
-from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node
+from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node, unknown_word
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Used, Value, sequence
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import Named, use_text
 from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
@@ -362,7 +362,7 @@ class Builder:
                 self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
             if form == "flag":
                 return Condition(str(parts[0]), "is", 0.0)
-            return Condition(str(parts[0]), str(parts[1]), self._threshold(parts[0], parts[2]))
+            return self._comparison(*parts)
         self._bounded(_first_word(tree), level)
         inside = [self._asked(part, level + 1) for part in parts]
         if form == "negation":
@@ -371,17 +371,55 @@ class Builder:
             return inside[0]
         return conjoin("and" if form == "conjunction" else "or", inside)
 
-    def _threshold(self, name: _Token, token: _Token) -> float:
-        """What a key is compared with."""
-        value = self._number(token)
-        whole = self._vocabulary is not None and self._vocabulary.keys[name].whole
-        if whole and value != int(value):
+    def _comparison(self, name: _Token, operator: _Token, right: _Token) -> Condition:
+        key = None if self._vocabulary is None else self._vocabulary.keys[name]
+        if key is not None and operator not in key.operators:
             raise self._source.error_at(
-                token,
-                f"{name} is a whole number, it can't be compared with {shown(token)}",
+                operator,
+                f"{name} is {key.kind}, it can't be compared by {shown(operator)}",
+                expected=f"one of: {' '.join(key.operators)}",
+            )
+        if key is not None and right in key.words:
+            return Condition(str(name), str(operator), key.number_of(right))
+        known = right in self._values or right in self._constants
+        if right.type == "NAME" and (not known or (key is not None and key.words)):
+            self._check_other(name, key, right)
+            return Condition(str(name), str(operator), 0.0, str(right))
+        if key is not None and key.words:
+            raise unknown_word(self._source, right, name, key, self._comparable(name))
+        value = self._number(right)
+        if key is not None and key.whole and value != int(value):
+            raise self._source.error_at(
+                right,
+                f"{name} is a whole number, it can't be compared with {shown(right)}",
                 expected="a number without decimals",
             )
-        return value
+        return Condition(str(name), str(operator), value)
+
+    def _comparable(self, name: str) -> list[str]:
+        return [] if self._vocabulary is None else self._vocabulary.comparable(name)
+
+    def _check_other(self, name: _Token, key: Key | None, right: _Token) -> None:
+        """Raises TreeError unless a key can be compared with the word on the right, a key."""
+        if right == name:
+            raise self._source.error_at(
+                right, f"{name} is compared with itself", expected="another key, or a value"
+            )
+        if key is None or self._vocabulary is None:
+            return
+        keys = self._vocabulary.keys
+        alike = self._comparable(name)
+        if right in alike:
+            return
+        if right in keys:
+            raise self._source.error_at(
+                right,
+                f"{name} is {key.kind}, {right} is {keys[right].kind}: they can't be compared",
+                expected=f"{key.kind}, or a key of the same kind: {', '.join(alike) or 'none'}",
+            )
+        if key.words:
+            raise unknown_word(self._source, right, name, key, alike)
+        raise self._unknown_number(right, alike)
 
     def _bounded(self, at: _Token, level: int) -> None:
         if self._terms > MAX_TERMS or level > MAX_NESTED:
@@ -405,8 +443,8 @@ class Builder:
         if not key.flag and not compared:
             raise self._source.error_at(
                 name,
-                f"{name} is a number, it must be compared with one",
-                expected=f"`when {name} < 5`, with one of {' '.join(OPERATORS)}",
+                f"{name} is {key.kind}, it must be compared with one",
+                expected=f"`when {key.example(name)}`, with one of {' '.join(key.operators)}",
             )
 
     def _number(self, token: _Token) -> float:
@@ -457,14 +495,16 @@ class Builder:
             )
         return count if isinstance(count, Named) else int(count)
 
-    def _unknown_number(self, name: _Token) -> TreeError:
+    def _unknown_number(self, name: _Token, keys: Sequence[str] = ()) -> TreeError:
         names = {**self._values, **self._constants}
         known = shorten(", ".join(names), 200, placeholder=" ...")
+        others = f"; or a key: {', '.join(keys)}" if keys else ""
         return self._source.error_at(
             name,
-            f"unknown constant {shown(name)}",
-            expected=f"a number, or a constant that is defined above: {known or 'there is none'}",
-            guess=closest(name, names),
+            f"unknown constant {'or key ' * bool(keys)}{shown(name)}",
+            expected=f"a number, or a constant that is defined above: {known or 'there is none'}"
+            f"{others}",
+            guess=closest(name, [*names, *keys]),
             kind=UnknownNameError,
         )
 

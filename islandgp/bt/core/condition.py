@@ -18,7 +18,13 @@ class Condition(NamedTuple):
 
     key: str
     operator: str  # of OPERATORS or FLAG_OPERATORS
-    number: float  # 0 for a flag
+    number: float  # 0 for a flag and where two keys are compared; of a word, its index
+    other: str = ""  # the key on the right; "": the key is compared with the number
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that it reads: one or two."""
+        return (self.key, self.other) if self.other else (self.key,)
 
 
 class Compound(NamedTuple):
@@ -45,6 +51,17 @@ OPPOSITE: Final = {
     "not": "is",
 }
 """The operator that holds where another one does not."""
+
+
+MIRRORED: Final = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
+"""The operator of the same comparison with its two sides exchanged."""
+
+
+def ordered(expr: Condition) -> Condition:
+    """The same comparison; of two keys, the alphabetically first one is on the left."""
+    if not expr.other or expr.key <= expr.other:
+        return expr
+    return Condition(expr.other, MIRRORED[expr.operator], 0.0, expr.key)
 
 
 def conjoin(word: str, parts: Sequence[ConditionExpr]) -> ConditionExpr:
@@ -114,6 +131,8 @@ def condition(expr: ConditionExpr, board: Board, places: Mapping[str, int]) -> C
     """
     if isinstance(expr, Compound):
         return _compiled(_expression(expr, places))(board)
+    if expr.other:
+        return _compiled(_expression(expr, places))(board)
     if expr.operator not in _CLOSURES:
         raise ValueError(_unknown_operator(expr.operator))
     return _CLOSURES[expr.operator](board, places[expr.key], expr.number)
@@ -143,7 +162,8 @@ def _expression(expr: ConditionExpr, places: Mapping[str, int]) -> str:
     operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
     if operator not in OPERATORS:
         raise ValueError(_unknown_operator(operator))
-    return f"(board[{places[expr.key]:d}] {operator} {float(expr.number)!r})"
+    right = f"board[{places[expr.other]:d}]" if expr.other else repr(float(expr.number))
+    return f"(board[{places[expr.key]:d}] {operator} {right})"
 
 
 @lru_cache(maxsize=1024)

@@ -11,7 +11,7 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import NOTHING, Key, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -65,6 +65,20 @@ def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
     )
 
 
+def unknown_word(
+    source: Source, token: Token, name: str, key: Key, keys: Sequence[str]
+) -> TreeError:
+    """The error for a word that a key does not have; `keys` are those of the same words."""
+    others = f", or a key of the same words: {', '.join(keys)}" if keys else ""
+    return source.error_at(
+        token,
+        f"unknown word {shown(token)} of {name}",
+        expected=f"{key.kind}{others}",
+        guess=closest(token, [*key.words, *keys]),
+        kind=UnknownNameError,
+    )
+
+
 def unknown_argument(
     source: Source, token: Token, action: Token, parameters: Mapping[str, Parameter]
 ) -> TreeError:
@@ -90,8 +104,7 @@ def unknown_node(
     if token in subtrees and closest(token, subtrees):
         guess = f"use {token}"
     elif token in words.keys:
-        flag = words.keys[token].flag
-        guess = f"when {token} {{ ... }}" if flag else f"when {token} < 5 {{ ... }}"
+        guess = f"when {words.keys[token].example(token)} {{ ... }}"
     else:
         guess = _WORDS.get(token.lower()) or closest(token, (*_NODE_WORDS, *words.actions))
     what = "node" if source.text[token.end_pos :].lstrip().startswith("{") else "action"
@@ -139,7 +152,8 @@ def syntax_error(
         sign = next((sign for sign in _SIGNS if rest.startswith(sign)), rest[0])
         message = f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})"
         guess = _SIGNS.get(sign, "")
-        return source.error(message, error.line, error.column, guess=guess)
+        expected = "names of the letters a to z, digits and _" if rest[0].isalpha() else ""
+        return source.error(message, error.line, error.column, expected=expected, guess=guess)
     accepted = set(error.accepts)
     if _takes_nothing(before, words):
         accepted.discard("LPAR")

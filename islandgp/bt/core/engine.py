@@ -288,9 +288,14 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
     """The numbers that a tree compares a key with, ascending, each once.
 
     As long as the key's value stays between two neighbours, and on neither of
-    them, no condition on it changes its truth.
+    them, no comparison of it with a number changes its truth.
     """
-    return tuple(sorted({term.number for term in asked_in(tree) if term.key == key}))
+    return tuple(sorted({term.number for term in asked_in(tree) if term.keys == (key,)}))
+
+
+def compares_keys(tree: Node, key: str) -> bool:
+    """True if a tree compares a key with another key."""
+    return any(term.other and key in term.keys for term in asked_in(tree))
 
 
 def _ignore(first: int, end: int) -> None:

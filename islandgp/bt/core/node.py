@@ -170,6 +170,11 @@ def walk(node: Node) -> Iterator[Node]:
         yield from walk(child)
 
 
+def keys_in(tree: Node) -> tuple[str, ...]:
+    """The keys that the guards of a tree read, in document order, each once."""
+    return tuple(dict.fromkeys(key for term in asked_in(tree) for key in term.keys))
+
+
 def asked_in(tree: Node) -> Iterator[Condition]:
     """The single conditions that the guards of a tree ask, in document order."""
     for node in walk(tree):

@@ -20,7 +20,7 @@ INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
 
 
 class Named(float):
-    """A number that is written by the name of a constant or a parameter."""
+    """A number that is written by a name: of a constant or a parameter, or a word of a key."""
 
     def __new__(cls, name: str, value: float) -> Self:
         made = super().__new__(cls, value)
@@ -28,6 +28,9 @@ class Named(float):
         return made
 
     name: str
+
+    def __getnewargs__(self) -> tuple[str, float]:  # type: ignore[override]  # for pickle
+        return self.name, float(self)
 
 
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
@@ -128,7 +131,7 @@ def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
         return expr.key
     if expr.operator == "not":
         return f"not {expr.key}"
-    return f"{expr.key} {expr.operator} {number_text(expr.number)}"
+    return f"{expr.key} {expr.operator} {expr.other or number_text(expr.number)}"
 
 
 def _lines(node: Node, indent: str) -> Iterator[str]:

@@ -7,21 +7,26 @@ nothing else declares an action or a key.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
 from numbers import Real
-from typing import Final
+from typing import Any, Final
 
+from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
 from islandgp.bt.core.kinds import NAME as NAME
 from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
 from islandgp.bt.core.parameters import Parameter, check_parameters, leaf_of
+from islandgp.bt.core.printer import Named
 from islandgp.errors import DomainError
 
 STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
+
+EQUALITY: Final = ("==", "!=")
+"""The operators that compare words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +73,39 @@ class Key:
     most: float | None = None  # greatest value in any world; None: there is no such value
     noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: bool = False  # a number that has no decimals: so has what it is compared with
+    words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
+
+    @property
+    def kind(self) -> str:
+        """What its values are: a number, yes or no, or the words."""
+        if self.words:
+            return f"one of {', '.join(self.words)}"
+        return "yes or no" if self.flag else "a number"
+
+    @property
+    def operators(self) -> tuple[str, ...]:
+        """What it can be compared with: words have no order, and flags no comparison."""
+        return () if self.flag else EQUALITY if self.words else OPERATORS
+
+    def example(self, name: str) -> str:
+        """A condition on the key of this name."""
+        if self.words:
+            return f"{name} == {self.words[0]}"
+        return name if self.flag else f"{name} < 5"
+
+    def number_of(self, word: str) -> Named:
+        """The value of a word on the blackboard: its index. Raises ValueError if it has none."""
+        return Named(str(word), self.words.index(word))
+
+    def indexed(self, value: Any) -> Any:
+        """The index of a word; any other value unchanged."""
+        return self.words.index(value) if isinstance(value, str) and value in self.words else value
+
+    def shown(self, value: float) -> str:
+        """A value as text: a word, `yes`, `no`, or a number."""
+        if self.words and 0 <= value < len(self.words):
+            return self.words[int(value)]
+        return ("yes" if value else "no") if self.flag else f"{value:g}"
 
 
 def flag(meaning: str) -> Key:
@@ -91,6 +129,17 @@ def number(
 def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | None = None) -> Key:
     """A key that is a whole number, compared with whole numbers only; else as `number`."""
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, whole=True)
+
+
+def enumeration(meaning: str, words: Sequence[str]) -> Key:
+    """A key that is one of some words, such as the mode of a robot.
+
+    Its value on a blackboard is the index of the word.
+    """
+    if not words:
+        raise DomainError(f"Expected at least one word for the key {meaning!r}, found none.")
+    last = len(words) - 1
+    return Key(meaning, flag=False, high=last, most=last, whole=True, words=(*words,))
 
 
 def is_name(word: str) -> bool:
@@ -119,13 +168,53 @@ def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
             f"Expected neither RUNNING nor changes of {what}, which is a condition; use"
             " condition_leaf(...), or leave out `condition`."
         )
-    asked = [condition.key for condition in (*action.to_start, *action.to_succeed)]
+    asked = [key for each in (*action.to_start, *action.to_succeed) for key in each.keys]
     for key in (*asked, *action.changes):
         if key not in keys:
             raise DomainError(
                 f"Expected keys of the vocabulary in the conditions and changes of {what}, found"
                 f" {key!r}."
             )
+
+
+def _check_range(key: Key, where: str) -> None:
+    """Raises DomainError for a number whose range is empty or not finite."""
+    most = () if key.most is None else (key.most,)
+    bounds = (key.low, key.high, key.step, *most, key.noise)
+    if not all(isinstance(bound, Real) for bound in bounds):
+        raise DomainError(
+            f"Expected numbers as low, high, step, most and noise of {where}, found"
+            f" {', '.join(map(repr, bounds))}."
+        )
+    if not (-inf < key.low < key.high < inf and key.step > 0):
+        raise DomainError(
+            f"Expected finite low < high and step > 0 for {where}, found {key.low:g},"
+            f" {key.high:g}, {key.step:g}."
+        )
+    if key.whole and (key.noise or any(bound % 1 for bound in bounds)):
+        raise DomainError(
+            f"Expected whole numbers as low, high, step and most of {where}, and no noise, found"
+            f" {', '.join(map(repr, bounds))}."
+        )
+    if not 0 <= key.noise < inf:
+        raise DomainError(f"Expected noise of at least 0 for {where}, found {key.noise:g}.")
+
+
+def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
+    """Raises DomainError for a flag or an enumeration that the language cannot say."""
+    if key.noise or (key.flag and (key.words or key.whole)):
+        raise DomainError(
+            f"Expected noise and whole of numbers only, and words of an enumeration, for {where};"
+            " use flag(...), enumeration(...) or number(...)."
+        )
+    for word in key.words:
+        if not is_name(word) or word in keys:
+            raise DomainError(
+                f"Expected words of letters, digits and _ for {where} that are neither keys nor"
+                f" words of the language, found {word!r}; rename it."
+            )
+    if len(set(key.words)) < len(key.words):
+        raise DomainError(f"Expected different words for {where}, found {[*key.words]}.")
 
 
 UNKNOWN: Final = Action("")
@@ -171,28 +260,11 @@ class Vocabulary:
                         f" action {name}, found {before!r}."
                     )
         for name, key in self.keys.items():
-            most = () if key.most is None else (key.most,)
-            bounds = (key.low, key.high, key.step, *most, key.noise)
-            if not all(isinstance(bound, Real) for bound in bounds):
-                raise DomainError(
-                    f"Expected numbers as low, high, step, most and noise of the key {name} of the"
-                    f" domain {self.domain}, found {', '.join(map(repr, bounds))}."
-                )
-            if not (-inf < key.low < key.high < inf and key.step > 0):
-                raise DomainError(
-                    f"Expected finite low < high and step > 0 for the key {name} of the domain"
-                    f" {self.domain}, found {key.low:g}, {key.high:g}, {key.step:g}."
-                )
-            if key.whole and (key.flag or key.noise or any(bound % 1 for bound in bounds)):
-                raise DomainError(
-                    f"Expected whole numbers as low, high, step and most of the key {name} of the"
-                    f" domain {self.domain}, and no noise, found {', '.join(map(repr, bounds))}."
-                )
-            if not 0 <= key.noise < inf or (key.flag and key.noise):
-                raise DomainError(
-                    f"Expected noise of at least 0, and only of numbers, for the key {name} of the"
-                    f" domain {self.domain}, found {key.noise:g}."
-                )
+            where = f"the key {name} of the domain {self.domain}"
+            if key.words or key.flag:
+                _check_words(key, where, self.keys)
+            else:
+                _check_range(key, where)
 
     @cached_property
     def places(self) -> dict[str, int]:
@@ -207,6 +279,18 @@ class Vocabulary:
             *(Condition(name, ">=", key.low) for name, key in numbers.items()),
             *(Condition(n, "<=", key.most) for n, key in numbers.items() if key.most is not None),
         )
+
+    def comparable(self, name: str) -> list[str]:
+        """The other keys that a key can be compared with: numbers, or those of the same words."""
+        key = self.keys[name]
+        if key.flag:
+            return []
+        return [n for n, each in self.keys.items() if each.kind == key.kind and n != name]
+
+    def has_number(self, term: Condition) -> bool:
+        """True if a condition compares a key with a number: neither a word nor another key."""
+        key = self.keys[term.key]
+        return not (key.flag or key.words or term.other)
 
     def leaf(self, name: str, values: Mapping[str, Value]) -> Node:
         """A leaf in its canonical form."""

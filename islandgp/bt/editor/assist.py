@@ -112,13 +112,29 @@ def _names(
     if last == "domain":
         return [Offer(name, "word", "a domain") for name in domains]
     if "NUMBER" in accepted:
-        return [Offer(name, "number", detail) for name, detail in _numbers(before, folder).items()]
+        numbers = _numbers(before, folder).items()
+        compared = code[-2] if len(code) > 1 and last in OPERATORS else ""
+        return [
+            *_values_of(compared, vocabulary),
+            *(Offer(name, "number", detail) for name, detail in numbers),
+        ]
     if "SELECTOR" in accepted:
         actions = vocabulary.actions.items()
         return [Offer(name, "action", action.meaning) for name, action in actions]
     if "NOT" in accepted:
         return [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
     return []  # a new name
+
+
+def _values_of(name: str, vocabulary: Vocabulary) -> list[Offer]:
+    """The words and keys that a key can be compared with."""
+    if name not in vocabulary.keys:
+        return []
+    others = ((key, vocabulary.keys[key].meaning) for key in vocabulary.comparable(name))
+    return [
+        *(Offer(word, "word", f"a value of {name}") for word in vocabulary.keys[name].words),
+        *(Offer(key, "key", meaning) for key, meaning in others),
+    ]
 
 
 def _arguments(code: Sequence[str], vocabulary: Vocabulary) -> Mapping[str, Parameter]:
@@ -169,6 +185,8 @@ def _about_action(name: str, action: Action) -> str:
 
 
 def _about_key(name: str, key: Key) -> str:
+    if key.words:
+        return f"**{name}**: {key.meaning}\n\n{key.kind}\n\nAsked with `when {key.example(name)}`."
     how = f"`when {name}`" if key.flag else f"`when {name} < {key.low + key.step:g}`"
     most = "" if key.most is None else f" to {key.most:g}"
     bounds = "" if key.flag else f"\n\nA {'whole ' * key.whole}number, from {key.low:g}{most}."

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
+from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms, with_term
 from islandgp.bt.core.node import (
     ActionArgs,
     CountArgs,
@@ -23,11 +23,11 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
-    asked_in,
+    keys_in,
     walk,
 )
 from islandgp.bt.core.parameters import Parameter
-from islandgp.bt.core.printer import condition_text, number_text
+from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
@@ -186,7 +186,7 @@ def to_xml(
     own = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
-    shared = not any(term.key.startswith("_") for term in asked_in(tree))
+    shared = not any(key.startswith("_") for key in keys_in(tree))
     unfit = {*BUILT_IN, *used, *vocabulary.actions, identity}
     root, subtrees = separated(whole, unfit, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
@@ -223,15 +223,26 @@ def header() -> str:
 
 
 def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
-    """The plan with flags of actions as the library reads them."""
+    """The plan with flags of actions and words of keys as the library reads them."""
     args = part.args
     if isinstance(args, ActionArgs):
         arguments = vocabulary.action(args.name).arguments
         flags = {key for key, each in arguments.items() if each.sort == "flag"}
         values = ((key, _FLAGS[str(v)] if key in flags else v) for key, v in args.values)
         args = args._replace(values=tuple(values))
+    if isinstance(args, GuardArgs):
+        args = args._replace(condition=_quoted(args.condition))
     children = tuple(_with_ports(child, vocabulary) for child in part.children)
     return part._replace(args=args, children=children)
+
+
+def _quoted(expr: ConditionExpr) -> ConditionExpr:
+    """The condition with words of keys in quotes: they are texts of the blackboard."""
+    for index, term in enumerate(terms(expr)):
+        if isinstance(term.number, Named):
+            word = Named(f"'{term.number.name}'", term.number)
+            expr = with_term(expr, index, term._replace(number=word)) or expr
+    return expr
 
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
@@ -305,7 +316,7 @@ def _script(expr: ConditionExpr) -> str:
     """A condition in the library's script language, in which && and || bind equally."""
     if isinstance(expr, Condition):
         flag = {"is": expr.key, "not": f"!{expr.key}"}.get(expr.operator)
-        return flag or f"{expr.key} {expr.operator} {number_text(expr.number)}"
+        return flag or condition_text(expr)
     inside = [
         f"({_script(part)})" if isinstance(part, Compound) and part.word != "not" else _script(part)
         for part in expr.parts

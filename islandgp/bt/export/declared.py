@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Literal
@@ -23,7 +23,15 @@ from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, asked_in
 from islandgp.bt.core.parameters import Parameter, real, switch, whole
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import RESERVED, Action, Key, Vocabulary, condition_leaf, is_name
+from islandgp.bt.core.vocabulary import (
+    RESERVED,
+    Action,
+    Key,
+    Vocabulary,
+    condition_leaf,
+    enumeration,
+    is_name,
+)
 from islandgp.bt.export.branching import PRECONDITIONS
 from islandgp.bt.export.nav2 import GATES
 from islandgp.bt.export.xml_reader import Element, read_xml
@@ -111,7 +119,8 @@ def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
     else:
         for term in asked_in(parse(tree, name=name, folder=folder)):
             compares = term.operator in OPERATORS
-            numbers[term.key] = numbers.get(term.key, False) or compares
+            for key in term.keys:
+                numbers[key] = numbers.get(key, False) or compares
     whole = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
     return {key: whole if number else Key("") for key, number in sorted(numbers.items())}
 
@@ -126,7 +135,7 @@ def _scripts(element: Element) -> Iterator[str]:
         waiting += each.children
 
 
-_Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat]
+_Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat | str]
 
 
 class _Parameter(BaseModel, extra="forbid"):
@@ -160,17 +169,26 @@ class _Action(BaseModel, extra="forbid"):
     arguments: dict[str, _Parameter] = {}
     condition: bool = False
 
-    def action(self) -> Action:
+    def action(self, keys: Mapping[str, Key]) -> Action:
         return Action(
             self.meaning,
             frozenset(map(STATUS_NAMES.index, self.statuses)),
-            tuple(Condition(*each) for each in self.to_start),
-            tuple(Condition(*each) for each in self.to_succeed),
+            tuple(_condition(*each, keys) for each in self.to_start),
+            tuple(_condition(*each, keys) for each in self.to_succeed),
             self.changes,
             tuple(self.after),
             {name: each.parameter() for name, each in self.arguments.items()},
             self.condition,
         )
+
+
+def _condition(key: str, operator: str, right: float | str, keys: Mapping[str, Key]) -> Condition:
+    """A condition whose right side is a number, a word of the key or another key."""
+    if not isinstance(right, str):
+        return Condition(key, operator, right)
+    if key in keys and right in keys[key].words:
+        return Condition(key, operator, keys[key].number_of(right))
+    return Condition(key, operator, 0.0, right)
 
 
 class _Key(BaseModel, extra="forbid"):
@@ -184,10 +202,14 @@ class _Key(BaseModel, extra="forbid"):
     most: FiniteFloat | None = None
     noise: FiniteFloat = 0.0
     whole: bool = False
+    words: list[str] = []
 
     def key(self) -> Key:
         given = self.model_fields_set
-        return Key(**{**dict(self), "flag": self.flag if "flag" in given else given <= {"meaning"}})
+        if self.words:
+            return enumeration(self.meaning, self.words)
+        values = {**dict(self), "words": ()}
+        return Key(**{**values, "flag": self.flag if "flag" in given else given <= {"meaning"}})
 
 
 class _Words(BaseModel):
@@ -203,8 +225,9 @@ def _schema(text: str, name: str) -> Vocabulary:
         found = read_json(text.removeprefix("\ufeff"))
         words = found.get("vocabulary", found) if isinstance(found, dict) else found
         given = _Words.model_validate_json(json.dumps(words), strict=True)
-        actions = {action: entry.action() for action, entry in given.actions.items()}
-        return Vocabulary(given.domain, actions, {k: e.key() for k, e in given.keys.items()})
+        keys = {name: entry.key() for name, entry in given.keys.items()}
+        actions = {action: entry.action(keys) for action, entry in given.actions.items()}
+        return Vocabulary(given.domain, actions, keys)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at, why = ".".join(map(str, first["loc"])) or "the file", first["msg"]

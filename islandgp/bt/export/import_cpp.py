@@ -337,7 +337,8 @@ class _Importer(SubtreeReader):
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            expr = parse_condition(self._asked(element, "condition"), self.vocabulary)
+            asked = re.sub(r"'(\w+)'", r"\1", self._asked(element, "condition"))  # words of keys
+            expr = parse_condition(asked, self.vocabulary)
         except TreeError as error:
             said = [line.strip() for line in str(error).splitlines()]
             self.fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))

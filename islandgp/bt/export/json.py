@@ -96,9 +96,17 @@ def _plain(node: Node) -> dict[str, Any]:
 
 def _plain_condition(expr: ConditionExpr) -> dict[str, Any]:
     if isinstance(expr, Condition):
-        return {"key": expr.key, "op": expr.operator, "number": _number(expr.number)}
+        right: dict[str, Any] = {"number": _number(expr.number)}
+        if word := expr.other or getattr(expr.number, "name", ""):
+            right = {"word": word}
+        return {"key": expr.key, "op": expr.operator, **right}
     parts = [_plain_condition(part) for part in expr.parts]
     return {expr.word: parts[0] if expr.word == "not" else parts}
+
+
+def _right(value: dict[str, Any]) -> str:
+    """The entry with the right side of a comparison: a number, or a word or a key."""
+    return "word" if "word" in value else "number"
 
 
 def _plain_value(value: Any) -> Any:
@@ -134,7 +142,7 @@ class _JsonReader:
         arguments = KINDS[kind].arguments
         names = {argument.name for argument in arguments}
         if "condition" in names and "condition" not in value:
-            names = {"key", "op", "number", *names} - {"condition"}
+            names = {"key", "op", _right(value), *names} - {"condition"}
         extra = value.keys() - {"kind", "children", *names}
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
@@ -160,7 +168,7 @@ class _JsonReader:
         for name in found:
             self._argument({"name": name}, "name", at)
         kinds = {
-            name: "number" if isinstance(v, int | float) else "word" for name, v in found.items()
+            name: "number" if isinstance(v, int | float) else "text" for name, v in found.items()
         }
         return tuple((n, self._argument({k: found[n]}, k, f"{at}.{n}")) for n, k in kinds.items())
 
@@ -179,7 +187,7 @@ class _JsonReader:
         if level > MAX_NESTED:
             self._fail(at, f"expected a condition of at most {MAX_NESTED} levels")
         if "key" in value:
-            if extra := value.keys() - {"key", "op", "number"}:
+            if extra := value.keys() - {"key", "op", _right(value)}:
                 self._fail(at, f"unknown entry {min(extra)!r:.40} of a condition")
             return self._single({"number": 0, **value}, at)
         if len(value) != 1 or (word := next(iter(value))) not in ("and", "or", "not"):
@@ -193,12 +201,14 @@ class _JsonReader:
         return negate(parts[0]) if word == "not" else conjoin(word, parts)
 
     def _single(self, value: dict[str, Any], at: str) -> Condition:
-        key, operator, number = (
-            self._argument(value, argument, at) for argument in ("key", "op", "number")
+        key, operator, right = (
+            self._argument(value, argument, at) for argument in ("key", "op", _right(value))
         )
-        if operator in FLAG_OPERATORS and number != 0:
-            self._fail(at, f'expected "number": 0 beside the op {operator}, found {number:g}')
-        return Condition(str(key), str(operator), float(number))
+        if operator in FLAG_OPERATORS and right != 0:
+            self._fail(at, f'expected "number": 0 beside the op {operator}, found {right}')
+        if isinstance(right, str):  # a key, or a word of the key, as the vocabulary has it
+            return Condition(str(key), str(operator), 0.0, right)
+        return Condition(str(key), str(operator), right)
 
     def _argument(self, value: dict[str, Any], argument: str, at: str) -> str | float:
         found = value.get(argument)
@@ -213,7 +223,7 @@ class _JsonReader:
                     f" {found!r:.40}",
                 )
             return int(found) if found == int(found) and argument != "number" else float(found)
-        if argument == "word" and isinstance(found, str) and is_text(found):
+        if argument == "text" and isinstance(found, str) and is_text(found):
             return found
         words = WORDS.get(argument)
         if words is not None and found not in words:

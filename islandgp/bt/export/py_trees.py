@@ -25,10 +25,10 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
-    asked_in,
+    keys_in,
     walk,
 )
-from islandgp.bt.core.printer import condition_text, head, number_text
+from islandgp.bt.core.printer import Named, condition_text, head, number_text
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
@@ -95,8 +95,8 @@ def to_python(
         whole = TargetNode("tick_counter", (), (whole,))
     own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    asked = dict.fromkeys(term.key for term in asked_in(tree))
-    known = {name: key.meaning for name, key in vocabulary.keys.items()} or dict.fromkeys(asked, "")
+    known = {name: key.meaning for name, key in vocabulary.keys.items()}
+    known = known or dict.fromkeys(keys_in(tree), "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
     keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
     module = own_nodes("tree_module.txt")
@@ -210,7 +210,8 @@ def _check(expr: ConditionExpr) -> str:
     """Behaviours of the library that succeed when a condition holds; they end in their tick."""
     if isinstance(expr, Condition):
         compare, value = _comparison(expr)
-        return f"check({expr.key!r}, operator.{compare}, {value})"
+        other = f", other={expr.other!r}" if expr.other else ""
+        return f"check({expr.key!r}, operator.{compare}, {value}{other})"
     inside = ", ".join(map(_check, expr.parts))
     if expr.word == "not":
         return f"Inverter('not', child={inside})"
@@ -221,7 +222,7 @@ def _check(expr: ConditionExpr) -> str:
 def _condition(part: TargetNode) -> str:
     """A guard's name, keys and condition, as arguments of When and EternalGuard."""
     asked = _guard(part).condition
-    keys = ", ".join(repr(key) for key in dict.fromkeys(term.key for term in terms(asked)))
+    keys = ", ".join(dict.fromkeys(repr(key) for term in terms(asked) for key in term.keys))
     return (
         f"{condition_text(asked)!r}, blackboard_keys=[{keys}],"
         f" condition=lambda blackboard: {_expression(asked)}"
@@ -231,6 +232,7 @@ def _condition(part: TargetNode) -> str:
 def _expression(expr: ConditionExpr) -> str:
     if isinstance(expr, Condition):
         compare, value = _comparison(expr)
+        value = f"blackboard.get({expr.other!r})" if expr.other else value
         return f"operator.{compare}(blackboard.get({expr.key!r}), {value})"
     inside = [
         f"({_expression(part)})" if isinstance(part, Compound) else _expression(part)
@@ -243,4 +245,5 @@ def _comparison(expr: Condition) -> tuple[str, str]:
     """The name of a function of `operator`, and its second argument."""
     if expr.operator in ("is", "not"):
         return "ne" if expr.operator == "is" else "eq", "0"
-    return _COMPARE[expr.operator], number_text(expr.number)
+    value = number_text(expr.number)
+    return _COMPARE[expr.operator], repr(value) if isinstance(expr.number, Named) else value

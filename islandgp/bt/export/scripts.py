@@ -8,11 +8,11 @@ from typing import Final, NoReturn
 from islandgp.bt.core.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
 from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
 from islandgp.bt.core.source import closest, shown
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 _WORD: Final = re.compile(
     r"\s*(&&|\|\||!(?!=)|\(|\)|(?P<key>[A-Za-z_]\w*)"
-    r"(?:\s*(?P<operator><=|>=|==|!=|<|>)\s*(?P<number>true|false|-?[0-9]+(?:\.[0-9]+)?(?![\w.])))?)"
+    r"(?:\s*(?P<operator><=|>=|==|!=|<|>)\s*(?P<right>-?[0-9]+(?:\.[0-9]+)?(?![\w.])|'\w*'|[A-Za-z_]\w*))?)"
 )
 
 
@@ -67,7 +67,7 @@ class _Script:
             self._take()
             return found
         self._terms += 1
-        return self._single(match["key"], match["operator"] or "==", match["number"] or "true")
+        return self._single(match["key"], match["operator"] or "==", match["right"] or "true")
 
     def _peek(self) -> str:
         match = _WORD.match(self._code, self._at)
@@ -78,15 +78,23 @@ class _Script:
         self._at = match.end() if match else self._at
         return match
 
-    def _single(self, key: str, operator: str, number: str) -> Condition:
-        if not _is_flag(key, self._vocabulary):
-            if number in ("true", "false"):
-                raise ValueError(f"{key} is a number, found {shown(self._code.strip())}")
-            return Condition(key, operator, _number(number))
-        if operator not in ("==", "!=") or number not in ("true", "false", "1", "0"):
-            raise ValueError(f"{key} is yes or no, found {shown(self._code.strip())}")
-        yes = (number in ("true", "1")) == (operator == "==")
-        return Condition(key, "is" if yes else "not", 0.0)
+    def _single(self, name: str, operator: str, right: str) -> Condition:
+        key, word = _known(name, self._vocabulary), right.strip("'")
+        wrong = ValueError(f"{name} is {key.kind}, found {shown(self._code.strip())}")
+        if not key.flag:
+            if operator not in key.operators:
+                raise wrong
+            if word in key.words:
+                return Condition(name, operator, key.number_of(word))
+            if right in self._vocabulary.comparable(name):
+                return Condition(name, operator, 0.0, right)
+            if key.words or not re.match("-?[0-9]", right):
+                raise wrong
+            return Condition(name, operator, _number(right))
+        if operator not in ("==", "!=") or right not in ("true", "false", "1", "0"):
+            raise wrong
+        yes = (right in ("true", "1")) == (operator == "==")
+        return Condition(name, "is" if yes else "not", 0.0)
 
     def _fail(self) -> NoReturn:
         raise ValueError(
@@ -94,13 +102,13 @@ class _Script:
         )
 
 
-def _is_flag(key: str, vocabulary: Vocabulary) -> bool:
+def _known(key: str, vocabulary: Vocabulary) -> Key:
     keys = vocabulary.keys
     if key not in keys:
         guess = closest(key, keys)
         hint = f"did you mean {guess}?" if guess else f"there are {', '.join(keys)}"
         raise ValueError(f"unknown blackboard key {shown(key)}; {hint}")
-    return keys[key].flag
+    return keys[key]
 
 
 def _number(text: str) -> float:

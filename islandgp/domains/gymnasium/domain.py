@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
-from math import fsum, inf, isfinite
+from math import fsum, isfinite
 from typing import Any, ClassVar, Final, Self, TypeAlias
 
 from pydantic import BaseModel
@@ -133,7 +133,8 @@ class _Episode:
         self._none: tuple[Any, str] = (none, "")
         self._chosen: tuple[Any, str] = self._none
         observed = world.observations.items()
-        self._keys = [(ats[n], *((-inf, inf) if o.flag else o.range)) for n, o in observed]
+        self._keys = [(ats[n], *o.bounds) for n, o in observed]
+        self._words = [i for i, (_, o) in enumerate(observed) if o.words]
         self._flags = [i for i, (_, o) in enumerate(observed) if o.flag]
 
     def leaf(self, choice: settings.Choice, name: str) -> Leaf:
@@ -158,7 +159,7 @@ class _Episode:
 
     def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
         """See `Stepped`: without a dict between the observation and the blackboard."""
-        places, flags, none = self._keys, self._flags, self._none
+        places, flags, words, none = self._keys, self._flags, self._words, self._none
 
         def read() -> list[float]:
             self._chosen = none
@@ -169,6 +170,8 @@ class _Episode:
             ]
             for i in flags:
                 found[i] = float(found[i] > 0.5)
+            for i in words:
+                found[i] = float(round(found[i]))
             if not isfinite(sum(found)):
                 must_be_values(keys, dict(zip(keys, found, strict=True)), self.env.step)
             return found

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_val
 
 from islandgp.bt.core.node import SUCCESS
 from islandgp.bt.core.parameters import Parameter, real
-from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, enumeration, flag, number
 from islandgp.domain import MOST_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
@@ -32,6 +32,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     """In place of `at`: the weights of other observations, whose values are added up."""
     meaning: str  # one line, with the unit
     flag: bool = False  # yes or no: above one half or not
+    words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
     range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
     noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
@@ -45,10 +46,19 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(f"expected at, or sum with the weights of observations, found {both}")
         return self
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Values beyond it are cut to it."""
+        if self.words:
+            return 0, len(self.words) - 1
+        return (-inf, inf) if self.flag else self.range
+
     def key(self) -> Key:
         """The key that it becomes."""
         if self.flag:
             return flag(self.meaning)
+        if self.words:
+            return enumeration(self.meaning, self.words)
         low, high = self.range
         return number(self.meaning, low, high, self.step, most=high, noise=self.noise)
 

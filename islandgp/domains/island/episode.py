@@ -16,7 +16,7 @@ from enum import StrEnum
 from functools import partial
 from math import hypot
 
-from islandgp.bt.core.engine import compile_tree, thresholds
+from islandgp.bt.core.engine import compares_keys, compile_tree, thresholds
 from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
@@ -183,7 +183,8 @@ def run_episode(
     )
     if sensors is not None:
         tick = _sensing(tick, island.board, seen, sensors)
-    timed = needs_each_tick(tree)  # such a tree is ticked in every step
+    # Such a tree is ticked in every step; the battery is the only key that moves all the time.
+    timed = needs_each_tick(tree) or compares_keys(tree, "batteryLevel")
     ticks, due, end = 0, 0, _deadline(island)
     ending: Ending | None = None
     while ending is None:

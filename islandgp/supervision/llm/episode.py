@@ -149,6 +149,11 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
         if key.flag:
             yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
             continue
+        if key.words:
+            counts = Counter(map(key.shown, values)).most_common()
+            shares = ", ".join(f"{word} {n / len(values):.0%}" for word, n in counts)
+            yield f"- {name}: {shares} of the time"
+            continue
         known = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
         if not known:
             continue

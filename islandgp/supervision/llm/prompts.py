@@ -141,7 +141,8 @@ def shown_grammar(*, arguments: bool) -> str:
 def language(vocabulary: Vocabulary) -> str:
     """The language's reference, made from the grammar and the domain's vocabulary."""
     arguments = any(action.arguments for action in vocabulary.actions.values())
-    numbers = [name for name, key in vocabulary.keys.items() if not key.flag]
+    numbers = [n for n, key in vocabulary.keys.items() if not key.flag and not key.words]
+    choices = {name: key for name, key in vocabulary.keys.items() if key.words}
     flags = [name for name, key in vocabulary.keys.items() if key.flag]
     return "\n".join(
         (
@@ -170,6 +171,8 @@ def language(vocabulary: Vocabulary) -> str:
             "",
             f"Keys that are yes or no, as `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:",
             *(f"- {name}: {vocabulary.keys[name].meaning}" for name in flags),
+            *(["", "Keys that are words, compared by == or !=:"] if choices else []),
+            *(f"- {n}: {key.meaning}: {' | '.join(key.words)}" for n, key in choices.items()),
         )
     )
 

@@ -30,7 +30,7 @@ const board = (() => {
     const x = String(100 * Math.min(1, tick / span));
     for (const row of rows) {
       const value = row.entry.at(Math.floor(tick));
-      const text = row.entry.flag ? (value ? "yes" : "no") : value === null ? "?" : value.toFixed(row.digits);
+      const text = row.entry.flag ? (value ? "yes" : "no") : row.entry.words[value] ?? (value === null ? "?" : value.toFixed(row.digits));
       if (text !== row.text) {
         row.value.textContent = row.text = text;
         row.row.classList.toggle("yes", row.entry.flag && value > 0);

@@ -94,7 +94,7 @@ def test_stepwise_is_the_same_for_random_trees(seed: int) -> None:
 
 
 @examples(max_examples=20)
-@given(tree=nodes(max_leaves=10, max_repeats=3), seed=st.integers(0, 5))
+@given(tree=nodes(max_leaves=10, max_repeats=3, pairs=True), seed=st.integers(0, 5))
 def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
     """The same for trees that no genetic programming would think of."""
     same_both_ways(tree, busy(), seed)
@@ -104,6 +104,15 @@ def test_stepwise_is_the_same_for_any_tree(tree: Node, seed: int) -> None:
 def test_stepwise_is_the_same_on_the_island(tree: str) -> None:
     """The same over the whole 420 s on the large island."""
     quick, slow = both_ways(parse(tree), world(), 4)
+    assert quick == slow
+
+
+def test_a_comparison_with_the_battery_is_seen_at_its_step() -> None:
+    """The battery falls below another key between two events; that step is not skipped."""
+    tree = parse(
+        "selector { when batteryLevel < robotCurrentExtraCapacity { SeekCharger } PatrolWaypoint }"
+    )
+    quick, slow = both_ways(tree, world(), 2)
     assert quick == slow
 
 

@@ -36,11 +36,11 @@ namespace islandgp
 /// A condition as a tree says it: `battery < 25 and not (found or lap >= 3)`.
 ///
 /// Keys are names of blackboard entries; `not` binds most, then `and`, then `or`. A number is
-/// compared exactly.
+/// compared exactly, with a number or another entry; a text with a word, as in `mode == 'idle'`.
 class Condition
 {
 public:
-  using Read = std::function<double(const std::string& key)>;
+  using Read = std::function<BT::Any(const std::string& key)>;
 
   explicit Condition(const std::string& text) : text_(text), whole_(joined("or"))
   {
@@ -62,6 +62,7 @@ private:
     std::string key;
     double number;
     std::vector<Part> parts;
+    std::string right = "";  // another key, or a word in ''; nothing: the number
   };
 
   static bool holds(const Part& part, const Read& read)
@@ -82,13 +83,26 @@ private:
       }
       return !decides;
     }
-    const double value = read(part.key);
-    if(part.word == "<") return value < part.number;
-    if(part.word == "<=") return value <= part.number;
-    if(part.word == ">") return value > part.number;
-    if(part.word == ">=") return value >= part.number;
-    if(part.word == "==") return value == part.number;
-    return value != part.number;  // != and a flag, whose number is 0
+    const auto left = read(part.key);
+    if(part.right.empty())
+    {
+      return compared(left.cast<double>(), part.word, part.number);
+    }
+    const auto right = part.right[0] == '\'' ? BT::Any(part.right.substr(1, part.right.size() - 2)) :
+                                               read(part.right);
+    return left.isString() ? compared(left.cast<std::string>(), part.word, right.cast<std::string>()) :
+                             compared(left.cast<double>(), part.word, right.cast<double>());
+  }
+
+  template <typename Value>
+  static bool compared(const Value& left, const std::string& word, const Value& right)
+  {
+    if(word == "<") return left < right;
+    if(word == "<=") return left <= right;
+    if(word == ">") return left > right;
+    if(word == ">=") return left >= right;
+    if(word == "==") return left == right;
+    return left != right;  // != and a flag, whose number is 0
   }
 
   Part joined(const std::string& by)
@@ -133,6 +147,12 @@ private:
     }
     take(op);
     const auto digits = word();
+    const auto first = digits.empty() ? ' ' : digits[0];
+    if(first == '\'' || first == '_' || std::isalpha(static_cast<unsigned char>(first)))
+    {
+      take(digits);
+      return { op, key, 0, {}, digits };
+    }
     std::istringstream number(digits);
     number.imbue(std::locale::classic());
     double value = 0;
@@ -194,7 +214,7 @@ private:
 /// A guard: runs its child while a condition on the blackboard holds.
 ///
 /// Attributes, read once when the tree is made:
-///   condition  what must hold of blackboard entries, each a number or a bool
+///   condition  what must hold of blackboard entries, each a number, a bool or a text
 ///   abort      none: asked at the start only; self: also in each tick; lower: interrupts later
 ///              branches of the nearest InterruptibleFallback or -Sequence; both: the last two
 class When : public BT::DecoratorNode
@@ -228,7 +248,7 @@ public:
         throw BT::RuntimeError("When: the blackboard has no entry ", key,
                                "; set it before the first tick");
       }
-      return entry->cast<double>();
+      return *entry.get();
     });
   }
 

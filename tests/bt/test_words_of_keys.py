@@ -1,0 +1,243 @@
+"""Keys that are one of some words, and comparisons of two keys."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import islandgp
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.analysis.rules import check_rule, read_rule
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.language import parse, parse_condition, to_text
+from islandgp.bt.core.node import Limits, Node, asked_in, guarded, keys_in, leaf
+from islandgp.bt.core.vocabulary import (
+    Action,
+    Condition,
+    Key,
+    Vocabulary,
+    enumeration,
+    flag,
+    integer,
+    number,
+)
+from islandgp.bt.editor.assist import offers
+from islandgp.bt.editor.format import format_text
+from islandgp.bt.export.behaviortree_cpp import to_xml
+from islandgp.bt.export.declared import declared
+from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.json import from_json, to_json
+from islandgp.commands.domain_command import _plain
+from islandgp.errors import DomainError, TreeError
+from islandgp.gp.random_trees import ConditionSettings, TreeSettings, TreeSpace, random_tree
+from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
+
+MODES = ("idle", "docking", "driving")
+KEYS = {
+    "mode": enumeration("what it does", MODES),
+    "before": enumeration("what it did", MODES),
+    "gear": enumeration("the only one", ["slow"]),
+    "charge": number("%", 0, 100),
+    "reserve": number("% that it needs home", 0, 50),
+    "items": integer("in the hold", 0, 9, most=9),
+    "near": flag("at the dock"),
+}
+BOT = Vocabulary("bot", {name: Action(name) for name in ("Dock", "Drive", "Stop")}, KEYS)
+TREE = (
+    "selector { when mode == docking and charge < reserve { Dock } when mode != before { Drive } }"
+)
+
+
+def read(text: str) -> Node:
+    return parse(text, BOT)
+
+
+@pytest.mark.parametrize(
+    ("condition", "column", "message"),
+    [
+        ("mode == dockin", 14, "unknown word 'dockin' of mode"),
+        ("mode == dockin", 14, "Did you mean docking?"),
+        ("mode == 1", 14, "one of idle, docking, driving, or a key of the same words: before"),
+        ("mode < docking", 11, "it can't be compared by '<'"),
+        ("mode", 6, "`when mode == idle`"),
+        ("gear == fast", 14, "Expected one of slow."),
+        ("mode == gear", 14, "gear is one of slow: they can't be compared"),
+        ("mode == items", 14, "items is a number: they can't be compared"),
+        ("items == mode", 15, "items is a number, mode is one of idle"),
+        ("charge < near", 15, "near is yes or no"),
+        ("charge < charge", 15, "charge is compared with itself"),
+        ("charge < reserv", 15, "Did you mean reserve?"),
+        ("charge < docking", 15, "unknown constant or key 'docking'"),
+        ("mode == größe", 16, "Expected names of the letters a to z, digits and _."),
+        ("mode == both", 14, "unexpected 'both'"),
+    ],
+)
+def test_wrong_comparisons(condition: str, column: int, message: str) -> None:
+    """Each mistake has its place, the values that are right there, and the nearest of them."""
+    with pytest.raises(TreeError) as error:
+        read(f"when {condition} {{ Dock }}")
+    assert message in str(error.value)
+    assert error.value.column == column
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        (Key("", flag=False, words=("a b",), most=0, whole=True), "'a b'; rename it"),
+        (enumeration("", ["none"]), "'none'; rename it"),
+        (enumeration("", ["größe"]), "rename it"),
+        (enumeration("", ["a", "a"]), "different words"),
+        (enumeration("", ["charge"]), "neither keys nor words of the language, found 'charge'"),
+        (Key("", words=("a",)), "enumeration(...)"),
+    ],
+)
+def test_wrong_words(key: Key, message: str) -> None:
+    """A domain's author learns which key has words that no tree can contain."""
+    with pytest.raises(DomainError, match="the key k of the domain bot") as error:
+        Vocabulary("bot", {}, {"k": key, "charge": number("%", 0, 1)})
+    assert message in str(error.value)
+    with pytest.raises(DomainError, match="at least one word"):
+        enumeration("mode", [])
+
+
+def test_texts_and_files_keep_them() -> None:
+    """The text, JSON, XML and a pickle bring the same tree back; `fmt` needs no vocabulary."""
+    tree = read(TREE)
+    assert keys_in(tree) == ("mode", "charge", "reserve", "before")
+    assert to_text(read(to_text(tree))) == to_text(tree) == format_text(TREE)
+    assert to_text(parse(TREE)) == to_text(tree)
+    assert from_json(to_json(tree), BOT) == tree
+    for plain in (False, True):
+        xml = to_xml(tree, BOT, plain=plain)
+        assert "mode == 'docking'" in xml
+        assert to_text(read_tree(xml, BOT, name="t.xml").tree) == to_text(tree) or plain
+    assert to_text(pickle.loads(pickle.dumps(tree))) == to_text(tree)
+
+
+def test_a_constant_hides_a_key() -> None:
+    """A constant is nearer than a key of its name; a word of the key is nearer than both."""
+    tree = read(
+        "constant reserve = 7 constant idle = 1 when charge < reserve and mode == idle { Dock }"
+    )
+    assert [term.other for term in asked_in(tree)] == ["", ""]
+    assert to_text(tree) == "when charge < 7 and mode == idle { Dock }\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("when mode == idle { when mode == docking { Dock } }", "unreachable"),
+        ("when mode == idle { when mode != docking { Dock } }", "needless-guard"),
+        ("when gear == slow { Dock }", "needless-guard"),
+        ("when charge < reserve { when reserve <= charge { Dock } }", "unreachable"),
+        ("when charge < reserve { when charge <= reserve { Dock } }", "needless-guard"),
+        ("when charge < reserve and charge < reserve { Dock }", "long-condition"),
+        ("when charge < reserve { when charge < 20 { Dock } }", ""),
+        ("when mode == before { when mode == idle { Dock } }", ""),
+    ],
+)
+def test_check_and_simplify(text: str, found: str) -> None:
+    """A word excludes the others; of two keys, their difference is followed and nothing else."""
+    assert [each.code for each in warnings(text, BOT)] == [found] * bool(found)
+    assert (simplify(read(text), BOT).tree == read(text)) == (found in ("", "unreachable"))
+
+
+@pytest.mark.parametrize(
+    ("rule", "result"),
+    [
+        ("never Dock while charge >= reserve", "proven"),
+        ("never Dock while reserve <= charge", "proven"),
+        ("never Dock while mode == driving", "proven"),
+        ("never Drive while mode == idle", "unknown"),
+    ],
+)
+def test_rules(rule: str, result: str) -> None:
+    """Guards prove rules of words and of two keys; without that, nothing is claimed."""
+    assert check_rule(read(TREE), read_rule(rule, BOT), BOT).result == result
+
+
+def test_evolution_draws_and_moves_them() -> None:
+    """Each random and mutated tree can be read; keys are compared only where it is asked for."""
+    rng = np.random.default_rng(3)
+    weights = {"depth": (2, 3), "leaf": 0.2, "children": (2, 3), "repeats": 3}
+    choices = {"kinds": {"selector": 1, "when": 2}, "operators": {"<": 1}, "aborts": {"both": 1}}
+    seen = set()
+    for pairs in (0.0, 0.5):
+        how = ConditionSettings(joined=0.3, pairs=pairs)
+        settings = TreeSettings.model_validate({**weights, **choices, "conditions": how})
+        space = TreeSpace(settings, BOT, Limits(8, 50))
+        for _ in range(60):
+            operator = {str(rng.choice([*MUTATIONS])): 1.0}
+            mutation = MutationSettings(operators=operator, subtree_depth=2, number_sd=0.5)
+            tree, _ = mutate(rng, random_tree(rng, space), rate=1.0, space=space, how=mutation)
+            assert to_text(read(to_text(tree))) == to_text(tree)
+            seen |= {(pairs, term.key, bool(term.other)) for term in asked_in(tree)}
+    assert not any(other for pairs, _, other in seen if not pairs)
+    assert {(0.0, "mode", False), (0.5, "mode", True), (0.5, "charge", True)} <= seen
+
+
+class Mode(StrEnum):
+    """Modes of a program."""
+
+    DOCKING = "docking"
+
+
+def test_a_program_gives_words(tmp_path: Path) -> None:
+    """`bind` takes a word, a member of a StrEnum or an index, and refuses anything else."""
+    file = tmp_path / "t.bt"
+    file.write_text(TREE)
+    values: dict[str, object] = {"mode": Mode.DOCKING, "before": 0, "charge": 5, "reserve": 9}
+    leaves = {"Dock": lambda: True, "Drive": lambda: False}
+    robot = islandgp.load_tree(file, BOT).bind(leaves, {k: lambda k=k: values[k] for k in values})
+    assert robot.tick() == 1
+    values["reserve"] = 5
+    assert robot.tick() == 0
+    for wrong in ("parked", 3, 0.5, None):
+        values["mode"] = wrong
+        with pytest.raises(DomainError, match="one of idle, docking, driving as the value of"):
+            robot.tick()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("when mode ", {"==", "!="}),
+        ("when mode == ", {*MODES, "before"}),
+        ("when charge < ", {"reserve", "items"}),
+        ("constant low = 5 when charge < ", {"reserve", "items", "low"}),
+    ],
+)
+def test_completion(text: str, words: set[str]) -> None:
+    """Words and keys that can be compared, and the operators that words have."""
+    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= words
+
+
+@dataclass
+class SimpleSchema:
+    """The part of a domain's schema that a vocabulary file needs."""
+
+    vocabulary: Vocabulary
+
+
+def test_conditions_of_actions() -> None:
+    """An action can need a word or a comparison of keys, also in a vocabulary file."""
+    needs = (
+        Condition("mode", "==", KEYS["mode"].number_of("docking")),
+        Condition("charge", "<", 0, "reserve"),
+    )
+    words = Vocabulary("bot", {"Dock": Action("", to_start=needs)}, KEYS)
+    text = "when mode == idle { Dock }"
+    assert "it needs mode == docking" in str(warnings(text, words)[0])
+    schema = SimpleSchema(words)
+    again = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
+    assert again == words
+    assert to_text(guarded(again.actions["Dock"].to_start[0], leaf("Dock"))) == (
+        "when mode == docking { Dock }\n"
+    )
+    assert parse_condition("mode == docking and charge < reserve", words).parts == needs  # type: ignore[union-attr]
