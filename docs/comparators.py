@@ -139,7 +139,7 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
     return {
         "score": fmean(o.fitness for o in outcomes),
         "counters": counters,
-        "curve": curve_of(Path(str(row["run"]))),
+        "curve": curve_of(results.path / str(row["run"])),
         "tree": row["tree"],
         "seconds": row["seconds"],
         "main_process_cpu_s": round(process_time() - began, 3),

@@ -1,8 +1,9 @@
 """Episodes on a Ray cluster: on this machine, or on one that is running already.
 
-Results do not depend on the cluster: an episode is a function of its job. Ray
-runs an episode again when its worker or its machine dies; a job that kills its
-worker each time is named and ends the run.
+Results do not depend on the cluster: an episode is a function of its job. A task has as many
+episodes as take BATCH_S seconds together, so that the price of a task is small. Ray runs a task
+again when its worker or its machine dies; then its episodes run one by one, and one that kills
+its worker each time is named and ends the run.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import secrets
 import socket
 from collections.abc import Sequence
 from pathlib import Path
-from time import monotonic, sleep
-from typing import TYPE_CHECKING, Any, Final
+from time import monotonic, perf_counter, sleep
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from pydantic import BaseModel, Field
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 QUIET: Final = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.ERROR}
 
 LOOK: Final = 5.0  # s of waiting for an episode between two looks whether the cluster is there
+BATCH_S: Final = 0.25  # s that the episodes of a task take together
+SHARES: Final = 3  # tasks for each worker at least, so that all end at about the same time
 GONE: Final = 20.0  # s that its head may be away; Ray ends the process without a word after 60
 
 
@@ -39,6 +42,34 @@ class RaySettings(BaseModel, frozen=True, extra="forbid"):
     retries: int = Field(ge=0, le=100)  # of an episode whose worker died
     workers: int = Field(ge=0, le=1024)  # of a local cluster; 0: one for each core
     episode_timeout: float = Field(600, ge=0, le=1e6)  # s until an episode is given up; 0: never
+
+
+class Batch(NamedTuple):
+    """The episodes of one task."""
+
+    outcomes: list[Outcome]
+    seconds: float  # that they took together
+
+
+def simulate_batch(problem: Problem, jobs: Sequence[Job], limit: float) -> Batch:
+    """Runs the episodes of jobs, one after another. See `simulate`."""
+    began = perf_counter()
+    outcomes = [simulate(problem, job, limit) for job in jobs]
+    return Batch(outcomes, perf_counter() - began)
+
+
+def batch_size(episode_s: float, jobs: int, workers: int) -> int:
+    """Number of episodes of a task.
+
+    Args:
+        episode_s: seconds of an episode, > 0.
+        jobs: number of episodes to run.
+        workers: number of tasks that run side by side, >= 1.
+
+    Returns:
+        As many as take BATCH_S seconds, but few enough for SHARES tasks a worker; >= 1.
+    """
+    return max(1, min(int(BATCH_S / max(episode_s, 1e-9)), jobs // (SHARES * workers)))
 
 
 class Ray:
@@ -65,7 +96,9 @@ class Ray:
         self._head = settings.address if remote else self._ray.get_runtime_context().gcs_address
         self._node = "" if remote else _own_node(self._ray)
         options = {"num_cpus": settings.cpus, "max_retries": settings.retries}
-        self._task: Any = self._ray.remote(**options)(simulate)
+        self._task: Any = self._ray.remote(**options)(simulate_batch)
+        self._cpus = settings.cpus
+        self._episode_s = BATCH_S  # of the last batches, mean; at first one episode is a batch
         self._problem = self._ray.put(problem)  # sent to each machine once
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
@@ -74,29 +107,45 @@ class Ray:
         if monotonic() > self._looked + LOOK:
             self._must_be_there()  # tasks go on for a minute without the head; then Ray ends us
             self._looked = monotonic()
-        futures = [self._task.remote(self._problem, job, self._limit) for job in jobs]
+        n = batch_size(self._episode_s, len(jobs), self._workers())
+        batches = [jobs[i : i + n] for i in range(0, len(jobs), n)]
+        futures = [self._submitted(batch) for batch in batches]
         try:
-            return [self._result(job, f) for job, f in zip(jobs, futures, strict=True)]
+            results = [self._result(b, f) for b, f in zip(batches, futures, strict=True)]
         except BaseException:
             for future in futures:
                 self._ray.cancel(future, force=True)
             raise
+        if jobs:
+            self._episode_s = sum(result.seconds for result in results) / len(jobs)
+        return [outcome for result in results for outcome in result.outcomes]
 
-    def _result(self, job: Job, future: ObjectRef[Outcome]) -> Outcome:
+    def _workers(self) -> int:
+        """Tasks that the cluster can run side by side, >= 1."""
+        return max(1, int(self._ray.cluster_resources().get("CPU", 1) / self._cpus))
+
+    def _submitted(self, batch: Sequence[Job]) -> ObjectRef[Batch]:
+        future: ObjectRef[Batch] = self._task.remote(self._problem, batch, self._limit)
+        return future
+
+    def _result(self, batch: Sequence[Job], future: ObjectRef[Batch]) -> Batch:
         from ray.exceptions import GetTimeoutError, RayError, RayTaskError
 
-        try:
-            while True:
-                try:
-                    outcome: Outcome = self._ray.get(future, timeout=LOOK)
-                    break
-                except GetTimeoutError:
-                    self._must_be_there()
-        except RayTaskError as error:  # `simulate` named the job already
-            raise EvaluationError(str(error.cause)) from error
-        except RayError as error:
-            raise EvaluationError(blame(job, "that its worker died again and again")) from error
-        return outcome
+        while True:
+            try:
+                result: Batch = self._ray.get(future, timeout=LOOK)
+            except GetTimeoutError:
+                self._must_be_there()
+            except RayTaskError as error:  # `simulate` named the job already
+                raise EvaluationError(str(error.cause)) from error
+            except RayError as error:
+                if len(batch) == 1:
+                    what = "that its worker died again and again"
+                    raise EvaluationError(blame(batch[0], what)) from error
+                each = [self._result([job], self._submitted([job])) for job in batch]
+                return Batch([r.outcomes[0] for r in each], sum(r.seconds for r in each))
+            else:
+                return result
 
     def _must_be_there(self) -> None:
         """Raises EvaluationError where the cluster is gone; its head may be away for a while."""

@@ -302,6 +302,7 @@ def archived(
         seed_of(seed, Stream.ARCHIVE, generation=generation, slot=i)
         for i in range(plan.archive.again)
     ]
+    nodes = {text: e.individual.tree for text, e in zip(texts, population, strict=True)}
     return update_archive(
         before,
         population,
@@ -311,7 +312,9 @@ def archived(
         plan.classes,
         stage=stage,
         episodes=n,
-        again=lambda trees: evaluated(parts.evaluator, trees, stage, meets),
+        again=lambda trees: evaluated(
+            parts.evaluator, [nodes.get(text, text) for text in trees], stage, meets
+        ),
         constraints=plan.constraints,
     )
 

@@ -23,7 +23,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray, own_token
+from islandgp.evaluation.ray import Ray, own_token, batch_size
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from tests.composed import composed
@@ -329,6 +329,30 @@ def test_a_job_that_kills_ray_workers_is_named() -> None:
             evaluator.evaluate([JOBS[0], KILLER])
     finally:
         evaluator.close()
+
+
+@pytest.mark.slow
+def test_a_job_that_kills_its_worker_is_found_in_its_batch() -> None:
+    """The others of its task run again, one by one."""
+    pytest.importorskip("ray")
+    evaluator = ray(deadly())
+    evaluator._episode_s = 0.001  # so that a task has several episodes
+    try:
+        with pytest.raises(EvaluationError, match=r"world seed 9001.*died again and again"):
+            evaluator.evaluate([*JOBS, KILLER, *JOBS])
+    finally:
+        evaluator.close()
+
+
+@pytest.mark.parametrize(
+    ("episode_s", "jobs", "workers", "size"),
+    [(1.0, 100, 2, 1), (0.01, 1000, 2, 25), (0.01, 30, 2, 5), (0.001, 4, 8, 1), (0.0, 0, 1, 1)],
+)
+def test_a_task_has_episodes_for_a_quarter_of_a_second(
+    episode_s: float, jobs: int, workers: int, size: int
+) -> None:
+    """But there are at least three tasks for each worker."""
+    assert batch_size(episode_s, jobs, workers) == size
 
 
 @pytest.mark.slow

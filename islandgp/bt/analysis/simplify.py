@@ -254,14 +254,17 @@ def _visit(node: Node, context: NodeContext, reasons: list[str]) -> Node:
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
-    for index in range(len(node.children)):
-        child = _visit(node.children[index], below(node, context, index), reasons)
-        children = (*node.children[:index], child, *node.children[index + 1 :])
-        node = node._replace(children=children)
+    for index, child in enumerate(node.children):
+        shorter_child = _visit(child, below(node, context, index), reasons)
+        if shorter_child is not child:
+            children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
+            node = node._replace(children=children)
     return node
 
 
 def _first(node: Node, context: NodeContext) -> Rewrite:
-    return next(
-        (found for rule in RULES[node.kind] if (found := rule(node, context)) is not None), None
-    )
+    """The first rewrite that a rule finds."""
+    for rule in RULES[node.kind]:
+        if (rewrite := rule(node, context)) is not None:
+            return rewrite
+    return None

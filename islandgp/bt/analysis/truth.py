@@ -8,6 +8,7 @@ From this follow guards that can never hold and guards that say nothing new.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
 
@@ -85,6 +86,7 @@ def implies(known: Conditions, expr: ConditionExpr) -> bool:
     return excludes(known, opposite(expr))
 
 
+@lru_cache(maxsize=10_000)  # trees of a population share most of their guards
 def excludes(known: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
     single = [c for c in known if isinstance(c, Condition)]
