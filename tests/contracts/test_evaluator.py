@@ -23,7 +23,7 @@ from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray, own_token, batch_size
+from islandgp.evaluation.ray import Ray, batch_size, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from tests.composed import composed
