@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 from functools import lru_cache
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
@@ -22,6 +24,7 @@ from hydra.version import getbase
 
 from islandgp.resources import resource
 
+SEARCHED: Final = re.compile(r"hydra\.searchpath=\[file://([^\]]+)\]")
 SCHEMES: Final = ("pkg", "structured")  # sources that do not change under a running process
 
 _parse = yaml.load
@@ -57,10 +60,16 @@ def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAM
 
 
 def _sources(repo: Any) -> str:
-    """The places that files are read from; "" where one is not the package's."""
-    sources = repo.get_sources()
-    own = [s.path.removeprefix("file://") for s in sources if s.scheme() not in SCHEMES]
-    return repr([(s.scheme(), s.path) for s in sources]) if own == [str(resource("conf"))] else ""
+    """The places that files are read from, and what is in folders of tests."""
+    found = [(s.scheme(), s.path.removeprefix("file://")) for s in repo.get_sources()]
+    return repr([(*place, place[0] not in SCHEMES and _content(place[1])) for place in found])
+
+
+def _content(folder: str) -> dict[str, bytes]:
+    """The YAML files of a folder that is not the package's."""
+    if folder == str(resource("conf")):
+        return {}
+    return {str(file): file.read_bytes() for file in sorted(Path(folder).rglob("*.yaml"))}
 
 
 def _load_config(self: ConfigRepository, config_path: str) -> Any:
@@ -68,7 +77,7 @@ def _load_config(self: ConfigRepository, config_path: str) -> Any:
     key = (_sources(self), config_path)
     if key not in _files:
         found = _read(self, config_path)
-        if found is None or not key[0]:
+        if found is None:
             return found
         _files[key] = pickle.dumps(found)
     return pickle.loads(_files[key])
@@ -76,8 +85,7 @@ def _load_config(self: ConfigRepository, config_path: str) -> Any:
 
 def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
     """As Hydra's: which files are chosen, and the overrides that are values."""
-    if not (sources := _sources(repo)):
-        return _choose(repo=repo, overrides_list=overrides_list, **given)
+    sources = _sources(repo)
     values, groups = [], []
     for override in overrides_list:
         if not override.is_sweep_override():
@@ -94,9 +102,7 @@ def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
 
 def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
     """As Hydra's: the chosen files, merged."""
-    if not (sources := _sources(repo)):
-        return _merge(self, defaults=defaults, repo=repo)
-    key = repr((sources, defaults))
+    key = repr((_sources(repo), defaults))
     if key not in _merged:
         _merged[key] = pickle.dumps(_merge(self, defaults=defaults, repo=repo))
     return pickle.loads(_merged[key])
@@ -107,10 +113,9 @@ def _load_configuration(
 ) -> Any:
     """As Hydra's: the whole configuration of a command."""
     sources = _sources(self.repository)
-    if not sources or any("searchpath" in word for word in overrides):
-        return _configure(self, config_name, overrides, *args, **given)
+    own = [_content(path) for path in SEARCHED.findall(" ".join(overrides))]
     job = JobRuntime.instance().conf
-    key = repr((sources, config_name, overrides, args, sorted(given.items()), job, getbase()))
+    key = repr((sources, own, config_name, overrides, args, sorted(given.items()), job, getbase()))
     if key not in _configured:
         _configured[key] = pickle.dumps(_configure(self, config_name, overrides, *args, **given))
     config = pickle.loads(_configured[key])

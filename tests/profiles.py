@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+import pytest
 from hypothesis import Phase, settings
 
 BASE: Final = 100  # examples a test, if neither it nor the profile says another number
@@ -39,3 +41,17 @@ def cases(number: int) -> int:
         number: Number of cases where the profile's is 100; else in proportion, at least 10.
     """
     return max(LEAST, round(settings().max_examples / BASE * number))
+
+
+def sweep(
+    names: str | Sequence[str], values: Iterable[Any], *, quick: int, **more: Any
+) -> pytest.MarkDecorator:
+    """As `pytest.mark.parametrize`; the cases after the first `quick` are marked `slow`."""
+    one = isinstance(names, str) and "," not in names
+    cases = list(values)
+    for n, case in enumerate(cases[quick:], quick):
+        known = case if isinstance(case, type(pytest.param())) else None
+        parts = known.values if known else (case,) if one else case
+        marks = (*(known.marks if known else ()), pytest.mark.slow)
+        cases[n] = pytest.param(*parts, marks=marks, id=known.id if known else None)
+    return pytest.mark.parametrize(names, cases, **more)

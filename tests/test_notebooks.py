@@ -39,6 +39,7 @@ def test_there_are_two() -> None:
     assert sorted(NOTEBOOKS) == ["a_sweep", "a_tree"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOTEBOOKS)
 def test_it_runs(name: str, tmp_path: Path) -> None:
     """Every cell runs, with smaller experiments, and has outputs where those in the file are."""

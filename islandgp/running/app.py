@@ -20,29 +20,21 @@ from typing import Final
 
 import hydra
 from hydra._internal.utils import get_args_parser
-from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
-from omegaconf import DictConfig
 
 from islandgp.config.api_key import NONE, key_in, without_key
-from islandgp.config.compose import (
-    Planned,
-    Searched,
-    planned,
-    read,
-    searched,
-)
+from islandgp.config.compose import Planned, Searched, planned, searched
 from islandgp.config.errors import MISTAKES, explain, parsed
-from islandgp.config.naming import command_line, run_folder
+from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
-from islandgp.errors import ConfigError, IslandError, PartError, brief
+from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
 from islandgp.running.printing import checked_stdout, echo, tolerant_stderr
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
-from islandgp.running.run import RunResult, check_ready, run
+from islandgp.running.run import check_ready, run
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.sweep.optimiser import run_search
 from islandgp.sweep.run import Job, run_sweep
@@ -120,7 +112,7 @@ def _run_all(args: argparse.Namespace, words: list[str]) -> int:
             check_ready(one.settings, frozenset(before.folder for before in jobs[:n]))
     if args.multirun:
         return run_sweep(jobs, command_line(words), launch)
-    return _run_single(words)
+    return _run_single(jobs[0], command_line(words))
 
 
 def _planned(
@@ -176,42 +168,13 @@ def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     return args, [*args.overrides, *options]
 
 
-def _run_single(words: Sequence[str]) -> int:
-    """The only job of a command; returns the exit code.
-
-    Raises:
-        ConfigError: Hydra cannot start it.
-        Exception: what the run raises.
-    """
-    outcomes: list[RunResult | Exception] = []
-
-    def job(config: DictConfig) -> None:
-        try:
-            plain, settings = read(config)
-            hydra = HydraConfig.get()
-            home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
-            folder = run_folder(plain, overrides, home)
-            end = run(settings, plain, folder, home=home, command=command_line(words))
-            echo(end.text)
-            outcomes.append(end)
-        except Exception as error:  # Hydra would print the overrides, and any secret in them
-            outcomes.append(error)
-
-    try:
-        _start(words, job)
-    except Exception as error:
-        if outcomes:
-            raise
-        raise ConfigError(
-            f"Expected Hydra to start the run, found that it cannot: {brief(error)}; change"
-            " the command's keys below hydra."
-        ) from None
-    for outcome in outcomes:
-        if isinstance(outcome, Exception):
-            raise outcome
-        if outcome.mostly_fallback:
-            print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
-            return 3
+def _run_single(job: Planned, command: str) -> int:
+    """Run the only job of a command; returns the exit code. Raises what the run raises."""
+    end = run(job.settings, job.config, job.folder, home=Path.cwd(), command=command)
+    echo(end.text)
+    if end.mostly_fallback:
+        print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
+        return 3
     return 0
 
 

@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import time
@@ -138,6 +139,7 @@ def _hash(config: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
 
 
+@cache
 def _code_version() -> str:
     """The package's version and, in a checkout, its commit: `0.1.0+6ba196d8d3f1-dirty`."""
     try:

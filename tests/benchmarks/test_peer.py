@@ -24,6 +24,7 @@ WORK = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tree", ["all_rounder", "multi_behaviour", "poor"])
 def test_the_peer_does_the_same_work(tree: str) -> None:
     """What a robot achieves in a day differs by less than five in a hundred."""
@@ -53,6 +54,7 @@ def test_the_peer_charges() -> None:
     assert peer.counts[IslandEvent.CHARGE] == charges
 
 
+@pytest.mark.slow
 @pytest.mark.process
 def test_deap_gives_each_individual_its_fitness() -> None:
     """A batch through DEAP's toolbox comes back in order, with the fitness of each episode."""

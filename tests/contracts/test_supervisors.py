@@ -107,8 +107,14 @@ some_states = examples(
 @some_states
 @given(state=population_states(), seed=st.integers(0, 2**32 - 1))
 def test_guidance_is_of_the_promised_kind(name: str, state: PopulationState, seed: int) -> None:
-    """A rate in [0, 1] or none, a tree within the limits or none, and the paper's names."""
-    found = MAKERS[name]().advise(state, np.random.default_rng(seed))
+    """A rate in [0, 1] or none, a tree within the limits or none, and the paper's names.
+
+    Texts and notes go through JSON and UTF-8; a tree goes through its text. The same state and
+    draws give the same guidance, also from another instance, and the state stays as it was.
+    """
+    before = deepcopy(state)
+    supervisor = MAKERS[name]()
+    found = supervisor.advise(state, np.random.default_rng(seed))
     assert found.mutation_rate is None or 0 <= found.mutation_rate <= 1
     assert found.tree is None or within(found.tree, LIMITS)
     assert found.phase is None or isinstance(found.phase, Phase)
@@ -116,33 +122,13 @@ def test_guidance_is_of_the_promised_kind(name: str, state: PopulationState, see
     assert found.target is None or found.target in state.targets
     assert found.source
     assert type(found.intervention) is bool
-
-
-@every_supervisor
-@some_states
-@given(state=population_states(), seed=st.integers(0, 2**32 - 1))
-def test_guidance_is_a_function_of_state_and_draws(
-    name: str, state: PopulationState, seed: int
-) -> None:
-    """Asked again, or by another instance, the same is said; the state stays as it was."""
-    before = deepcopy(state)
-    once, other = MAKERS[name](), MAKERS[name]()
-    first = once.advise(state, np.random.default_rng(seed))
-    assert once.advise(state, np.random.default_rng(seed)) == first
-    assert other.advise(state, np.random.default_rng(seed)) == first
-    assert state == before
-
-
-@every_supervisor
-@some_states
-@given(state=population_states(), seed=st.integers(0, 2**32 - 1))
-def test_guidance_can_be_written_down(name: str, state: PopulationState, seed: int) -> None:
-    """Texts and notes go through JSON and UTF-8; a tree goes through its text."""
-    found = MAKERS[name]().advise(state, np.random.default_rng(seed))
     texts = [found.source, found.risk, found.reasoning, found.rationale, found.notes]
     dump(texts).encode()
     assert all(isinstance(k, str) and isinstance(v, str) for k, v in found.notes.items())
     assert found.tree is None or parse(to_text(found.tree), VOCABULARY) == found.tree
+    assert supervisor.advise(state, np.random.default_rng(seed)) == found
+    assert MAKERS[name]().advise(state, np.random.default_rng(seed)) == found
+    assert state == before
 
 
 @every_supervisor

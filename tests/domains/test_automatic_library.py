@@ -52,6 +52,7 @@ def missing(said: str) -> list[str]:
     return [line for line in said.splitlines() if "found no tree for" in line]
 
 
+@pytest.mark.slow
 def test_what_the_first_stage_switches_off_is_found_in_a_later_one(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -76,6 +77,7 @@ def test_stages_with_one_world_are_searched_once(capsys: pytest.CaptureFixture[s
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
 def test_what_is_missing_is_reported_once_in_every_run(
     here: Path, capsys: pytest.CaptureFixture[str]

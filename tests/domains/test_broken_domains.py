@@ -31,6 +31,7 @@ from islandgp.testing.domain_suite import DomainSuite, run_suite
 from tests.composed import plain
 from tests.domains.test_outside import OWN, here
 from tests.domains.test_tutorial import EXAMPLE
+from tests.profiles import sweep
 from tests.running.commands import ROOT, TINY
 from tests.trees.shell import Cli, shell
 
@@ -154,8 +155,11 @@ EPISODES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "fault", "line"), EPISODES, ids=[fault[9:60] for *_, fault, _ in EPISODES]
+@sweep(
+    ("old", "new", "fault", "line"),
+    EPISODES,
+    ids=[fault[9:60] for *_, fault, _ in EPISODES],
+    quick=5,
 )
 def test_a_fault_of_an_episode_is_reported_once(
     broken: Broken, old: str, new: str, fault: str, line: str
@@ -193,7 +197,7 @@ PROMISES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "promise", "fault"), PROMISES)
+@sweep(("old", "new", "promise", "fault"), PROMISES, quick=2)
 def test_a_promise_that_is_broken_is_reported(
     broken: Broken, old: str, new: str, promise: str, fault: str
 ) -> None:
@@ -262,7 +266,7 @@ HANGS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("how", HANGS)
+@sweep("how", HANGS, quick=2)
 def test_an_action_that_does_not_return_is_named(broken: Broken, how: str) -> None:
     """The suite ends after the first episode that takes too long, with the action and the line."""
     code, who = HANGS[how]
@@ -343,14 +347,14 @@ def test_a_sound_domain_reaches_all(here: Path, islandgp: Cli) -> None:
     assert check(islandgp, "pick_place", "--strict") == (0, "")
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("old", "new", "words", "line"),
     [
         ('        self.log("moved")\n', "", (), "events never logged: moved"),
         ("at == \"place\" and self.have_block)", "at == 'nowhere')", ("--strict",),
          "succeeded: Place"),
         ('"at_place": self.at == "place"', '"at_place": False', (), "at_place (always 0)"),
-    ],
+    ], quick=1,
 )  # fmt: skip
 def test_what_no_tree_reaches_is_listed(
     here: Path, islandgp: Cli, old: str, new: str, words: tuple[str, ...], line: str
@@ -363,6 +367,7 @@ def test_what_no_tree_reaches_is_listed(
     assert line in out
 
 
+@pytest.mark.slow
 def test_a_tree_file_reaches_what_others_do_not(here: Path, islandgp: Cli) -> None:
     """Here a fault behind seven actions of a kind; the file names the domain itself."""
     edit(here, TUCK, f"        self.tucks = getattr(self, 'tucks', 0) + 1\n{TUCK}")
@@ -395,6 +400,7 @@ def test_trees_of_the_library_are_run(here: Path, islandgp: Cli) -> None:
     assert second.startswith(f"left out: {here}/carry.bt:2:1: unknown action 'MoveToPik'")
 
 
+@pytest.mark.slow
 def test_what_a_domain_prints_is_told_once(here: Path, islandgp: Cli) -> None:
     """Episodes are many: a print in one of them would hide the rest."""
     edit(here, TUCK, f"        print('tucked')\n{TUCK}")
@@ -433,6 +439,7 @@ def test_an_import_that_fails_names_its_line(here: Path, islandgp: Cli) -> None:
     assert f"pick_place:PickPlace failed (ModuleNotFoundError: {place}" in said.err
 
 
+@pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGALRM")
 def test_a_serial_run_that_hangs_ends(here: Path) -> None:

@@ -166,6 +166,7 @@ def test_a_domain_s_file_may_set_how_its_robots_evolve(
     assert found["allocation"]["elites"] == 1
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_with_the_code_of_its_domain_only(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -106,11 +106,13 @@ def run(
         sys.modules["pick_place"] = known
 
 
+@pytest.mark.slow
 def test_the_commands_run(tmp_path: Path) -> None:
     """From check to compare, on small runs, in a folder with a blank in its name."""
     assert "irst Finished Robot" in follow(tmp_path, here, *SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
 def test_every_supervisor_runs(run: Run, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
@@ -118,6 +120,7 @@ def test_every_supervisor_runs(run: Run, supervisor: str) -> None:
     assert "Best robot" in run(*words, f"supervisor={supervisor}")
 
 
+@pytest.mark.slow
 def test_a_language_model_supervises_it(tmp_path: Path, run: Run) -> None:
     """Prompts, answers and trees of the domain, against the mock model; then the replay."""
     common = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", *SMALL)

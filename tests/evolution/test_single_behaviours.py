@@ -24,6 +24,7 @@ from islandgp.evolution.single_behaviours import (
 from islandgp.gp.random_trees import TreeSpace
 from islandgp.scoring.classes import Classes
 from tests.composed import composed
+from tests.profiles import sweep
 
 TICKS = 20  # of an episode
 STORE = Vocabulary(
@@ -127,6 +128,7 @@ def test_what_no_tree_showed_is_left_out() -> None:
     assert list(searched()[0]) == ["picking", "putting"]
 
 
+@pytest.mark.slow
 def test_the_search_is_a_function_of_its_arguments() -> None:
     """Asked again it tries the same trees in the same worlds, and finds the same."""
     assert search() == searched()
@@ -152,7 +154,7 @@ def test_all_trees_meet_the_same_worlds() -> None:
     }
 
 
-@pytest.mark.parametrize("limits", [Limits(8, 50), Limits(2, 3), Limits(50, 1)])
+@sweep("limits", [Limits(8, 50), Limits(2, 3), Limits(50, 1)], quick=1)
 def test_trees_are_compact(limits: Limits) -> None:
     """Within section 2.4.6, and within the run's limits where those are narrower."""
     found, jobs = search(limits)

@@ -36,6 +36,7 @@ from tests.llm.made import (
     state,
     supervisor,
 )
+from tests.profiles import sweep
 
 
 def run_of(llm: LLM, generations: int) -> list[str]:
@@ -359,13 +360,14 @@ class Killed(BaseException):
 @pytest.mark.parametrize(
     "every", [2, 5, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 8, 11))]
 )
-@pytest.mark.parametrize(
+@sweep(
     ("cap", "name", "most"),
     [
         ("requests", "requests", 4),
         ("output_tokens", "requests", 5),
         ("usd", "cost_usd_at_most", 0.07),
     ],
+    quick=1,
 )
 def test_no_moment_of_a_kill_passes_a_cap(
     tmp_path: Path, cap: str, name: str, most: float, every: int, monkeypatch: pytest.MonkeyPatch

@@ -67,6 +67,7 @@ def test_no_command_is_left_out() -> None:
     assert all(line.startswith(known) for line in COMMANDS)
 
 
+@pytest.mark.slow
 def test_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -136,6 +136,7 @@ def test_the_listing_has_the_path_of_each_node() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     """Edits of two models join the population; the replay asks nobody and has the same records."""
     with MessagesServer(no_faults, MockModel()) as server:

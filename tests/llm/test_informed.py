@@ -173,6 +173,7 @@ def test_prompts_have_a_largest_size() -> None:
         assert len(asked) - len(short) < 30_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_runs_repeat_and_go_on(tmp_path: Path, lag: int) -> None:
     """Live, replayed, and stopped and gone on: the same bytes, also with faults and a lag."""

@@ -75,6 +75,7 @@ def test_it_goes_by_fates_and_traces() -> None:
     assert parse(tree(found, at)["tree"]) not in library
 
 
+@pytest.mark.slow
 def test_noise_and_faults_are_seeded(paper: Adviser) -> None:
     """The same seed, the same answers; the shares are those that were asked for."""
     states = [state(g, complete=g % 4) for g in range(200)]

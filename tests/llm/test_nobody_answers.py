@@ -180,6 +180,7 @@ def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[st
     assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
 
 
+@pytest.mark.slow
 def test_answers_that_are_the_fallbacks_in_part(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

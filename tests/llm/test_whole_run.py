@@ -87,6 +87,7 @@ def replayed(record: Path, folder: Path, *overrides: str, seed: int = 3) -> list
     return steps_of("replay", folder, *overrides, seed=seed, transcript=str(record))
 
 
+@pytest.mark.slow
 def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
     """41 generations, each telling where its guidance came from, and a replay that is the same.
 

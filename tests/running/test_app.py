@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
@@ -44,10 +45,21 @@ def leaf(here: Path, name: str = "default") -> list[str]:
 
 
 def test_a_run_leaves_its_records_and_says_where(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Exit code 0, a summary with the best tree, and nothing else in the folder."""
+    """Exit code 0, a summary with the best tree, and nothing else in the folder.
+
+    The configuration is composed once.
+    """
+    composed: list[Any] = []
+    compose = ConfigLoaderImpl.load_configuration
+    monkeypatch.setattr(
+        ConfigLoaderImpl,
+        "load_configuration",
+        lambda *args, **named: composed.append(args) or compose(*args, **named),
+    )
     assert main(INSTANT) == 0
+    assert len(composed) == 1
     said = capsys.readouterr().out
     (folder,) = leaf(here)
     assert f"Results: {here}/runs/default/{folder}" in said

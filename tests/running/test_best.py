@@ -19,6 +19,7 @@ SHORT = (
     "gp.population=12",
     "gp.generations=4",
     "gp.validation=1",
+    "world.episode.length=40",
     "tracking=off",
     "progress=off",
     "evaluator=serial",
@@ -57,6 +58,7 @@ def test_the_best_trees_meet_worlds_that_nobody_has_seen(run: Path, tmp_path: Pa
     assert not used & {int(stream(seed, Stream.TEST, slot=k).integers(2**32)) for k in range(3)}
 
 
+@pytest.mark.slow
 def test_the_same_again(run: Path) -> None:
     """The table is a function of the run."""
     assert best(run, "--worlds", "2").output == best(run, "--worlds", "2").output

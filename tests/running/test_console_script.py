@@ -94,6 +94,7 @@ def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> 
     assert len(list(tmp_path.rglob("summary.json"))) == 2
 
 
+@pytest.mark.slow
 def test_commands_with_settings_find_parts_in_the_current_folder(tmp_path: Path) -> None:
     """`--set` takes what a run takes."""
     tree = ROOT / "grammar/examples/poor.bt"

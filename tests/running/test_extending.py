@@ -134,6 +134,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_world(outside: Path) -> None:
     """The run's world is the pond: what the file says, and the island's values besides."""
     assert list(outside.glob("runs/smoke/*world=pond*/summary.json"))
@@ -143,6 +144,7 @@ def test_a_world(outside: Path) -> None:
     assert "capacity: 30" in text
 
 
+@pytest.mark.slow
 def test_a_reward(outside: Path) -> None:
     """A delivery earns what its band says, a collision four times the penalty."""
     say = here(outside)
@@ -160,6 +162,7 @@ def test_a_reward(outside: Path) -> None:
     assert list(outside.glob("runs/smoke/*collision.base=-1000*/summary.json"))
 
 
+@pytest.mark.slow
 def test_a_tier(outside: Path) -> None:
     """The tier is counted in each generation, and the first of it is looked for."""
     assert all("courier" in r["snapshot"]["tiers"] for r in records(outside, "classes=courier"))
@@ -167,12 +170,14 @@ def test_a_tier(outside: Path) -> None:
     assert list(json.loads(file.read_text(encoding="utf-8"))["first"]) == ["complete", "courier"]
 
 
+@pytest.mark.slow
 def test_a_supervisor(outside: Path) -> None:
     """Its rates are those of its rule."""
     rates = [r["guidance"]["wanted_rate"] for r in records(outside, "cooling-") if r["guidance"]]
     assert rates == [0.5, pytest.approx(0.3)]
 
 
+@pytest.mark.slow
 def test_a_supervisor_that_edits(outside: Path) -> None:
     """Its edited tree is in the next generation, with the branch in front."""
     found = list(records(outside, "recharging-"))
@@ -184,6 +189,7 @@ def test_a_supervisor_that_edits(outside: Path) -> None:
     assert [trial["id"] for trial in found[1]["trials"]] == [child["id"]]
 
 
+@pytest.mark.slow
 def test_operators(outside: Path) -> None:
     """The mutation changes trees, and the crossover and the selection make children."""
     hoisted, crossed = records(outside, "gp=hoisting"), records(outside, "operators_leaf")
@@ -191,6 +197,7 @@ def test_operators(outside: Path) -> None:
     assert "crossover" in {i["origin"] for r in crossed for i in r["individuals"]}
 
 
+@pytest.mark.slow
 def test_an_action(outside: Path) -> None:
     """Random trees have the action, and it drives the robot home."""
     (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
@@ -202,6 +209,7 @@ def test_an_action(outside: Path) -> None:
         assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2
 
 
+@pytest.mark.slow
 def test_an_event(checkout: Path) -> None:
     """The event pays by the file's row."""
     (checkout / "tree.bt").write_text(LAPS, encoding="utf-8")

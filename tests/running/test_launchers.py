@@ -54,6 +54,7 @@ def sweep(home: Path, *words: str) -> str:
     return said
 
 
+@pytest.mark.slow
 def test_joblib_gives_the_same_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two jobs at a time, each in workers of its own; one progress line for all."""
     alone(tmp_path / "basic", monkeypatch)

@@ -92,6 +92,7 @@ def test_the_same_command_goes_on_with_a_search(here: Path) -> None:
     assert after.items() >= before.items()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its finished trials are followed generation by generation, though they do not run again."""
@@ -329,6 +330,7 @@ def twice(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     del Plugins.instance().class_name_to_class["hydra_plugins.twice.Twice"]
 
 
+@pytest.mark.slow
 def test_the_program_returns_its_score_to_any_sweeper(here: Path, twice: list[Any]) -> None:
     """The validated champion's mean: what other plug-ins of Hydra's need."""
     assert main([*INSTANT, "hydra.sweeper._target_=hydra_plugins.twice.Twice", "-m"]) == 0

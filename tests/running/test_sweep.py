@@ -204,6 +204,7 @@ def test_jobs_that_differ_in_what_no_folder_tells_are_refused(tmp_path: Path) ->
         run_sweep(jobs_of(tmp_path, *words), "c", lambda _job, _extra: None)
 
 
+@pytest.mark.slow
 def test_a_sweep_over_decimals_keeps_its_arms(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

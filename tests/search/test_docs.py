@@ -17,7 +17,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.running.app import main
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says
-from tests.running.commands import ROOT, finish, start
+from tests.running.commands import ROOT
 from tests.search.searches import NAMES
 
 TEXT = (ROOT / "docs/search.md").read_text(encoding="utf-8")
@@ -146,10 +146,9 @@ def test_a_generation_or_world_that_is_not_there(how: dict[str, Any], message: s
 
 
 def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
-    """In a process of its own, from a module and a YAML file outside of the package."""
+    """From a module and a YAML file outside of the package."""
     words = ["--config-dir", "mine", "search=truncation", "experiment=smoke", "tracking=off"]
-    code, said = finish(start(mine, *words, *SMALL, "evaluator=serial", "supervisor=expert"))
-    assert code == 0, said
+    assert main([*words, *SMALL, "evaluator=serial", "supervisor=expert"]) == 0
     (file,) = mine.glob("runs/smoke/*/generations.jsonl")
     records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
     assert len(records) == 4

@@ -53,6 +53,7 @@ def test_fronts_as_deap_has_them(found: list[list[int]]) -> None:
     assert ranks(points).tolist() == [expected[k] for k in range(len(points))]
 
 
+@pytest.mark.slow
 @examples(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 20), objectives=st.integers(2, 5))
 def test_crowding_and_selection_as_deap_has_them(seed: int, n: int, objectives: int) -> None:

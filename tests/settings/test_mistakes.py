@@ -589,7 +589,7 @@ def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
     (tmp_path / "conf/supervisor").mkdir(parents=True)
     (tmp_path / "conf/supervisor/basic.yaml").write_text("defaults: [baseline]\nname: basic\n")
     words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "gp.tournament=2"]
-    words += ["world.episode.length=5", "supervisor=glob(bas*)", "-m"]
+    words += ["world.episode.length=5", "evaluator=serial", "supervisor=glob(bas*)", "-m"]
     assert main([*words, "--config-dir", "conf"]) == 0
     found = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
     assert found == {"baseline", "basic"}

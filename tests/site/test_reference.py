@@ -54,6 +54,7 @@ def given() -> Iterator[tuple[str, Path]]:
             yield name, reference.CONF / "config.yaml"
 
 
+@pytest.mark.slow
 def test_every_key_of_every_file_is_there(chapters: list[Any]) -> None:
     """NAME and N stand for what is a name or a place; a mapping's own keys for the mapping."""
     keys = {key.path for chapter in chapters for key in chapter.keys}
@@ -72,6 +73,7 @@ def test_every_key_of_every_file_is_there(chapters: list[Any]) -> None:
     assert len(keys) > 150
 
 
+@pytest.mark.slow
 def test_every_key_has_a_type_and_a_meaning(chapters: list[Any]) -> None:
     """A new key needs a comment beside its field or in its file."""
     bare = [key.path for chapter in chapters for key in chapter.keys if not key.meaning]
@@ -79,6 +81,7 @@ def test_every_key_has_a_type_and_a_meaning(chapters: list[Any]) -> None:
     assert all(key.type for chapter in chapters for key in chapter.keys)
 
 
+@pytest.mark.slow
 def test_a_key_by_hand(chapters: list[Any]) -> None:
     """Type, range and default come from the model, the paper's section from the file."""
     keys = {key.path: key for chapter in chapters for key in chapter.keys}

@@ -327,6 +327,7 @@ def test_worlds_of_different_sizes_are_approximated() -> None:
     assert some.p == pytest.approx(pairs.p, abs=0.003)
 
 
+@pytest.mark.slow
 def test_exact_p_s_are_even_where_nothing_differs() -> None:
     """Of 400 comparisons of equal arms about 5 % have p < 0.05, stratified and paired."""
     rng = np.random.default_rng(0)

@@ -13,6 +13,7 @@ from islandgp.errors import IslandError, StudyError
 from islandgp.running import app
 from islandgp.study.select import find
 from tests.composed import plain
+from tests.running.commands import fake
 
 DOCS = Path(__file__).parents[2] / "docs" / "study.md"
 
@@ -30,7 +31,8 @@ SMALL, THREE, STUDY = _documented("islandgp compare")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the documented sweep has run, with fewer and shorter episodes."""
     folder = tmp_path_factory.mktemp("home")
-    small = ["evaluator=serial", "gp.population=6", "gp.tournament=2", "world.episode.length=10"]
+    small = ["gp.population=6", "gp.tournament=2", "world.episode.length=10"]
+    small += ["gp.generations=3", *fake("Instant")]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         assert app.main([*small, *SWEEP[3:]]) == 0
@@ -42,6 +44,7 @@ def _compare(home: Path, words: list[str], monkeypatch: pytest.MonkeyPatch) -> R
     return CliRunner().invoke(command, words)
 
 
+@pytest.mark.slow
 def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two arms of a real sweep become a page with the champions on unseen worlds."""
     found = _compare(home, [*SMALL[2:], "--worlds", "2", "--workers", "1"], monkeypatch)
@@ -86,6 +89,7 @@ def test_a_report_that_cannot_be_written_is_told(
     assert str(error).endswith("give another with -o.")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank")
 def test_an_unreachable_store_costs_no_report(
     home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path

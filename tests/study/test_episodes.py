@@ -7,8 +7,6 @@ from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, cast
 
-import pytest
-
 from islandgp.gp.record import Cost, GenerationRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
@@ -20,6 +18,7 @@ from islandgp.study.episodes import (
 )
 from islandgp.study.figures.episodes import at_episodes, by_episodes
 from islandgp.study.tables.supervision import episodes_table
+from tests.profiles import sweep
 from tests.study.made_runs import TREE, guidance, made_arm, made_run
 
 best = attrgetter("best")
@@ -127,13 +126,14 @@ def test_the_table_of_episodes() -> None:
     )
 
 
-@pytest.mark.parametrize(
+@sweep(
     "runs",
     [
         (_run(10, 10, 10, 10), _run(1, 1, 1, 1, seed=1)),  # one ends before the other begins
         (_run(10, 10, 10, 10, complete=2), _run(20, 10, 10, 10, seed=1, complete=3)),
         (_run(10, 10, 10, 10, complete=0),),
     ],
+    quick=1,
 )
 def test_any_runs_have_curves_by_episodes(runs: tuple[Run, ...]) -> None:
     """Runs of one arm may differ in cost, or be only one."""

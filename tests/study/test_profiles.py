@@ -23,6 +23,7 @@ from islandgp.study.figures.drawing import DPI, LINES, MARKERS, PALETTE, look, n
 from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
+from tests.profiles import sweep
 from tests.study.made_runs import made_arm, made_run
 
 DASH = "\N{EN DASH}"
@@ -186,7 +187,7 @@ def test_a_picture_of_profiles(tmp_path: Path) -> None:
     assert "Share of an arm's runs" in picture.caption
 
 
-@pytest.mark.parametrize(
+@sweep(
     "scores",
     [
         {"w": {"a": [1.0]}},
@@ -199,6 +200,7 @@ def test_a_picture_of_profiles(tmp_path: Path) -> None:
             for k in range(5)
         },
     ],
+    quick=1,
 )
 def test_any_scores_have_a_picture(scores: Scores) -> None:
     """One score, equal ones, names with signs of formulas, many arms, arms that lack a world."""

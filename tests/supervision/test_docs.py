@@ -42,6 +42,7 @@ def test_every_kind_of_edit_has_its_row() -> None:
         assert f"| `{name}` | `{kind.needs}` |" in TEXT
 
 
+@pytest.mark.slow
 def test_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of them, one after the other."""
     monkeypatch.chdir(tmp_path)

@@ -166,6 +166,7 @@ def test_a_tree_for_each_behaviour_is_found(
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

@@ -84,6 +84,7 @@ def test_an_unknown_part(capsys: pytest.CaptureFixture[str]) -> None:
     assert "there is no part fault; there are faults, " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of bash's and /proc")
 def test_files_that_may_not_grow(tmp_path: Path) -> None:
     """Exit code 2 in words; with room, the same command makes the same records."""

@@ -24,6 +24,7 @@ from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from islandgp.tracking.sync_state import read_state
 from tests.composed import plain
+from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, group_members, start
 from tests.running.histories import store as open_store
 from tests.running.histories import tracked
@@ -40,7 +41,7 @@ def tracker(home: Path, uri: str, patience: float) -> MLflow:
     return MLflow.make(settings, home)
 
 
-@pytest.mark.parametrize("server", [servers.refusing, servers.stalling, servers.broken])
+@sweep("server", [servers.refusing, servers.stalling, servers.broken], quick=1)
 def test_a_server_that_is_away_costs_patience_and_nothing_else(
     server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
 ) -> None:
@@ -63,6 +64,7 @@ def test_a_server_that_is_away_costs_patience_and_nothing_else(
     assert sync(home / "runs", store.place).sent == []
 
 
+@pytest.mark.slow
 def test_a_store_deleted_under_way_is_made_again(
     home: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

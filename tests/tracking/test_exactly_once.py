@@ -71,6 +71,7 @@ MOMENTS = (
 """A request by its name and its place among those of its name."""
 
 
+@pytest.mark.slow
 def test_a_request_that_fails_changes_nothing_in_the_end(
     lives: Lives, monkeypatch: pytest.MonkeyPatch
 ) -> None:

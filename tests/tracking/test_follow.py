@@ -118,6 +118,7 @@ def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "did not wait" in told.client.wait([ONE], 20, "sqlite:///x")
 
 
+@pytest.mark.slow
 def test_a_store_that_is_slow_to_be_made_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

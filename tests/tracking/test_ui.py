@@ -299,6 +299,7 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     assert "0 sent, 1 were there already" in elsewhere.output
 
 
+@pytest.mark.slow
 def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> None:
     """A store that was deleted, and one that was replaced by an empty one, get every record."""
     folder = written(home / "runs/a/one", home)

@@ -292,6 +292,7 @@ class Facts:
         self.told.clear()
 
 
+@pytest.mark.slow
 def test_facts_about_actions_hold_on_the_island() -> None:
     """In random episodes no action returns what the vocabulary denies, nor succeeds without its
     needs."""

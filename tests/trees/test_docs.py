@@ -199,6 +199,7 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
             assert "warning:" not in said.out
 
 
+@pytest.mark.slow
 def test_tutorial_shows_what_is_said(
     islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -25,7 +25,7 @@ from islandgp.resources import resource
 from islandgp.viewer.recording import FAILED, SUCCEEDED
 from tests.bt.stage import short_tree
 from tests.composed import composed
-from tests.profiles import cases, examples
+from tests.profiles import cases, examples, sweep
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import leaves, main_tree, with_own_names
@@ -263,9 +263,10 @@ PARTLY = {  # % of the ticks
 }
 
 
-@pytest.mark.parametrize(
+@sweep(
     "name",
     [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in EXAMPLES],
+    quick=1,
 )
 def test_py_trees_decides_the_same_on_a_recorded_episode(name: str) -> None:
     """On the blackboard and the results of an episode, py_trees calls the same actions each tick.

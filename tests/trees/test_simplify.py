@@ -177,6 +177,7 @@ def test_rule(name: str) -> None:
     assert simplify(short_tree(before), VOCABULARY).tree == short_tree(after)
 
 
+@pytest.mark.slow
 def test_on_the_island() -> None:
     """Random trees and their simplified forms do the same, tick by tick, in two worlds."""
     assert _compare(trees=16, worlds=2, seconds=60) >= 3

@@ -91,6 +91,7 @@ def test_the_file_itself_is_tuned(islandgp: Cli, tmp_path: Path, awake: type[Awa
     assert re.sub(r"low = [\d.]+", "low = 90.0", file.read_text()) == TREE
 
 
+@pytest.mark.slow
 def test_in_the_simulator(islandgp: Cli) -> None:
     """The bytes do not depend on the number of workers."""
     words = ("--episodes", 400, "--worlds", 4, "--set", "world.episode.length=10")

@@ -71,6 +71,7 @@ def client(folder: Path, *command: str) -> dict[str, list[Any]]:
     return found
 
 
+@pytest.mark.slow
 @needs_node
 @pytest.mark.process
 def test_the_client_asks_the_server(tmp_path: Path) -> None:

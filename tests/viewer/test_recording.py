@@ -35,6 +35,7 @@ def film(name: str = "all_rounder") -> SceneTrack:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["all_rounder", "diverse", "poor"])
 def test_recording_changes_nothing(name: str) -> None:
     """Who is recorded does the same as who is not."""
@@ -258,6 +259,7 @@ def test_page_of_any_tree_is_below_a_megabyte() -> None:
         assert len(page(episode, title="t").encode()) < 1_000_000
 
 
+@pytest.mark.slow
 def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:
     """So does that of a large tree that starts anew in each tick: nothing in it can be told as
     a long run."""

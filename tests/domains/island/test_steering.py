@@ -65,6 +65,7 @@ def test_many_ways() -> None:
     check_ways(world(), 0, 400)
 
 
+@pytest.mark.slow
 def test_a_crowded_island() -> None:
     """The same among ninety rocks that stand as near to each other as configuration lets them."""
     check_ways(world(obstacles={"count": 90, "gap": 4}), 1, 200)
