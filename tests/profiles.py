@@ -46,10 +46,13 @@ def cases(number: int) -> int:
 def sweep(
     names: str | Sequence[str], values: Iterable[Any], *, quick: int, **more: Any
 ) -> pytest.MarkDecorator:
-    """As `pytest.mark.parametrize`; the cases after the first `quick` are marked `slow`."""
+    """As `pytest.mark.parametrize`; all but `quick` cases, evenly spread, are marked `slow`."""
     one = isinstance(names, str) and "," not in names
     cases = list(values)
-    for n, case in enumerate(cases[quick:], quick):
+    kept = {n * len(cases) // quick for n in range(quick)}
+    for n, case in enumerate(cases):
+        if n in kept:
+            continue
         known = case if isinstance(case, type(pytest.param())) else None
         parts = known.values if known else (case,) if one else case
         marks = (*(known.marks if known else ()), pytest.mark.slow)

@@ -46,12 +46,7 @@ GOALS: Final = {  # of the figures that have one at any effort
 }
 
 
-MARKS: Final = {  # of those that start processes; the slow one waits for four runs and MLflow
-    "overhead_share": (pytest.mark.process, pytest.mark.slow),
-    "peer_ratio": pytest.mark.process,
-    "run_s": pytest.mark.process,
-    "startup_s": pytest.mark.process,
-}
+QUICK: Final = ("engine_ratio", "tick_us")  # they start no process
 LIBRARIES: Final = {
     "peer_ratio": ("deap", "py_trees"),
     "tick_us": ("behaviortreepy",),
@@ -75,7 +70,11 @@ def expected(benchmark: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "benchmark", [pytest.param(name, marks=MARKS.get(name, ())) for name in BENCHMARKS]
+    "benchmark",
+    [
+        pytest.param(name, marks=() if name in QUICK else (pytest.mark.process, pytest.mark.slow))
+        for name in BENCHMARKS
+    ],
 )
 def test_a_benchmark_gives_its_figures(benchmark: str) -> None:
     """All figures by name, with the goals of the issue they come from, and no other goals."""

@@ -90,9 +90,15 @@ def run(
 
 
 SEARCHES = [Case(name) for name in NAMES]
+QUICK = ("compose", "paper", "racing")  # of different families; the others have tests of their own
 
 
-@pytest.fixture(params=SEARCHES, ids=lambda case: case.name)
+@pytest.fixture(
+    params=[
+        pytest.param(case, id=case.name, marks=() if case.name in QUICK else pytest.mark.slow)
+        for case in SEARCHES
+    ]
+)
 def case(request: pytest.FixtureRequest) -> Case:
     """Each search in turn."""
     found: Case = request.param
@@ -163,9 +169,9 @@ TREES = sweep(
     [
         ("gp.population=4", "gp.max_depth=2", "gp.max_nodes=3", "gp.trees.children=[1,3]"),
         ("gp.founders=true",),
+        (),
         ("supervisor.lag=3", "supervisor.inject=true"),
         ("gp.max_depth=50", "gp.max_nodes=5"),
-        (),
     ],
     quick=3,
     ids=" ".join,

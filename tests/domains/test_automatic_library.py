@@ -108,6 +108,7 @@ def test_what_is_missing_is_reported_once_in_every_run(
     assert "Traceback" not in said
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
 def test_the_search_counts_in_the_budget(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the run that searches, and of a later one; a budget that it leaves nothing of is refused.

@@ -340,6 +340,7 @@ def check(islandgp: Cli, *words: str) -> tuple[int, str]:
     return said.code, "\n".join(line for line in said.out.splitlines() if line[:2] != "ok")
 
 
+@pytest.mark.slow
 def test_a_sound_domain_reaches_all(here: Path, islandgp: Cli) -> None:
     """With the tree beside its module or without it: nothing is listed."""
     assert check(islandgp, "pick_place", "--strict") == (0, "")
@@ -409,8 +410,10 @@ def test_what_a_domain_prints_is_told_once(here: Path, islandgp: Cli) -> None:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "words", [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)]
+@sweep(
+    "words",
+    [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)],
+    quick=2,
 )
 def test_commands_are_bounded(here: Path, islandgp: Cli, words: tuple[str, ...]) -> None:
     """One line that names the action, exit code 2, and nothing written.

@@ -63,6 +63,7 @@ def short(world: str) -> Domain:
     return composed(f"domain={world}", *SHORT).make_domain()
 
 
+@pytest.mark.slow
 class TestMiniGrid(DomainSuite):
     """A maze with keys, in which a seed chooses one of six levels."""
 
@@ -83,6 +84,7 @@ class TestCartPole(DomainSuite):
         return short("cartpole")
 
 
+@pytest.mark.slow
 class TestLunarLander(DomainSuite):
     """Another one, with flags, over a simulator in C++."""
 
@@ -133,6 +135,7 @@ def gallery_commands() -> list[list[str]]:
     return [words for words in found if words[0] != "pip"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [

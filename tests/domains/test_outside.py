@@ -71,6 +71,7 @@ def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
         Schema(words, components, SCHEMA.events, "Counts.")
 
 
+@pytest.mark.slow
 def test_smoke_is_for_any_domain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`experiment=smoke` sets nothing that only the island has."""
     words = (*OWN, "experiment=smoke", "supervisor=fixed", "evaluator=serial", "progress=off")

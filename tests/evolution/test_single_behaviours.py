@@ -154,6 +154,7 @@ def test_all_trees_meet_the_same_worlds() -> None:
     }
 
 
+@pytest.mark.slow
 @sweep("limits", [Limits(8, 50), Limits(2, 3), Limits(50, 1)], quick=1)
 def test_trees_are_compact(limits: Limits) -> None:
     """Within section 2.4.6, and within the run's limits where those are narrower."""

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given
 
 from tests.fuzz.targets import targets
-from tests.profiles import examples
+from tests.profiles import examples, sweep
 
 CORPUS = Path(__file__).parent / "corpus"
 EXAMPLES = {"records": 15, "overrides": 10}  # they take longest
@@ -19,7 +19,7 @@ TARGETS = targets()
 FINDS = sorted(CORPUS.glob("*/*"))
 
 
-@pytest.mark.parametrize("file", FINDS, ids=[f"{f.parent.name}-{f.name}" for f in FINDS])
+@sweep("file", FINDS, ids=[f"{f.parent.name}-{f.name}" for f in FINDS], quick=15)
 def test_what_was_once_found(file: Path) -> None:
     """Each input that has ever broken a promise keeps it."""
     TARGETS[file.parent.name].check(file.read_bytes())

@@ -43,6 +43,7 @@ def test_every_run_of_the_document_composes(line: str) -> None:
     assert composed(*overrides(line)).supervisor.name in line or "ablation" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("islandgp estimate")])
 def test_every_estimate_of_the_document_runs(line: str) -> None:
     """And tells dollars."""

@@ -24,7 +24,7 @@ supervisor:
 
 
 @pytest.mark.parametrize(
-    "sweep", [pytest.param((), marks=pytest.mark.slow), ("-m", "seed=0,1")], ids=["run", "sweep"]
+    "sweep", [(), pytest.param(("-m", "seed=0,1"), marks=pytest.mark.slow)], ids=["run", "sweep"]
 )
 def test_no_file_holds_a_secret_of_the_extra_fields(
     sweep: tuple[str, ...],

@@ -275,6 +275,7 @@ def test_sections_of_nothing_are_left_out() -> None:
     assert render(prompt, {"b": ""})[1] == "ac"
 
 
+@pytest.mark.slow
 def test_the_transcript_counts_episodes_once(tmp_path: Path) -> None:
     """Asking again after a stop plays the traces again; they are written down once."""
     how = ("gp.generations=4", "world.episode.length=20", INFORMED)

@@ -124,6 +124,7 @@ def test_the_same_command_works_once_the_server_is_there(
     assert " out, $0.0" in said.out
 
 
+@pytest.mark.slow
 def test_a_run_whose_transcript_is_gone_does_not_go_on(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,6 +149,7 @@ def test_a_run_whose_transcript_is_gone_does_not_go_on(
     assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
 
 
+@pytest.mark.slow
 def test_a_replay_of_an_edited_reply_stops(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where nothing follows from the reply any more: it is not what the model said."""
     with MessagesServer() as server:

@@ -403,6 +403,7 @@ def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert re.match(r"baseline +2 of 2 ", row)
 
 
+@pytest.mark.slow
 def test_sweeps_over_names_are_sweeps_of_their_own(here: Path) -> None:
     """Each name has its folder, its list of jobs and its own parent."""
     assert main([*INSTANT, "name=a,b", "-m"]) == 0
@@ -510,6 +511,7 @@ def test_a_configuration_of_the_users_own_comes_first(here: Path) -> None:
     assert leaf_.startswith("baseline-seed5")
 
 
+@pytest.mark.slow
 def test_a_first_file_that_is_whole_in_itself(here: Path) -> None:
     """It names its domain's class itself, without the group whose files are called as domains."""
     parts = {"world": "island", "library": "single", "supervisor": "expert"}

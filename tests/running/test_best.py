@@ -98,6 +98,7 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     assert "left out, as they are not finished: " in best(folder, "--worlds", "2").output
 
 
+@pytest.mark.slow
 def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
     """Their points are not worth the same."""
     for seed, length in ((3, 20), (4, 30)):

@@ -88,6 +88,7 @@ def test_a_supervisor_that_is_none(here: Path, capsys: pytest.CaptureFixture[str
     assert "mysup:Mine failed (TypeError: expected make to return a supervisor" in last
 
 
+@pytest.mark.slow
 def test_a_job_of_a_sweep_names_the_class_too(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -173,6 +173,7 @@ def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -
     assert [(j.slot, j.pruned) for j in now.jobs] == [(j.slot, j.pruned) for j in file.jobs]
 
 
+@pytest.mark.slow
 def test_a_trial_whose_values_do_not_fit_together_fails_alone(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

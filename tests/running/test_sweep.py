@@ -259,6 +259,7 @@ def test_a_sweep_may_be_started_in_any_folder(
     assert [path.name for path in here.iterdir()] == ["runs"]
 
 
+@pytest.mark.slow
 def test_a_run_made_anew_never_takes_the_folder_of_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

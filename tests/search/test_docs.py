@@ -17,6 +17,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.running.app import main
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says
+from tests.profiles import sweep
 from tests.running.commands import ROOT
 from tests.search.searches import NAMES
 
@@ -91,7 +92,7 @@ def test_the_loop_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(loop.splitlines()) <= 20
 
 
-@pytest.mark.parametrize("name", NAMES)
+@sweep("name", NAMES, quick=2)
 def test_a_loop_of_one_s_own_is_the_run(name: str) -> None:
     """With the same seed and advice it has the individuals and outcomes of the run."""
     experiment = islandgp.compose(

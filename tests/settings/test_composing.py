@@ -9,6 +9,7 @@ import pytest
 from islandgp.config.settings import Settings
 from islandgp.resources import resource
 from tests.composed import composed, plain
+from tests.profiles import sweep
 
 CONF = resource("conf")
 
@@ -18,7 +19,7 @@ def options(group: str) -> list[str]:
     return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
 
 
-@pytest.mark.parametrize("experiment", options("experiment"))
+@sweep("experiment", options("experiment"), quick=6)
 def test_experiments(experiment: str) -> None:
     """`experiment=...` composes, and is called what its file is called."""
     assert composed(f"experiment={experiment}").name == experiment
@@ -33,7 +34,7 @@ def together(*groups: str) -> list[dict[str, str]]:
     ]
 
 
-@pytest.mark.parametrize(
+@sweep(
     "choice",
     [
         *together("search", "supervisor", "evaluator", "tracking"),
@@ -42,6 +43,7 @@ def together(*groups: str) -> list[dict[str, str]]:
         *together("rewards", "classes", "allocation", "gp"),
     ],
     ids=lambda choice: " ".join(choice.values()),
+    quick=8,
 )
 def test_options(choice: dict[str, str]) -> None:
     """Each option of each group composes, its class can be imported, and its settings fit.

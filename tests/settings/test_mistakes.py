@@ -15,6 +15,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from islandgp.errors import in_the_way
 from islandgp.resources import resource
 from islandgp.running.app import main
+from tests.profiles import sweep
 from tests.running.commands import ROOT
 from tests.settings.test_composing import options
 
@@ -395,9 +396,7 @@ def test_a_store_that_can_never_be_is_told_before_the_start(
     assert list(Path.cwd().iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("words", "line"), ONE_LINE, ids=[" ".join(words) for words, _ in ONE_LINE]
-)
+@sweep(("words", "line"), ONE_LINE, ids=[" ".join(words) for words, _ in ONE_LINE], quick=40)
 def test_one_error_one_line(
     words: list[str], line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -19,6 +19,7 @@ from islandgp.tracking.follow import Follower, SyncEvent, SyncRequest
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
 from islandgp.trust import trust_folder, trusting
+from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
 from tests.tracking.folders import written
@@ -53,7 +54,7 @@ def check_secret(home: Path, said: str, asked: list[str]) -> None:
     assert [f for f in home.rglob("*") if f.is_file() and PIECE in f.read_text()] == []
 
 
-@pytest.mark.parametrize("how", ["command", "file"])
+@sweep("how", ["command", "file"], quick=1)
 def test_only_the_server_gets_the_password(
     how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -25,6 +25,7 @@ def test_status_is_read_from_the_folder(tmp_path: Path) -> None:
     assert written(tmp_path / "two", tmp_path).status() is Status.FINISHED
 
 
+@pytest.mark.slow
 def test_one_process_writes_at_a_time(tmp_path: Path) -> None:
     """A second one is refused, and a remedy named; after the first has closed it may."""
     folder = begun(tmp_path / "one", tmp_path)

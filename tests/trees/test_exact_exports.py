@@ -20,7 +20,7 @@ from islandgp.bt.export.import_cpp import read_tree
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree
-from tests.profiles import cases, examples
+from tests.profiles import cases, examples, sweep
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.exactness import (
     EXAMPLES,
@@ -74,6 +74,7 @@ def test_behaviortree_cpp(
     assert cpp.trace(tree, boards, results, how="once") == expected
 
 
+@pytest.mark.slow
 def test_many_interruptions_in_py_trees() -> None:
     """So it is for trees with many guards that interrupt."""
     for tree, boards, results, _ in random_cases(cases(1000)):
@@ -160,7 +161,7 @@ def test_private_keys() -> None:
     assert "SubTree" not in behaviortree_cpp.to_xml(tree, words)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@sweep("path", EXAMPLES, ids=lambda path: path.stem, quick=3)
 @examples(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
 def test_examples_in_py_trees(path: Path, boards: list[list[float]], results: list[int]) -> None:
@@ -169,7 +170,7 @@ def test_examples_in_py_trees(path: Path, boards: list[list[float]], results: li
     assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@sweep("path", EXAMPLES, ids=lambda path: path.stem, quick=3)
 @examples(max_examples=30, suppress_health_check=[*HealthCheck])
 @given(boards=st.lists(few_boards(), min_size=20, max_size=40), results=RESULTS)
 def test_examples_in_behaviortree_cpp(

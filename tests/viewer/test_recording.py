@@ -291,6 +291,7 @@ def test_hostile_title() -> None:
     assert json.loads(inside[1])["title"] == title
 
 
+@pytest.mark.slow
 def test_every_action_is_told_in_the_tree_and_in_the_data() -> None:
     """The picture and the data have the same nodes in the same order."""
     tree = example("diverse")

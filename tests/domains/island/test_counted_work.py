@@ -109,6 +109,7 @@ def test_work_of_a_tree_that_ends_in_each_tick() -> None:
     assert found["python"] <= 7 * episode.steps
 
 
+@pytest.mark.slow
 def test_counting_sees_more_work() -> None:
     """The same episode step by step takes many times the calls, so the counts mean something."""
     quick, few = counted(all_rounder())

@@ -30,7 +30,7 @@ from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world
 from tests.domains.island.odd import odd_worlds
 from tests.goldens import check_golden
-from tests.profiles import examples
+from tests.profiles import examples, sweep
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
@@ -152,7 +152,7 @@ def on_the_way(**places: list[list[float]]) -> IslandWorld:
 
 
 @pytest.mark.parametrize("seeds", [(0,), pytest.param((1, 2, 3, 4, 5), marks=pytest.mark.slow)])
-@pytest.mark.parametrize("branches", ENDING_WHILE_DRIVING)
+@sweep("branches", ENDING_WHILE_DRIVING, quick=6)
 def test_stepwise_is_the_same_where_ticks_end_while_the_robot_drives(
     branches: str, seeds: Sequence[int]
 ) -> None:

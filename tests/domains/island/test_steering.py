@@ -60,6 +60,7 @@ def check_ways(island: IslandWorld, seed: int, ways: int) -> None:
         assert driven <= 1.3 * straight + 15, (start, goal)
 
 
+@pytest.mark.slow
 def test_many_ways() -> None:
     """Over random pairs of places the robot's hull keeps off every rock, and it arrives."""
     check_ways(world(), 0, 400)
