@@ -79,6 +79,7 @@ def test_mistakes(run: Path, words: list[str], said: str) -> None:
     assert said in (found.output + str(found.exception))
 
 
+@pytest.mark.slow
 def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     """One of each run, by the race; worlds of none of them are used."""
     runs = tmp_path / "a sweep"
