@@ -51,9 +51,12 @@ def implies(test: Test, child: Node, abort: str) -> Node:
 
 def unless(test: Test) -> Test:
     """The test that holds where another one does not."""
-    if isinstance(test, Node):
-        return _inverted(test)
-    return negate(test) if isinstance(test, Compound) else opposite(test)
+    return _inverted(test) if isinstance(test, Node) else negated(test)
+
+
+def negated(expr: ConditionExpr) -> ConditionExpr:
+    """The condition that holds where another one does not."""
+    return negate(expr) if isinstance(expr, Compound) else opposite(expr)
 
 
 def if_then_else(test: Test, children: Sequence[Node]) -> Node:
@@ -70,6 +73,9 @@ def while_do_else(test: Test, children: Sequence[Node]) -> Node:
     if len(children) == 1:
         return only_if(test, children[0], "self")
     then, otherwise = children
+    if isinstance(test, Condition | Compound):  # the guards halt a branch before the other starts
+        branches = (guarded(test, then), guarded(negated(test), otherwise, "self"))
+        return Node("selector", (), branches)
     parts = (implies(test, then, "self"), implies(unless(test), otherwise, "self"))
     return Node("reactive_sequence", (), parts)
 

@@ -233,7 +233,6 @@ class _Importer(SubtreeReader):
         children = element.children
         self.count(element, 4 * len(children), 6)
         if tag.startswith("Switch"):
-            self.differs(element, ORDER)
             cases = [self._case(element, i) for i in range(1, int(tag[-1]) + 1)]
             if len(children) != len(cases) + 1:
                 self.fail(element, f"expected {len(cases) + 1} children in <{tag}>")
@@ -253,7 +252,8 @@ class _Importer(SubtreeReader):
                 self.differs(element, TWICE)
         nodes = [hidden(self.node(child)) for child in rest]
         if tag == "WhileDoElse":
-            self.differs(element, ORDER)
+            if isinstance(test, Node):
+                self.differs(element, ORDER)
             return while_do_else(test, nodes)
         if len(rest) > 1:
             self.differs(element, ASKED)
