@@ -22,7 +22,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_root_restarts() -> None:
-    """A finished root starts anew on the next tick, with fresh leaves."""
+    """A finished root starts again in the next tick, with fresh leaves."""
     stage = Stage("sequence { A B }", A="S", B="RSR")
     assert stage.tick() == ("A! B!", RUNNING)
     assert stage.tick() == ("B", SUCCESS)
@@ -302,7 +302,7 @@ def test_recovery_fails() -> None:
 
 @pytest.mark.parametrize("head", ["pipeline", "round_robin", "recovery 1"])
 def test_nav2_composites_observe_no_guard(head: str) -> None:
-    """A guard that turns true below one of them stops no later branch."""
+    """A guard that becomes true below one of them stops no later branch."""
     stage = Stage(f"selector {{ {head} {{ when p abort lower {{ A }} B }} C }}", A="S", B="F")
     stage.tick()
     assert stage.tick(p=1)[0] == "C"
@@ -370,7 +370,7 @@ def test_when_true_is_its_child(status: str) -> None:
 
 
 def test_joined_conditions_are_one() -> None:
-    """It interrupts when the whole turns true, whichever part does, and stops likewise."""
+    """It interrupts when the whole condition becomes true, and stops when it becomes false."""
     stage = Stage("selector { when p and not (x < 2 or q) { A } B }", "p")
     assert stage.tick() == ("B!", RUNNING)
     assert stage.tick(q=1.0) == ("B", RUNNING)
@@ -440,7 +440,7 @@ def test_abort_bypasses_inverter() -> None:
 
 @pytest.mark.parametrize("abort", ["lower", "both"])
 def test_abort_lower(abort: str) -> None:
-    """With `lower` or `both` a guard that turns true takes over from a later branch at once."""
+    """With `lower` or `both` a guard that becomes true interrupts a later branch at once."""
     stage = Stage(f"selector {{ A when p abort {abort} {{ B }} C D }}", A="F", C="F")
     assert stage.tick() == ("A! C! D!", RUNNING)
     assert stage.tick(p=1) == ("B!", RUNNING)
@@ -455,7 +455,7 @@ def test_abort_lower_keeps_itself() -> None:
 
 
 def test_abort_lower_needs_a_turn() -> None:
-    """A condition that has been true all the time stops nobody: it has to turn true."""
+    """A condition that has been true all the time does not interrupt: it has to become true."""
     stage = Stage("selector { when p { A } B }", "p", A="FR")
     assert stage.tick() == ("A! B!", RUNNING)
     assert stage.tick() == ("B", RUNNING)
@@ -547,7 +547,7 @@ def test_observation_ends_going_back() -> None:
 
 
 def test_observation_ends_with_the_composite() -> None:
-    """A composite that starts anew observes nothing that it visited before."""
+    """A composite that starts again observes nothing that it visited before."""
     stage = Stage("selector { when p abort none { when q { A } } B }", "p", B="SR")
     assert stage.tick() == ("B!", SUCCESS)
     assert stage.tick(p=0) == ("B!", RUNNING)

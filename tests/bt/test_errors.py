@@ -51,7 +51,7 @@ WRONG = [
     ("when not founGarbage { PatrolWaypoint }", 1, 10, ["Did you mean foundGarbage?"]),
     ("when batteryLevel { PatrolWaypoint }", 1, 6, ["is a number", "when batteryLevel < 5", ">="]),
     ("when not lap { PatrolWaypoint }", 1, 10, ["is a number"]),
-    ("when foundGarbage > 1 { PatrolWaypoint }", 1, 6, ["yes or no", "when not foundGarbage"]),
+    ("when foundGarbage > 1 { PatrolWaypoint }", 1, 6, ["is a flag", "when not foundGarbage"]),
     ("when not { PatrolWaypoint }", 1, 10, ["a key", "isHumanoidWantToClear"]),
     ("when { PatrolWaypoint }", 1, 6, ["a key", "batteryLevel"]),
     ("when batteryLevel = 5 { PatrolWaypoint }", 1, 19, ["'='", "Did you mean ==?"]),
@@ -73,7 +73,7 @@ WRONG = [
     ("repeater 2.5 { PatrolWaypoint }", 1, 10, ["whole number"]),
     ("repeater -1 { PatrolWaypoint }", 1, 10, ["whole number"]),
     # subtrees
-    ("use a", 1, 5, ["unknown subtree 'a'", "none is defined"]),
+    ("use a", 1, 5, ["unknown subtree 'a'", "none so far"]),
     ("use PatrolWaypoint", 1, 5, ["unknown subtree", "PatrolWaypoint, without use"]),
     (f"subtree charge = {P}\nuse chrge", 2, 5, ["above: charge", "Did you mean charge?"]),
     (f"subtree charge = {P}\nselector {{ charge }}", 2, 12, ["Did you mean use charge?"]),

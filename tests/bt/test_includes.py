@@ -98,7 +98,7 @@ WRONG = {
     "include lib A": ("1:9", 'Expected a file such as "lib.bt"'),
     'include "a.bt" A': ("b.bt:1:9", "'a.bt' includes itself"),
     'include "bad.bt" A': ("bad.bt:2:1", "unexpected"),
-    'include "bytes.bt" A': ("1:9", "no UTF-8 text"),
+    'include "bytes.bt" A': ("1:9", "not UTF-8 text"),
     'include "pipe.bt" A': ("1:9", "there is no file"),
     'include "large.bt" A': ("1:9", "too long"),
     'include "other.bt" A': ("other.bt:1:8", "for the domain 'sea'"),
@@ -106,7 +106,7 @@ WRONG = {
     "constant a = b PatrolWaypoint": ("1:14", "unknown constant 'b'"),
     "constant low = 1 when lap < lov { SeekCharger }": ("1:29", "Did you mean low?"),
     "constant a = 1 constant a = 2 SeekCharger": ("1:25", "constant 'a' is defined twice"),
-    "subtree s(x, x) = SeekCharger use s(1, 2)": ("1:14", "parameter 'x' stands twice"),
+    "subtree s(x, x) = SeekCharger use s(1, 2)": ("1:14", "parameter 'x' is defined twice"),
     "subtree s(x) = SeekCharger use s": ("1:32", "takes 1 numbers, found 0"),
     "subtree s = SeekCharger use s(1)": ("1:29", "takes no numbers"),
     "subtree s(x) = repeater x { SeekCharger } use s(1.5)": ("1:25", "can't repeat 'x' times"),
@@ -140,7 +140,7 @@ def test_wrong(text: str, folder: Path) -> None:
 
 def test_a_text_without_a_file_includes_nothing() -> None:
     """So what a model answers, or a record holds, reads no file."""
-    with pytest.raises(TreeError, match="stands in no file"):
+    with pytest.raises(TreeError, match="only a text in a file can include files"):
         parse('include "a.bt" PatrolWaypoint', VOCABULARY)
 
 

@@ -72,7 +72,7 @@ def test_constants_and_parameters_are_values() -> None:
         "MoveTo(speed: 0.2)\n",
         "MoveTo(speed: 0.2, loud: yes)\n",
     ]
-    with pytest.raises(TreeError, match="'v' is no value of speed"):
+    with pytest.raises(TreeError, match="'v' is not a value of speed"):
         read("subtree go(v) = MoveTo(speed: v) use go(3)")
 
 
@@ -108,7 +108,7 @@ def test_wrong_arguments(text: str, message: str) -> None:
         (real("", 0, 1, step=0), "step above 0"),
         (real("", 0, float("inf")), "at most 1,000,000"),
         (one_of("", ()), "words"),
-        (one_of("", ("both",)), "no word of the language"),
+        (one_of("", ("both",)), "not a keyword of the language"),
         (one_of("", ("a", "a")), "different words"),
         (3, "real, whole, one_of, switch or text"),
     ],

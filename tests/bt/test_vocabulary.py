@@ -131,7 +131,7 @@ def test_whole_numbers() -> None:
     key = integer("how many", 0, 9, most=9)
     words = Vocabulary("d", {"Go": Action("goes")}, {"n": key})
     assert parse("when n < 3 { Go }", words).guard is not None
-    with pytest.raises(TreeError, match=r"n is a whole number, it can't be compared with '2\.5'"):
+    with pytest.raises(TreeError, match=r"n is a whole number and can't be compared with '2\.5'"):
         parse("when n < 2.5 { Go }", words)
     assert fine(3.4, key) == 3.0
     with pytest.raises(DomainError, match="Expected whole numbers as low, high, step and most"):

@@ -164,7 +164,7 @@ def test_every_stop_is_called(load: Callable[..., islandgp.Tree]) -> None:
 
 
 def test_each_use_has_its_own_generator(load: Callable[..., islandgp.Tree]) -> None:
-    """An action that stands twice in a tree runs twice."""
+    """An action that occurs twice in a tree runs twice."""
     starts = []
 
     def drive() -> Generator[None, None, bool]:

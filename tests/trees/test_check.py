@@ -83,7 +83,7 @@ PLACES = {
         "when foundGarbage || lap < 3 { PatrolWaypoint }": "or",
         "when !foundGarbage { PatrolWaypoint }": "not",
         "when lap \N{LESS-THAN OR EQUAL TO} 3 { PatrolWaypoint }": "<=",
-        "selector { PatrolWaypoint; SeekCharger }": "a blank, which is all that separates nodes",
+        "selector { PatrolWaypoint; SeekCharger }": "a blank, which separates nodes",
         "// patrol\nPatrolWaypoint": "#, which begins a comment",
         "Fallback { PatrolWaypoint }": "selector",
         "if foundGarbage { PatrolWaypoint }": "when",
@@ -181,7 +181,7 @@ DOUBTFUL = [
     ),
     ("when batteryLevel > 100 { SeekCharger }", (1, 27), "0 to 100"),
     ("when lap < 0 { SeekCharger }", (1, 16), "can never run"),
-    ("when lap > 1 { when lap > 1 { SeekCharger } }", (1, 16), "says nothing new"),
+    ("when lap > 1 { when lap > 1 { SeekCharger } }", (1, 16), "is redundant"),
     ("when lap > 2 { sequence { when lap > 1 { SeekCharger } } }", (1, 27), "requires lap > 2"),
     ("when batteryLevel >= 0 { SeekCharger }", (1, 1), "always holds"),
     ("inverter { inverter { SeekCharger } }", (1, 1), "double inverter"),
@@ -195,7 +195,7 @@ DOUBTFUL = [
     ),
     ("when batteryLevel < 30 { ExecuteCharge }", (1, 26), "ExecuteCharge can never succeed"),
     ("when batteryLevel >= 95 abort none { ExecuteCharge }", (1, 38), "can never succeed"),
-    ("when lap > 1 and lap < 1 { SeekCharger }", (1, 28), "whatever is on the blackboard"),
+    ("when lap > 1 and lap < 1 { SeekCharger }", (1, 28), "can't hold on any blackboard"),
     ("when lap > 1 and foundGarbage and lap > 0 { SeekCharger }", (1, 1), "lap > 1 and found"),
     ("when not not not lap < 2 { SeekCharger }", (1, 1), "shorter one: lap >= 2"),
     (
@@ -210,7 +210,7 @@ DOUBTFUL = [
     ),
     ("when not (foundGarbage or lap > 1) { MoveToGarbage }", (1, 38), "can never succeed"),
     ("subtree a = SeekCharger PatrolWaypoint", (1, 9), "never used"),
-    ("when foundGarbage abort lower { MoveToGarbage }", (1, 1), "is abort none here"),
+    ("when foundGarbage abort lower { MoveToGarbage }", (1, 1), "has no effect here"),
 ]
 FINE = [
     "when batteryLevel < 30 abort none { ExecuteCharge }",

@@ -335,7 +335,7 @@ WRONG_NODES = {
     "<Sequenc><SeekCharger/></Sequenc>": "did you mean Sequence?",
     "<Delay delay_msec='{x}'><SeekCharger/></Delay>": "expected delay_msec from 1",
     "<RunOnce><SeekCharger/></RunOnce>": "no node",
-    "<ScriptCondition code='lap &lt; 1'/>": "must stand before something",
+    "<ScriptCondition code='lap &lt; 1'/>": "expected a node after the condition",
     "<Sequence><ScriptCondition code='lap + 1'/><SeekCharger/></Sequence>": "lap is a number",
     "<Sequence><ScriptCondition code='!lap == 1'/><SeekCharger/></Sequence>": "such as level",
     "<Sequence><ScriptCondition code='(lap == 1'/><SeekCharger/></Sequence>": "such as level",

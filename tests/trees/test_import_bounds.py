@@ -214,7 +214,7 @@ WRONG = {
         "from -1000000 to 1000000",
     ),
     "cycles": (xml_of(f"<Repeat num_cycles='{'9' * 5000}'><A/></Repeat>"), "from 1 to 100"),
-    "twice": (xml_of("<A/>").replace("</root>", '<BehaviorTree ID="T0"/></root>'), "stands twice"),
+    "twice": (xml_of("<A/>").replace("</root>", '<BehaviorTree ID="T0"/></root>'), "defined twice"),
     "abort": (
         xml_of("<When condition='foundGarbage' abort='all'><A/></When>"),
         "expected abort none",
@@ -224,7 +224,7 @@ WRONG = {
         "place <condition>:1:14: unexpected",
     ),
     "op": (xml_of("<When condition='lap'><A/></When>"), "lap is a number"),
-    "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is yes or no"),
+    "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is a flag"),
     "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "one, all or"),
     "conditions": (
         xml_of("<Sequence>" + "<ScriptCondition code='foundGarbage'/>" * 5000 + "<A/></Sequence>"),

@@ -136,8 +136,8 @@ def test_rename() -> None:
 @pytest.mark.parametrize(
     ("offset", "new", "told"),
     [
-        (TREE.index("go ="), "goes", "another subtree's"),
-        (TREE.index("go ="), "when", "no word of the language"),
+        (TREE.index("go ="), "goes", "names a subtree"),
+        (TREE.index("go ="), "when", "not a keyword of the language"),
         (TREE.index("go ="), "a b", "found 'a b'"),
         (TREE.index("PatrolWaypoint"), "run", "found none"),
         (2, "run", "found none"),
@@ -298,7 +298,7 @@ def test_an_editor_session(tmp_path: Path) -> None:
         )
         edit = editor.at("rename", "good.bt", 1, 9, newName="run")
         assert len(edit["changes"][editor.uri("good.bt")]) == 3
-        assert "another subtree's" in editor.at("rename", "good.bt", 1, 9, newName="goes")
+        assert "names a subtree" in editor.at("rename", "good.bt", 1, 9, newName="goes")
         change = {"text": "PatrolWaypoint"}
         document = {"uri": editor.uri("my tree.bt"), "version": 2}
         editor.tell("textDocument/didChange", textDocument=document, contentChanges=[change])

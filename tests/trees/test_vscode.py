@@ -88,7 +88,7 @@ def test_the_client_asks_the_server(tmp_path: Path) -> None:
     assert found["completion"] == [["go"]]
     assert found["prepare"] == [{"line": 1, "character": 15}]
     assert found["rename"] == [2]
-    assert "no word of the language" in found["refused"][0]
+    assert "not a keyword of the language" in found["refused"][0]
     assert found["format"][0].startswith("subtree go = SeekCharger\n\nsequence")
     assert found["errors"] == [[]]
 

@@ -3,7 +3,7 @@
 The sets that are found may be too large, but never too small: they prove that a node is not
 ticked on some blackboards, and cannot prove that it is. They are smaller than what `truth` knows:
 a branch of a selector starts where the branches before it fail, and is resumed only while none of
-their observed guards turns true.
+their observed guards becomes true.
 """
 
 from __future__ import annotations
@@ -143,9 +143,9 @@ class _Finder:
 
         1. Where the child hands over, let g be the first of them that is false. It was asked
            since the child started. Otherwise a guard before it was false when the child ended,
-           and so was observed; it is true now, so it has turned true, and the composite has gone
+           and so was observed; it is true now, so it has become true, and the composite has gone
            back and started the child again.
-        2. So g is observed and false. As soon as it turns true, the composite goes back to the
+        2. So g is observed and false. As soon as it becomes true, the composite goes back to the
            child or to a branch before it.
         """
         together, one_fails = ANY_BOARD, NO_BOARD

@@ -1,7 +1,7 @@
-"""`check`: places in a tree file that are allowed but cannot be meant.
+"""`check`: valid but probably unintended places in a tree file.
 
-A warning is about what the tree means, so it is found in the expanded tree and
-pointed out where that part is written. Each gives its reason.
+Warnings are found in the expanded tree and reported with a reason at the place where
+that part is written.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ Above: TypeAlias = tuple[tuple[Node, int], ...]
 
 CODES: Final = {
     "unreachable": "a branch that can never run",
-    "needless-guard": "a guard that says nothing new",
-    "long-condition": "a condition that is the same as a shorter one",
+    "needless-guard": "a redundant guard",
+    "long-condition": "a condition that is equivalent to a shorter one",
     "double-inverter": "an inverter of an inverter",
-    "never-succeeds": "an action that can never succeed where it stands",
-    "needless-abort": "`abort lower` where no later branch is there to be stopped",
+    "never-succeeds": "an action that can never succeed in its place",
+    "needless-abort": "`abort lower` without a later branch to stop",
     "unused-subtree": "a named subtree that is never used",
     "unused-constant": "a constant that is never used",
     "unused-parameter": "a parameter that its subtree does not use",
 }
-"""What a finding is about, by a name that stays."""
+"""Codes of warnings, which do not change between versions, with their meanings."""
 
 
 ADVICE: Final = frozenset({"needless-guard", "long-condition", "double-inverter", "needless-abort"})
-"""Codes of what could be left out."""
+"""Codes of parts that could be removed."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -169,7 +169,7 @@ def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[
         word = "fails" if hands_over(node) == FAILURE else "succeeds"
         message = (
             f"this branch can never run: {head(node.children[index])} before it never {word},"
-            f" so the {node.kind} never comes here"
+            f" so the {node.kind} never reaches it"
         )
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
@@ -185,14 +185,14 @@ def _guard(
     if implies(context.at_start, expr):
         needless = not guard.checks_itself or implies(context.always, expr)
         if needless and not may_interrupt(guard, context):
-            message = f"this guard says nothing new: {_why(expr, above)}"
+            message = f"this guard is redundant: {_why(expr, above)}"
             yield at, "needless-guard", message
             return
     elif guard.abort == "lower" and context.observer is None:
-        message = "abort lower is abort none here: no composite has a later branch to stop"
+        message = "abort lower has no effect here: no composite has a later branch to stop"
         yield at, "needless-abort", message
     if (same := shorter(expr, whenever_asked(guard, context))) != expr:
-        message = f"this condition is the same as a shorter one: {condition_text(same)}"
+        message = f"this condition is equivalent to a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
 
 
@@ -251,7 +251,7 @@ class _Course:
                 below_changes, below_stays = visit(before)
                 changes |= below_changes
                 stays |= below_stays or (below_changes and not _passes_up(node, index))
-                # Behind a success a selector does not go on.
+                # After a success a selector does not continue.
                 before |= below_stays if kind_of(node).hands_over == FAILURE else below_changes
             return changes, stays
 
@@ -280,7 +280,7 @@ def _why_not(
     text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
     lead = f"it needs {text}" if for_action else f"{text} can't hold"
     if excludes((), needed):
-        return f"{lead}, whatever is on the blackboard"
+        return f"{lead} on any blackboard"
     guards = [
         c
         for c in _guards(above)

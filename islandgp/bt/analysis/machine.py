@@ -1,7 +1,7 @@
 """A tree as a machine: what its nodes remember between ticks, and how a tick can go.
 
 The meaning of nodes is that of docs/semantics.md, as in `engine`. But what a node remembers is
-a value here, and an action may return any of its statuses. So a `Machine` can say on which
+a value here, and an action may return any of its statuses. So a `Machine` computes on which
 blackboards a node can end a tick with a status (`Outcomes`), and on which ones a tick reaches
 a node. `moves` goes through the ticks one by one.
 """
@@ -76,7 +76,7 @@ class TickTarget(NamedTuple):
 
 
 class SpentError(Exception):
-    """More work was asked for than a machine is made for."""
+    """The machine's step budget is spent."""
 
 
 class Machine:
@@ -355,7 +355,7 @@ class Machine:
         reached = self.aimed(children[branch], memories[branch], target)
         each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
         each[branch] = reached
-        # Where the branch has no outcome, those of the others say nothing.
+        # Where the branch has no outcome, those of the others are irrelevant.
         found = self._and(self.sets.either(*reached), judged(self.sets, args, each))
         return (NO_BOARD, NO_BOARD, found[RUNNING]) if target.kept else found
 

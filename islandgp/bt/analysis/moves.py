@@ -239,7 +239,7 @@ class _Tick:
         for n, (branch, guard) in enumerate(observed):
             if branch < memory.branch and known[n] is not None:
                 now = self._holds(guard)
-                if now and not known[n]:  # it turns true
+                if now and not known[n]:  # it becomes true
                     earlier = (at < branch for at, _ in observed)
                     return (
                         branch,

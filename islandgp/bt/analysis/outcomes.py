@@ -45,7 +45,7 @@ def hands_over(node: Node) -> int:
 
 
 def dead_end(node: Node, context: NodeContext) -> int | None:
-    """The first child of a selector or sequence behind which it never goes on; None: there is none.
+    """Index of the first child after which no later child can run, or None.
 
     The last child does not count.
     """
@@ -61,7 +61,7 @@ def never(guard: GuardArgs, context: NodeContext) -> bool:
 
 
 def idle(node: Node, context: NodeContext) -> int | None:
-    """With what a node ends at once, whenever it starts, without doing anything; else None.
+    """The status of a node that always ends at once without effect; None for any other node.
 
     Such a node calls no action and stops no other node.
     """

@@ -113,7 +113,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         return RuleResult(rule, "unknown", why)
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
     if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
-        why = f"neither proven nor refuted: of a tree with a {kind} only the guards are looked at"
+        why = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
         return RuleResult(rule, "unknown", why)
     machine.left = steps
     return _explored(machine, rule, forbidden, left, vocabulary)
@@ -134,7 +134,7 @@ def _explored(
     places: Sequence[int],
     vocabulary: Vocabulary,
 ) -> RuleResult:
-    """Looks for a tick that breaks the rule behind all sequences of ticks, the shortest first."""
+    """Searches for a tick that breaks the rule, after the shortest sequences of ticks first."""
     cells, whole = _cells(machine)
     ways: dict[Memory | None, _Way | None] = {None: None}
     waiting: deque[Memory | None] = deque([None])
@@ -174,7 +174,7 @@ def _explored(
         why = f"neither proven nor refuted in {len(ways):,} states of the tree; give more --steps"
         return RuleResult(rule, "unknown", why)
     if doubtful or not whole or not machine.sets.exact:
-        why = "neither proven nor refuted: its conditions tell too many blackboards apart"
+        why = "neither proven nor refuted: its conditions distinguish too many blackboards"
         return RuleResult(rule, "unknown", why)
     return RuleResult(
         rule, "proven", f"no tick breaks it in any of {len(ways):,} states of the tree"

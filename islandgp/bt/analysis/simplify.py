@@ -161,7 +161,7 @@ def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
         return None
     if guard.checks_itself and not implies(context.always, guard.condition):
         return None
-    return node.children[0], f"{head(node)} always holds where it stands"
+    return node.children[0], f"{head(node)} always holds here"
 
 
 def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
@@ -191,7 +191,7 @@ def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
         return None
     if not implies((*context.always, inner.condition), guard.condition):
         return None
-    return child, f"{head(node)} says less than the guard below it"
+    return child, f"{head(node)} is implied by the guard below it"
 
 
 def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:

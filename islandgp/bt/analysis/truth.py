@@ -2,7 +2,7 @@
 
 A guard that checks itself (abort self or both) holds in each tick in which
 anything below it runs; any guard holds in the tick in which its child starts.
-From this follow guards that can never hold and guards that say nothing new.
+From this follow guards that can never hold and redundant guards.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
 
 
 def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
-    """Those of `known` that say something of the keys of `expr`, however indirectly."""
+    """The conditions in `known` that constrain keys of `expr`, directly or indirectly."""
     keys = {key for term in terms(expr) for key in term.keys}
     left = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
     found: list[ConditionExpr] = []
@@ -153,7 +153,7 @@ def _possible(known: Conditions, expr: ConditionExpr) -> bool:
     room = MOST_TERMS
     for each in known:
         room -= sum(1 for _ in terms(each))
-        if room >= 0:  # to know less is no mistake
+        if room >= 0:  # knowing less is safe
             wanted.append(to_nnf(each))
     whole = conjoin("and", wanted)
     return _cases(whole) > MOST_CASES or _some_case([], [whole])

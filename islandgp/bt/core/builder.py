@@ -1,4 +1,4 @@
-"""Turns what the parser found into Nodes; checks what a grammar can't: names, numbers, sizes."""
+"""Builds nodes from parse trees; checks names, numbers and sizes, which the grammar cannot."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _Tree: TypeAlias = Any
 _Token: TypeAlias = Any
 
 NO_TREE: Final = sequence()
-"""What is built of a file that only holds subtrees: no tree of the language."""
+"""Result for a file that only has definitions: a sequence without children."""
 
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
@@ -82,11 +82,14 @@ class Builder:
         named: bool = False,
         errors: list[TreeError] | None = None,
     ) -> None:
-        """Without a vocabulary every name is an action, and every key a flag or a number.
+        """Builds trees of one text.
 
-        Marked: the root of a subtree that is used is a `Used`. Named: the numbers of constants
-        and parameters are `Named`. Errors: a list to which wrong names and numbers are added,
-        instead of raising the first of them.
+        Args:
+            source: the text.
+            vocabulary: the valid actions and keys. None: all names are valid.
+            marked: make the root of each used subtree a `Used`.
+            named: make the numbers of constants and parameters `Named`.
+            errors: list to append errors of names and numbers to. None: raise the first one.
         """
         self._errors = errors
         self._marked = marked
@@ -124,7 +127,7 @@ class Builder:
         return self._whole(last[0])
 
     def condition(self, tree: _Tree) -> ConditionExpr:
-        """A condition alone."""
+        """Builds a condition that is not part of a tree."""
         self._terms = 0
         return self._asked(tree, 1)
 
@@ -145,9 +148,11 @@ class Builder:
         for index, parameter in enumerate(parameters):
             if parameter in parameters[:index]:
                 raise self._source.error_at(
-                    parameter, f"parameter {shown(parameter)} stands twice", expected="a new name"
+                    parameter,
+                    f"parameter {shown(parameter)} is defined twice",
+                    expected="a new name",
                 )
-        # Built with numbers that are right everywhere, to find what is wrong in it.
+        # Built once with numbers that are valid everywhere, to find errors in the definition.
         self._values, self._defining = dict.fromkeys(map(str, parameters), 1.0), True
         whole = self._finished(self._whole(body, name))
         self._defining = False
@@ -264,7 +269,7 @@ class Builder:
         for key, value in given:
             if key in values:
                 raise self._source.error_at(
-                    key, f"argument {shown(key)} stands twice", expected="each argument once"
+                    key, f"argument {shown(key)} is given twice", expected="each argument once"
                 )
             values[str(key)] = self._value(name, key, value)
         if words is None or self._named:
@@ -288,7 +293,7 @@ class Builder:
         if not fits(parameter, value):
             raise self._source.error_at(
                 token,
-                f"{shown(token)} is no value of {key}",
+                f"{shown(token)} is not a value of {key}",
                 expected=value_range(parameter),
                 guess=closest(token, parameter.words),
             )
@@ -313,7 +318,7 @@ class Builder:
             )
         if word.type in ("NAME", "NUMBER"):
             return self._count_of(
-                argument, word, f"{{}} is no number of children for {argument.name}"
+                argument, word, f"{{}} is not a number of children for {argument.name}"
             )
         return str(word)
 
@@ -376,7 +381,7 @@ class Builder:
         if key is not None and operator not in key.operators:
             raise self._source.error_at(
                 operator,
-                f"{name} is {key.kind}, it can't be compared by {shown(operator)}",
+                f"{name} is {key.kind} and can't be compared by {shown(operator)}",
                 expected=f"one of: {' '.join(key.operators)}",
             )
         if key is not None and right in key.words:
@@ -391,7 +396,7 @@ class Builder:
         if key is not None and key.whole and value != int(value):
             raise self._source.error_at(
                 right,
-                f"{name} is a whole number, it can't be compared with {shown(right)}",
+                f"{name} is a whole number and can't be compared with {shown(right)}",
                 expected="a number without decimals",
             )
         return Condition(str(name), str(operator), value)
@@ -437,7 +442,7 @@ class Builder:
         if key.flag and compared:
             raise self._source.error_at(
                 name,
-                f"{name} is yes or no, it can't be compared with a number",
+                f"{name} is a flag and can't be compared with a number",
                 expected=f"`when {name}` or `when not {name}`",
             )
         if not key.flag and not compared:
@@ -458,7 +463,7 @@ class Builder:
             raise self._source.error_at(
                 token,
                 f"{shown(token)} is not a plain number",
-                expected="digits, with a decimal point if need be, such as 25, 12.5 or -3",
+                expected="digits with an optional decimal point, such as 25, 12.5 or -3",
             )
         value = float(token) + 0.0  # turns -0.0 into 0.0
         if abs(value) > MAX_NUMBER:
@@ -523,7 +528,7 @@ class Builder:
         return self._source.error_at(
             name,
             message,
-            expected=f"a subtree that is defined above: {known or 'none is defined so far'}",
+            expected=f"a subtree that is defined above: {known or 'none so far'}",
             guess=guess,
             kind=UnknownNameError,
         )

@@ -2,7 +2,7 @@
 
 These are the node kinds of section 2.2.3 with the meaning that `docs/semantics.md`
 gives them, one function each; `engine` puts them together. A composite that observes guards
-goes back to an earlier branch when one of them turns true: the abort rules.
+goes back to an earlier branch when one of them becomes true: the abort rules.
 """
 
 from __future__ import annotations
@@ -318,7 +318,7 @@ def observing_composite(
     positions: list[int],
     report_stopped: ReportStopped,
 ) -> Tick:
-    """A selector or sequence that goes back to an earlier branch when its guard turns true.
+    """A selector or sequence that goes back to an earlier branch when its guard becomes true.
 
     Args:
         branches: the children.
@@ -333,7 +333,7 @@ def observing_composite(
     current = 0
 
     def turned_true() -> int:
-        """The branch of the first observed guard that turned true, else the running branch."""
+        """The branch of the first observed guard that became true, else the running branch."""
         for branch, slot, holds in guards:
             if branch >= current:
                 break

@@ -110,7 +110,7 @@ def terms(expr: ConditionExpr) -> Iterator[Condition]:
 
 
 def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> ConditionExpr | None:
-    """The condition with its single condition of that index, from 0, replaced; None: without it."""
+    """Replace single condition number `index`, from 0, or remove it; None if nothing is left."""
     if isinstance(expr, Condition):
         return new if index == 0 else expr
     parts: list[ConditionExpr] = []
@@ -155,7 +155,7 @@ def _unknown_operator(operator: str) -> str:
 
 
 def _expression(expr: ConditionExpr, places: Mapping[str, int]) -> str:
-    """The condition as Python text; it holds nothing of the tree but numbers."""
+    """The condition as Python source; only numbers are copied from the tree into it."""
     if isinstance(expr, Compound):
         parts = [_expression(part, places) for part in expr.parts]
         return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"

@@ -24,7 +24,7 @@ _BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
 
 _SIGNS = {
     "&&": "and", "&": "and", "||": "or", "|": "or", "!": "not", "//": "#, which begins a comment",
-    "/*": "#, which begins a comment", ";": "a blank, which is all that separates nodes",
+    "/*": "#, which begins a comment", ";": "a blank, which separates nodes",
     "\N{LESS-THAN OR EQUAL TO}": "<=", "\N{GREATER-THAN OR EQUAL TO}": ">=",
     "\N{NOT EQUAL TO}": "!=", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-",
     "\N{LEFT DOUBLE QUOTATION MARK}": '"', "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
@@ -55,7 +55,7 @@ _SPELLING = {
 
 
 def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
-    """The error for a `when` that asks for something which is not on the blackboard."""
+    """The error for a `when` with an unknown key."""
     return source.error_at(
         token,
         f"unknown blackboard key {shown(token)}",
@@ -137,8 +137,8 @@ def syntax_error(
     numbers = _names_of_numbers(before)
     subtrees = {str(word) for previous, word in pairwise(before) if previous == "subtree"}
     for at, (previous, word) in enumerate(zip(["", *before], before, strict=False)):
-        # A name that doesn't exist is the likelier cause than what came of it:
-        # in `slector { ... }` the parser takes offence at the brace.
+        # An unknown name is reported first, as it is the likelier cause: the parser of
+        # `slector { ... }` only fails at the brace.
         if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
         asked = previous in (*GUARDS, "not", "and", "or", "(")
@@ -266,7 +266,7 @@ def _unexpected_word(
     elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":
-        message += ", a word of the language, so it can't name a subtree"
+        message += ", a keyword, which can't name a subtree"
     guess = "==" if token == "=" and "==" in spelled else closest(token, spelled)
     return source.error_at(token, message, expected=expected, guess=guess)
 
@@ -285,7 +285,7 @@ def _expected(
         words = (*first, *_NODE_WORDS, *vocabulary.actions)
         return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
     if "NAME" in accepted and "NUMBER" in accepted:
-        return "a number, or the name of one", ()
+        return "a number, or the name of a constant or parameter", ()
     if "NAME" in accepted:
         if previous == "(" and len(accepted) == 1:
             defines = [*map(str, before[-3:-2])] == ["subtree"]

@@ -86,7 +86,7 @@ def gathered(
 def mentioned(text: str, folder: Path) -> dict[Path, str]:
     """The files that a text includes, directly or indirectly, with their texts.
 
-    Never raises: a file that cannot be read is "", and invalid includes are left out. For editors,
+    Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,
     which read incomplete files.
     """
     top = folder.resolve()
@@ -100,7 +100,7 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
                 if path in found or not path.is_relative_to(top) or len(found) == MAX_FILES:
                     continue
                 found[path] = ""
-                if path.is_file():  # no pipe, which would be waited for
+                if path.is_file():  # not a pipe: reading it could block
                     with path.open(encoding="utf-8") as opened:
                         found[path] = opened.read(MAX_READ)
                 waiting.append((found[path], path.parent))
@@ -111,7 +111,7 @@ def _found(source: Source, token: Any, folder: Path | None, beside: Path | None)
     written = str(token)[1:-1]
     if folder is None or beside is None:
         raise source.error_at(
-            token, "this text stands in no file, so it can't include one", expected="no include"
+            token, "only a text in a file can include files", expected="a text without include"
         )
     if not written or "\\" in written or "\0" in written or Path(written).is_absolute():
         raise source.error_at(
@@ -144,7 +144,7 @@ def _text(source: Source, token: Any, path: Path, most: int) -> str:
         if len(data) > 4 * most:
             text = " " * (most + 1)
         else:
-            raise source.error_at(token, f"{shown(written)} is no UTF-8 text") from None
+            raise source.error_at(token, f"{shown(written)} is not UTF-8 text") from None
     except OSError as error:
         raise source.error_at(token, f"{shown(written)}: {error.strerror}") from None
     if len(text) > most:

@@ -87,12 +87,12 @@ class NodeKind:
     reactive: bool = False
     """Of a selector or sequence: it begins with its first child in each tick, and observes none."""
     together: bool = False
-    """It ticks all its children in each tick, and its args say how many of them decide."""
+    """It ticks all its children in each tick; its args have the numbers that decide."""
     ends: tuple[int, int] = (FAILURE, SUCCESS)
     """Of a decorator: its status when its child fails, and when its child succeeds."""
     counts: int | None = None
     """Of a decorator: the status of its child after which the child starts again in the next tick,
-    until that has happened as often as its args say."""
+    until the count in its args is reached."""
 
     def made(self, values: Sequence[Any]) -> Args:
         """The args of a node of this kind, from the values of its arguments in order."""
@@ -104,9 +104,9 @@ class NodeKind:
     later: bool = False
     """Of a decorator: its child starts in a later tick."""
     opaque: bool = False
-    """Analyses take its children to start in any of its ticks, and it to end in any way."""
+    """Analyses assume that its children start in any of its ticks, and that it ends in any way."""
     remembers_end: bool = False
-    """What it does depends on how it ended before."""
+    """Its behaviour depends on its last status."""
 
     paper: bool = True
     """One of the paper's node types, section 2.2.3; prompts describe these."""
@@ -133,9 +133,9 @@ class NodeKind:
 
 
 ABORTS: Final = {
-    "none": "a change of the condition stops nobody",
-    "self": "the child is stopped when the condition turns false",
-    "lower": "later branches are stopped when the condition turns true",
+    "none": "a change of the condition stops nothing",
+    "self": "the child is stopped when the condition becomes false",
+    "lower": "later branches are stopped when the condition becomes true",
     "both": "self and lower",
 }
 """The abort rules of a `when`, with their meanings."""
@@ -179,7 +179,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         ends=(SUCCESS, FAILURE),
     ),
     "repeater": NodeKind(
-        meaning="runs its child until it has succeeded that often",
+        meaning="repeats its child until it has succeeded a number of times",
         children=(1, 1),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "successes of the child", range=REPEATS),),
@@ -187,7 +187,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         counts=SUCCESS,
     ),
     "retry": NodeKind(
-        meaning="runs its child until it succeeds, or has failed that often",
+        meaning="repeats its child until it succeeds, or has failed a number of times",
         children=(1, 1),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "failures of the child", range=REPEATS),),
@@ -230,7 +230,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "wait": NodeKind(
-        meaning="waits so many seconds, then runs its child",
+        meaning="waits for a number of seconds, then runs its child",
         children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "before its child starts", range=SECONDS),),
@@ -239,7 +239,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "timeout": NodeKind(
-        meaning="fails when its child has run for so many seconds",
+        meaning="fails when its child has run for a number of seconds",
         children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "of its child at most", range=SECONDS),),
@@ -248,7 +248,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "cooldown": NodeKind(
-        meaning="fails for so many seconds after its child has ended",
+        meaning="fails for a number of seconds after its child has ended",
         children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "after an end of its child", range=SECONDS),),
@@ -284,14 +284,14 @@ KINDS: Final[dict[str, NodeKind]] = {
         paper=False,
     ),
     "until_failure": NodeKind(
-        meaning="runs its child again and again until it fails",
+        meaning="repeats its child until it fails",
         children=(1, 1),
         look=Look("\N{INFINITY}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
         paper=False,
     ),
     "every": NodeKind(
-        meaning="after a success does not start its child again before so many seconds have passed,"
+        meaning="starts its child again no earlier than a number of seconds after its success,"
         " as Nav2's RateController",
         children=(1, 1),
         args=SecondsArgs,
@@ -309,7 +309,7 @@ KINDS: Final[dict[str, NodeKind]] = {
             Argument(
                 "abort",
                 Sort.WORD,
-                "whom a change of the condition stops",
+                "what a change of the condition stops",
                 ABORTS,
                 default="both",
             ),

@@ -1,7 +1,7 @@
 """From text to tree and back: `parse` and `to_text`.
 
-The grammar is `grammar/bt.lark`. Parsing is bounded, so that no text, however
-hostile, does worse than raise a clear `TreeError` at once.
+The grammar is `grammar/bt.lark`. Time and memory of parsing are bounded: any invalid
+text raises a `TreeError` quickly.
 """
 
 from __future__ import annotations
@@ -241,7 +241,7 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
     if __version__.startswith("0."):
         raise ConfigError(
             f"Expected lark 1.3 or later, found {__version__}: the package lark-parser, which ROS 2"
-            " brings, has overwritten it; pip uninstall -y lark-parser, then"
+            " installs, has overwritten it; pip uninstall -y lark-parser, then"
             " pip install --force-reinstall --no-deps 'lark<2'."
         )
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")

@@ -25,7 +25,7 @@ STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
 
 Value: TypeAlias = float | str
-"""What an argument of an action is: a number, a word or a text; a flag is `yes` or `no`."""
+"""The value of an action's argument: a number, a word or a text; a flag is `yes` or `no`."""
 
 
 class ActionArgs(NamedTuple):
@@ -43,7 +43,7 @@ class GuardArgs(NamedTuple):
 
     @property
     def checks_itself(self) -> bool:
-        """True if the guard stops its own child when its condition turns false."""
+        """True if the guard stops its own child when its condition becomes false."""
         return self.abort in ("self", "both")
 
     @property
@@ -176,7 +176,7 @@ def keys_in(tree: Node) -> tuple[str, ...]:
 
 
 def asked_in(tree: Node) -> Iterator[Condition]:
-    """The single conditions that the guards of a tree ask, in document order."""
+    """The single conditions of a tree's guards, in document order."""
     for node in walk(tree):
         if node.guard:
             yield from terms(node.guard.condition)

@@ -146,7 +146,7 @@ def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, 
 
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
-    """The same as the leaf's code gets it: a flag is True or False, a whole number an int."""
+    """`written`, as passed to the leaf's code: a flag is True or False, a whole number an int."""
     return {
         key: value == NO_YES[1]
         if parameters[key].sort == "flag"
@@ -162,12 +162,12 @@ def _number(value: Value, parameter: Parameter) -> Value:
 def check_parameters(
     parameters: Mapping[str, Parameter], where: str, is_name: Callable[[str], bool]
 ) -> None:
-    """Raises DomainError for a parameter that the language cannot say.
+    """Raises DomainError for an invalid declaration of a parameter.
 
     Args:
         parameters: by name.
-        where: what messages call their action.
-        is_name: whether a word is no word of the language.
+        where: the action, for messages.
+        is_name: True if a word is a valid name.
     """
     for name, each in parameters.items():
         at = f"the argument {name} of {where}"
@@ -179,7 +179,7 @@ def check_parameters(
         for word in words:
             if not is_name(word):
                 raise DomainError(
-                    f"Expected {words[word]} of letters, digits and _ that is no word of the"
+                    f"Expected {words[word]} of letters, digits and _ that is not a keyword of the"
                     f" language for {at}, found {word!r}; rename it."
                 )
         if each.sort == "word" and len(set(each.words)) < max(1, len(each.words)):

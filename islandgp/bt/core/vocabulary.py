@@ -1,8 +1,8 @@
 """The words that a domain gives to the tree language: its actions and blackboard keys.
 
-Section 2.2.3 of the paper. A vocabulary is a value: the parser, the generator of
-random trees, the prompts, the exporters and the documentation all read it, and
-nothing else declares an action or a key.
+Section 2.2.3 of the paper. The parser, the generator of random trees, the prompts,
+the exporters and the documentation all read the vocabulary; actions and keys are
+declared nowhere else.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class Action:
     """Actions whose success often comes right before it. Random trees put some of them in front."""
     arguments: Mapping[str, Parameter] = field(default_factory=dict)
     """By name, in the order in which trees are written."""
-    condition: bool = False  # it asks something and answers within its tick; see `condition_leaf`
+    condition: bool = False  # never RUNNING and without effect; see `condition_leaf`
 
 
 def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = None) -> Action:
-    """A condition that code of the domain answers: a leaf that succeeds or fails within its tick.
+    """A condition evaluated by the domain's code: a leaf that succeeds or fails within its tick.
 
     Args:
         meaning: one line: when it succeeds.
@@ -157,7 +157,7 @@ def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
 
 
 def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
-    """Raises DomainError for statuses, or keys of conditions, that there are not."""
+    """Raises DomainError for unknown statuses, or unknown keys of conditions."""
     if not action.statuses or not STATUSES.issuperset(action.statuses):
         raise DomainError(
             f"Expected statuses among FAILURE, SUCCESS and RUNNING for {what}, found"
@@ -218,7 +218,7 @@ def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
 
 
 UNKNOWN: Final = Action("")
-"""Of an action that no vocabulary declares, nothing is known."""
+"""The declaration assumed for an action that a vocabulary does not declare."""
 
 
 @dataclass(frozen=True)
@@ -226,21 +226,21 @@ class Vocabulary:
     """The actions and keys of one domain.
 
     Raises:
-        DomainError: a name is not a word of the language, an entry is no Action or Key, or a
+        DomainError: a name is not valid, an entry is not an Action or Key, or a
             range is empty.
     """
 
-    domain: str  # its name, as `domain NAME` in a tree file says it
+    domain: str  # its name, as in `domain NAME` of a tree file
     actions: Mapping[str, Action]
     keys: Mapping[str, Key]
 
     def __post_init__(self) -> None:
-        """Refuses what the language cannot say."""
+        """Checks names, types and ranges."""
         for name in (self.domain, *self.actions, *self.keys):
             if not is_name(name):
                 raise DomainError(
-                    f"Expected a name of letters, digits and _ that is no word of the language,"
-                    f" found {name!r} in the domain {self.domain!r}; rename it."
+                    "Expected a name of letters, digits and _ that is not a keyword of the"
+                    f" language, found {name!r} in the domain {self.domain!r}; rename it."
                 )
         must_be(Action, self.actions, f"the action {{}} of the domain {self.domain}")
         must_be(Key, self.keys, f"the key {{}} of the domain {self.domain}")

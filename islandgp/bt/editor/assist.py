@@ -26,13 +26,13 @@ Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 
 MEANINGS: Final = {
     **{name: KINDS[name].meaning for name in INNER},
-    "use": "stands for the whole subtree of that name",
-    "domain": "whose actions and keys the tree uses",
+    "use": "inserts the subtree of that name",
+    "domain": "the domain whose actions and keys the tree uses",
     "include": "a file beside this one whose subtrees and constants can be used below",
     "constant": "a name for a number",
-    "subtree": "a name for a tree, for use further down",
+    "subtree": "a name for a tree that is used further down",
     **{
-        argument.name: f"{argument.meaning}; without it: {argument.default}"
+        argument.name: f"{argument.meaning}; default: {argument.default}"
         for kind in KINDS.values()
         for argument in kind.arguments
         if argument.default is not None
@@ -42,7 +42,7 @@ MEANINGS: Final = {
     "or": "one of the conditions holds",
     "not": "the condition does not hold",
 }
-"""Words of the language, each with what it is for."""
+"""Keywords of the language with their meanings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def meaning(
 def _about_action(name: str, action: Action) -> str:
     lines = [f"**{signature(name, action.arguments)}**: {action.meaning}"]
     for key, each in action.arguments.items():
-        lines.append(f"- `{key}`: {each.meaning}; without it: {each.default}")
+        lines.append(f"- `{key}`: {each.meaning}; default: {each.default}")
     if action.statuses != STATUSES:
         ends = ", ".join(STATUS_NAMES[status] for status in sorted(action.statuses))
         lines.append(f"It returns {ends}.")

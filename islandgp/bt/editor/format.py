@@ -1,10 +1,9 @@
 """`fmt`: a tree file in canonical form, with its comments and named subtrees.
 
 A file without comments, subtrees, blank lines and long conditions comes out as
-`to_text` prints its tree. Otherwise each comment keeps its place: lines of their own stay above
-the node they stood above, a comment at the end of a line stays at its end, and
-one in the middle of a node moves above it. At most one blank line stays where
-some were.
+`to_text` prints its tree. Otherwise each comment keeps its place: a comment on its own line
+stays above the node below it, a comment at the end of a line stays at its end, and
+one in the middle of a node moves above it. Consecutive blank lines become one.
 """
 
 from __future__ import annotations
@@ -240,7 +239,7 @@ def _words(text: str) -> Iterator[_Word]:
 
 def _between(gap: str, *, first: bool) -> tuple[str, tuple[_Comment, ...], bool]:
     """Between two words: the comment on the line of the first one, those on own lines, and
-    whether a blank line stands before the second word."""
+    whether a blank line precedes the second word."""
     behind = ""
     own: list[_Comment] = []
     ends = 1 if first else 0  # line ends since the last word or comment; a text begins a line

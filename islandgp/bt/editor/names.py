@@ -141,15 +141,15 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
     symbol = found.symbol
     if defines(text, symbol) is None:
         raise TreeError(
-            f"Expected a {symbol.kind} that this file defines, found {symbol.name}, which it does"
-            " not."
+            f"Expected a {symbol.kind} that this file defines, found {symbol.name}, which is not"
+            " defined here."
         )
     if not NAME.fullmatch(new) or new in RESERVED:
         raise TreeError(
-            f"Expected letters, digits and _ that are no word of the language, found {new!r}."
+            f"Expected letters, digits and _ that are not a keyword of the language, found {new!r}."
         )
     if new != symbol.name and (taken := _taken(symbol, new, text, folder)):
-        raise TreeError(f"Expected a new name, found {new}, which is another {taken}'s.")
+        raise TreeError(f"Expected a new name, found {new}, which already names a {taken}.")
     return references(text, symbol)
 
 

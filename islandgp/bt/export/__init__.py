@@ -1,1 +1,1 @@
-"""Ways out: trees in the forms of other tools, and back. What is lost: docs/exports.md."""
+"""Trees in the formats of other tools, and back; docs/exports.md lists the differences."""

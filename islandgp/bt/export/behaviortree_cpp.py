@@ -2,11 +2,11 @@
 
 The file holds the tree `Robot`, one for each named subtree, and the model of the
 actions for Groot. The blackboard keys keep their names; numbers and flags must be on the blackboard
-before the first tick. Where the library's own nodes do something else, the file
-names nodes of ours, which `nodes/islandgp_nodes.hpp` brings; a plain file does
-without them, and what is not the same then is told by `losses`.
+before the first tick. Where the library's own nodes behave differently, the file
+has nodes of `nodes/islandgp_nodes.hpp`; a plain file has none of them, and `losses`
+lists its differences in meaning.
 
-One tick of ours is one call of `Tree::tickExactlyOnce()`.
+One tick here is one call of `Tree::tickExactlyOnce()`.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ HEADER: Final = "islandgp_nodes.hpp"
 
 
 class NodeType(NamedTuple):
-    """A node over there."""
+    """A node type of BehaviorTree.CPP."""
 
     tag: str
-    attributes: tuple[str, ...] = ()  # of ours: what stands for our arguments, in their order
+    attributes: tuple[str, ...] = ()  # names of our arguments there, in our order
     ours: str = ""  # Control, Decorator: what Groot must know of a node of ours; "": the library's
 
 
@@ -87,7 +87,7 @@ NODES: Final[dict[str, NodeType]] = {
     "wait_ticks": NodeType("WaitTicks", ("ticks", "seconds"), "Decorator"),
     "timeout_ticks": NodeType("TimeoutTicks", ("ticks", "seconds"), "Decorator"),
 }
-"""By our names of `plan`."""
+"""By the kinds of `plan`."""
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
 
@@ -103,24 +103,24 @@ BUILT_IN: Final = frozenset((
     "Switch5", "Switch6", "TestNode", "Timeout", "UnsetBlackboard", "WaitValueUpdate",
     "WasEntryUpdated", "WhileDoElse",
 ))  # fmt: skip
-"""Names of nodes that no action can have over there."""
+"""Names of nodes of the library, which no action can have."""
 
 REPEAT = Loss(
     "repeat",
-    "Repeat and RetryUntilSuccessful begin the next repetition in the tick in which one ends;"
-    " where a repetition ended in its first tick, tickExactlyOnce leaves the next one to its next"
-    " call, tickOnce does not. A repeater or a retry here always takes the next tick",
+    "Repeat and RetryUntilSuccessful start the next repetition in the tick in which one ends; only"
+    " if the repetition took one tick, tickExactlyOnce starts the next one in its next call."
+    " islandgp always starts the next repetition in the next tick",
 )
 JUDGED = Loss(
     "judged",
-    "Parallel ends at the child that decides, and does not tick those behind it in that tick;"
-    " of a failure and a success in one tick, the first in the text decides",
+    "Parallel ends at the child that decides, and does not tick later children in that tick;"
+    " if children fail and succeed in one tick, the first of them decides",
 )
 POLICY = Loss(
     "policy",
-    "Parallel fails as soon as it can't succeed any more: with success all at the first failure",
+    "Parallel fails as soon as it can no longer succeed: with success all, at the first failure",
 )
-EQUAL = Loss("equal", "== and != take two numbers that differ by no more than 0.00000012 as equal")
+EQUAL = Loss("equal", "== and != treat two numbers that differ by at most 0.00000012 as equal")
 
 
 def losses(tree: Node) -> list[Loss]:
@@ -149,7 +149,7 @@ def differs(node: Node) -> bool:
     if isinstance(node.args, CountArgs):
         return node.args.times != 1
     if isinstance(node.args, ParallelArgs):
-        # With one child only the words differ; they come back when the file is read.
+        # With one child both mean the same.
         return len(node.children) > 1 or node.args != ("all", "one")
     guard = node.guard
     return guard is not None and any(t.operator in ("==", "!=") for t in terms(guard.condition))
@@ -172,14 +172,14 @@ def to_xml(
 
     Raises:
         DomainError: an action has the name of a node of the library, the tree has a kind without
-            a node over there, or `step_s` is missing.
+            an equivalent node, or `step_s` is missing.
     """
     unfit = {"cooldown"} if plain else {"cooldown", *NAV2}
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
     used = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(used):
         raise DomainError(
-            f"Expected action names that are no nodes of BehaviorTree.CPP, found {min(taken)!r};"
+            f"Expected action names that are not nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
     whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
@@ -213,7 +213,7 @@ def to_xml(
 
 
 def needs_header(tree: Node) -> bool:
-    """True if the file of a tree, unless it is plain, uses nodes of our header."""
+    """True if the tree's file, unless it is plain, has nodes of our header."""
     return any(part.kind in OWN for part in parts(plan(tree, differs)))
 
 
@@ -301,7 +301,7 @@ def _port(name: str, parameter: Parameter) -> str:
 
 
 def _model(kind: str) -> Iterator[str]:
-    """What Groot must know of a node of ours."""
+    """The declaration of one of our nodes, for Groot."""
     tag, attributes, sort = NODES[kind]
     if not attributes:
         yield f'    <{sort} ID="{tag}"/>'

@@ -18,18 +18,18 @@ Test: TypeAlias = ConditionExpr | Node
 
 SKIPS: Final = ("_skipIf", "_while")
 PRECONDITIONS: Final = ("_failureIf", "_successIf", *SKIPS)
-"""Attributes, the one that is asked first in front."""
+"""Attributes, in the order in which they are evaluated."""
 
 ASKED = Loss(
     "asked",
-    "IfThenElse asks its condition once; here it is asked again when the second child succeeds,"
-    " and the third runs if the condition then is false",
+    "IfThenElse evaluates its condition once; islandgp evaluates it again when the second child"
+    " succeeds, and runs the third if the condition is false then",
 )
-TWICE = Loss("twice", "a condition leaf in front of two branches is asked for each of them")
+TWICE = Loss("twice", "a condition leaf before two branches is evaluated for each of them")
 SKIPPED = Loss(
     "skipped",
-    "a node that a precondition skips is passed over, and so is its composite if all of its"
-    " children are; here it ends so that its composite goes on",
+    "a node that a precondition skips is ignored, and so is its composite if all children are"
+    " skipped; in islandgp the node ends with the status after which its composite continues",
 )
 
 

@@ -39,10 +39,10 @@ from islandgp.errors import DomainError
 from islandgp.plain import read_json
 
 UNNAMED: Final = "model"
-"""The domain of a vocabulary from a TreeNodesModel, which names none."""
+"""Domain of a vocabulary from a TreeNodesModel, which has no domain name."""
 
 _PORTS: Final = {"double": "number", "float": "number", "int": "integer", "bool": "flag"}
-"""What an argument is, by the type of its port; of any other type it is a text."""
+"""Function that declares an argument, by the type of its port; a text for other types."""
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
 _SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
 _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
@@ -56,13 +56,13 @@ def declared(
     Args:
         text: the declaration.
         tree: the text of the tree that is read with it, of which a model takes its keys.
-        name: what messages call the declaration.
-        tree_name: what they call the tree.
+        name: of the declaration, in messages.
+        tree_name: of the tree, in messages.
         folder: of the tree's file, as in `parse`.
 
     Raises:
-        DomainError: it is neither of both forms, or declares what the language cannot say.
-        TreeError: it is no XML, or the tree is not one.
+        DomainError: the text has neither format, or an invalid declaration.
+        TreeError: the XML or the tree is invalid.
     """
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
         actions = dict(_model(read_xml(text, name=name), name))
@@ -73,7 +73,7 @@ def declared(
 
 
 def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
-    """The leaves that a model declares; what has children is known to the language or not."""
+    """The leaves that a model declares."""
     models = [root] if root.tag == "TreeNodesModel" else root.children
     for model in models:
         for element in model.children if model.tag == "TreeNodesModel" else ():
@@ -83,7 +83,7 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
             if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", identity) or identity in RESERVED:
                 raise DomainError(
                     f"{name}:{element.line}:{element.column}: expected an ID of letters, digits and"
-                    f" _ that is no word of the language, found {shown(identity)}; rename it."
+                    f" _ that is not a keyword of the language, found {shown(identity)}; rename it."
                 )
             ports = {
                 port.attributes.get("name", ""): _port(port)
@@ -213,7 +213,7 @@ class _Key(BaseModel, extra="forbid"):
 
 
 class _Words(BaseModel):
-    """A vocabulary; a schema's other entries are passed over."""
+    """A vocabulary; other entries of a schema are ignored."""
 
     domain: str
     actions: dict[str, _Action]

@@ -1,9 +1,8 @@
 """Reads BehaviorTree.CPP XML, version 4, for the nodes that the language has too.
 
 The nodes of `nodes/islandgp_nodes.hpp` are those of the language. Of the library's
-own, a condition at the front of a ReactiveSequence checks itself. What does not mean
-quite the same here is told with its place; what has no equal here is refused with its
-place and a reason, never guessed.
+own, a condition at the front of a ReactiveSequence checks itself. Differences in
+meaning are listed with their place; a node without an equivalent is an error.
 """
 
 from __future__ import annotations
@@ -71,7 +70,7 @@ _SKIP_IN: Final = {
     "Sequence": implies, "ReactiveSequence": implies, "SequenceWithMemory": implies,
     "Fallback": only_if, "ReactiveFallback": only_if,
 }  # fmt: skip
-"""What a node that is skipped does to its composite, by its tag: it succeeds or it fails."""
+"""The replacement of a skipped node by its composite's tag: the node fails or succeeds."""
 
 _PLAIN: Final = {
     "Inverter": "inverter",
@@ -88,13 +87,13 @@ _READ: Final = (*TAGS, *_PLAIN, *_BRANCHING)
 
 MEMORY = Loss(
     "memory",
-    "SequenceWithMemory goes on with the child that failed when it starts again; a sequence begins"
+    "SequenceWithMemory continues with the failed child when it starts again; a sequence starts"
     " with its first child",
 )
 
 
 class Imported(NamedTuple):
-    """A tree, and what does not mean the same as in the file: each kind of loss once."""
+    """A tree with the differences in meaning from the file, each kind once."""
 
     tree: Node
     differences: tuple[Difference, ...]  # in the order of the file
@@ -113,19 +112,19 @@ def read_tree(
 
     Args:
         text: the file.
-        vocabulary: the actions and keys that there are.
-        name: what messages call the file.
+        vocabulary: the valid actions and keys.
+        name: of the file, in messages.
         tree: the ID of the tree; None: the file's main tree.
         folder: of the file; what it includes is there or below. None: it includes none.
 
     Raises:
-        TreeError: not such a file, or it holds something that the language has not; the message
-            tells the place.
+        TreeError: the file is invalid, or has a node without an equivalent; the message has the
+            place.
         LimitError: the tree is larger than any limit on trees could allow.
     """
     importer = _Importer(name, read_xml(text, name=name), vocabulary, folder)
     found = importer.tree(tree)
-    # The text of the tree is read again, as only the language knows what a right tree is.
+    # The text of the tree is parsed, as only the parser checks a whole tree.
     written = with_subtrees(found)
     checked = parse(written, vocabulary, name=f"{name}, as text")
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
@@ -145,7 +144,9 @@ class _Importer(SubtreeReader):
             abort = "self" if name == "_while" else "none"
             if name in SKIPS:
                 if parent not in _SKIP_IN:
-                    self.fail(element, f"{shown(name)} is read in a Sequence or a Fallback only")
+                    self.fail(
+                        element, f"{shown(name)} is imported only in a Sequence or a Fallback"
+                    )
                 self.differs(element, SKIPPED)
                 test = test if name == "_while" else unless(test)
                 node = _SKIP_IN[parent](test, node, abort)
@@ -194,7 +195,7 @@ class _Importer(SubtreeReader):
         if tag == "ScriptCondition":
             self.fail(
                 element,
-                "a condition must stand before something that it guards, in a Sequence or Fallback",
+                "expected a node after the condition, in a Sequence or Fallback, which it guards",
             )
         if tag in GATES:
             self.differs(element, GATE)
@@ -203,7 +204,7 @@ class _Importer(SubtreeReader):
             self.count(element, 2, 3)
             return Node(composite, (), (first, self.child(element)))
         if element.children:
-            self.fail(element, f"the action {tag} has no children")
+            self.fail(element, f"expected no children of the action {tag}")
         return self._leaf(element, tag)
 
     def _plain(self, element: Element, tag: str) -> Node:
@@ -278,14 +279,14 @@ class _Importer(SubtreeReader):
         return expr
 
     def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
-        """A condition guards all that stands behind it."""
+        """A composite with memory: a condition guards all later children."""
         kind = _COMPOSITES[tag_of(element)]
         parts: list[Node] = []
         for index, each in enumerate(elements[:-1]):
             if tag_of(each) == "ScriptCondition":
                 parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
-            # In that library no composite observes the guards of this branch.
+            # In that library composites do not observe the guards of this branch.
             parts.append(hidden(self.node(each)))
         else:
             last = elements[-1]
@@ -304,7 +305,7 @@ class _Importer(SubtreeReader):
     def _guarding(
         self, condition: Element, element: Element, behind: Sequence[Element], abort: str
     ) -> Node:
-        """A condition in a composite, and all that stands behind it there."""
+        """A condition in a composite, as the guard of all later children."""
         inverted = _COMPOSITES[tag_of(element)] == "selector"
         self.count(condition, 1, 1)
         self.level += 1
@@ -361,10 +362,10 @@ class _Importer(SubtreeReader):
                 continue
             ports = self.vocabulary.action(tag).arguments
             if attribute not in ("name", "ID", *ports, *_ATTRIBUTES.get(tag, ())):
-                self.fail(element, f"the language has nothing like {shown(attribute)} of {tag}")
+                self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
         known = (*_READ, "SubTree", *self.vocabulary.actions)
         guess = closest(tag, known)
-        hint = f"did you mean {guess}?" if guess else f"there are {', '.join(known)}"
+        hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(known)}"
         self.fail(element, f"the language has no node {shown(tag)}; {hint}")

@@ -1,8 +1,8 @@
 """Trees as JSON, without loss: reading what was written gives the tree again.
 
-docs/exports.md shows the form. An argument's name is that of `KINDS`; the condition of a `when`
-stands in it as `key`, `op` and `number`, or as a whole where it is joined. Comments and named
-subtrees are not part of a tree, so they are not in here.
+docs/exports.md shows the format. An argument's name is that of `KINDS`. The condition of a `when`
+is written as `key`, `op` and `number`, or as nested objects if it is joined. Comments and named
+subtrees are left out, as they are not part of a tree.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
             f'{name}: expected "version": {VERSION}, found {whole.get("version")!r:.40}'
         )
     tree = _JsonReader(name).node(whole.get("tree"), "tree", 1)
-    # The text of the tree is read again, as only the language knows what a right tree is.
+    # The text of the tree is parsed, as only the parser checks a whole tree.
     return parse(to_text(tree), vocabulary, name=f"{name}, as text")
 
 
@@ -118,7 +118,7 @@ def _number(value: float) -> float:
 
 
 class _JsonReader:
-    """Turns plain values into nodes; only their form is checked here."""
+    """Turns plain values into nodes and checks their types."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -1,4 +1,4 @@
-"""Nav2's own decorators, and where its nodes do something else than those that they become."""
+"""Nav2's decorators, and the differences between its nodes and their equivalents."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ inverted: where it fails, the decorator succeeds without its child.
 
 GATE = Loss(
     "gate",
-    "a decorator of Nav2 is a leaf in front of its child, which the program provides: it runs"
-    " until the child is due; while the child runs, it is not asked",
+    "a decorator of Nav2 becomes a leaf before its child, which the program has to provide: the"
+    " leaf runs until the child is due, and is not ticked while the child runs",
 )
 RATE = Loss(
     "rate",
     "a RateController starts its child at once after a node above it was reset; `every` does so"
-    " only where it was aborted or has failed",
+    " only after an abort or a failure of its own",
 )
 ROUND = Loss(
     "round",
-    'RoundRobin without wrap_around="true" ends behind its last child in newer releases of Nav2;'
-    " round_robin goes on with the first one",
+    'RoundRobin without wrap_around="true" ends after its last child in newer releases of Nav2;'
+    " round_robin continues with the first one",
 )

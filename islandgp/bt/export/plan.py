@@ -1,17 +1,16 @@
 """A tree in the terms that BehaviorTree.CPP and py_trees share.
 
-Neither knows our abort rules. Both have composites with memory and composites
-that begin anew in each tick ("reactive"). A guard that checks itself is a
-reactive sequence of a check and its child; one that does not is a sequence with
-memory. A selector whose guards interrupt becomes a reactive one from such a
-branch on: what stands behind it is nested as one child, which keeps its own
-memory:
+Neither has abort rules. Both have composites with memory and composites that start
+with their first child in each tick ("reactive"). A guard that checks itself becomes a
+reactive sequence of a check and its child; any other guard a sequence with memory. A
+selector with an interrupting guard becomes reactive from that branch on; the later
+branches are nested as one child, which has its own memory:
 
     selector { A  when p { B }  C }    ->    fallback(A, reactive_fallback(guard(p, B), C))
 
-With `differs` it uses our own nodes for the library (`nodes/`), without any loss, where the
-library's own differ: a selector or sequence that observes guards is an interruptible one, its
-guards are `When` nodes, and a library says for itself which other kinds it needs ours for.
+With `differs` the plan has no loss: where the library's nodes differ it uses ours (`nodes/`).
+A selector or sequence that observes guards becomes an interruptible one, its guards become
+`When` nodes, and `differs` returns True for the other nodes that need one of ours.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from islandgp.errors import DomainError
 
 
 class TargetNode(NamedTuple):
-    """A node of the other libraries, under our names.
+    """A node of the other libraries, by a name that is common to both.
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
     inverter, repeat, retry, force_success, force_failure, delay, timeout, check (a condition),
@@ -42,7 +41,7 @@ class TargetNode(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """Something that is not the same after the export."""
+    """A difference in meaning after an export or an import."""
 
     about: str  # level, order, resumed, inner, ...: the rows of docs/exports.md
     message: str
@@ -50,55 +49,54 @@ class Loss(NamedTuple):
 
 LEVEL = Loss(
     "level",
-    "an interrupting guard takes over whenever it holds, not only when it turns true:"
+    "an interrupting guard interrupts whenever it holds, not only when it becomes true:"
     " a branch that failed is tried again in the next tick",
 )
 ORDER = Loss(
     "order",
-    "an interrupting branch starts before the branch that it interrupts is halted, so that two"
-    " branches act at once for a moment; here the halt comes first",
+    "an interrupting branch starts before the interrupted one is halted, so that two branches"
+    " are active at once for a moment; islandgp halts the interrupted one first",
 )
 RESUMED = Loss(
     "resumed",
-    "when an interrupting branch fails at once, the branch that it would have interrupted goes on"
-    " as if nothing had been; here it was halted, and starts anew",
+    "if an interrupting branch fails at once, the other branch continues without an interruption;"
+    " in islandgp it was halted and starts again",
 )
 DROPPED = Loss(
     "dropped",
-    "an abort rule lower or both interrupts nothing: the other library has no such rule in"
-    " this place",
+    "an abort rule lower or both does not interrupt: the library has no equivalent in this place",
 )
 INNER = Loss(
     "inner",
-    "below an interrupting guard, a guard without such a rule interrupts too, as both are asked"
-    " again in each tick",
+    "below an interrupting guard, a guard that does not interrupt does so as well, as both are"
+    " evaluated in each tick",
 )
 
 
 CLOCK = Loss(
     "clock",
-    "the library counts the seconds of a wait or a timeout by the clock of the computer; here a"
-    " number of ticks does, which is the same in each run",
+    "the library measures a wait or a timeout by the computer's clock; islandgp counts ticks, so"
+    " that each run is the same",
 )
 
 
 NAV2: Final = frozenset({"every", "pipeline", "round_robin", "recovery"})
-"""Kinds that only Nav2 has a node for."""
+"""Kinds with an equivalent in Nav2 only."""
 
 PLUGINS = Loss(
     "nav2",
     "PipelineSequence, RoundRobin, RecoveryNode and RateController are nodes of Nav2, which the"
-    " program has to register; they were compared with ours by reading their sources alone",
+    " program has to register; they were compared with islandgp's only by reading their sources",
 )
 
 OWN: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
     "repeat_per_tick", "retry_per_tick", "wait_ticks", "timeout_ticks", "cooldown_ticks",
 })  # fmt: skip
-"""Kinds of parts that are nodes of ours, beside those of `plan`."""
+"""Kinds of our own nodes, in addition to the kinds of `TargetNode`."""
 
 Differs: TypeAlias = Callable[[Node], bool]
-"""Whether a library's node for a parallel, a repeater or a `when` does something else."""
+"""True if a library's node for a parallel, a repeater or a `when` differs in meaning."""
 
 _KINDS: Final = {
     "inverter": ("inverter", "inverter"),
@@ -122,12 +120,12 @@ _KINDS: Final = {
 
 
 def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) -> TargetNode:
-    """A tree in those terms.
+    """Converts a tree.
 
     Args:
         node: the tree.
-        differs: where the library's own nodes are not the same, ours are taken; None: nowhere.
-        observed: a composite above looks for guards here, through decorators.
+        differs: True for nodes that need one of ours; None: use the library's nodes only.
+        observed: a composite above observes guards here, through decorators.
     """
     part = _part(node, differs, observed)
     for name in reversed(names_of(node)):
@@ -136,7 +134,7 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
 
 
 def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
-    """The same without the names of subtrees."""
+    """`plan` of a node without the names of subtrees."""
     kind, args = node.kind, node.args
     if node.action:
         return TargetNode("action", args)
@@ -183,15 +181,15 @@ def _observing(node: Node, differs: Differs) -> TargetNode:
 def separated(
     whole: TargetNode, taken: Iterable[str], *, keep: bool = True
 ) -> tuple[TargetNode, dict[str, TargetNode]]:
-    """A plan in which subtrees are named only, and what they are, each before its users.
+    """A plan that refers to subtrees by name, and the subtrees, each before its users.
 
-    A subtree that means different things in different places, as it is used with other numbers or
-    stands where its guards are observed, becomes several: `recharge_20`, `recharge_30`.
+    A subtree that differs between its uses, by its numbers or because its guards are observed in
+    one of them, becomes several: `recharge_20`, `recharge_30`.
 
     Args:
         whole: the plan with its subtrees in place.
         taken: names that no subtree can have.
-        keep: False: put the subtrees in their places, without names.
+        keep: False: insert the subtrees in their places, without names.
     """
     unfit = set(taken)
     found: dict[tuple[str, TargetNode], str] = {}
@@ -255,7 +253,7 @@ def fresh_name(name: str, unfit: set[str]) -> str:
 
 
 def guard_losses(tree: Node) -> set[Loss]:
-    """What `plan` changes in the meaning of guards."""
+    """The changes that `plan` makes to the meaning of guards."""
     found: set[Loss] = set()
     if tree.kind in ("selector", "sequence"):
         for branch in tree.children[:-1]:
@@ -276,7 +274,7 @@ def _kind(plain: str, reactive: bool) -> str:
 
 
 def _reacts(branch: Node, composite: str) -> bool:
-    """Whether a reactive composite says what an interrupting guard of this branch says."""
+    """True if a reactive composite has the effect of this branch's interrupting guard."""
     outermost = next((each.guard for each in chain(branch)), None)
     # It decides: below one that does not interrupt, nothing can.
     return outermost is not None and outermost.interrupts and hands_over(branch, composite)
@@ -312,5 +310,5 @@ def parts(part: TargetNode) -> Iterator[TargetNode]:
 
 
 def own_nodes(name: str) -> str:
-    """The text of a file of `nodes`: our nodes for a library, or what stands around a tree."""
+    """The text of a file in `nodes`: our nodes for a library, or a template."""
     return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")

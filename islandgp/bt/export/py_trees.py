@@ -1,11 +1,10 @@
 """Trees as a Python module that builds a py_trees tree.
 
-The module needs py_trees alone. Its `create_tree(action)` asks `action(name)`
-for the behaviour of each leaf, which is where the robot's own code comes in,
-and reads the blackboard under our keys. Where the library's own behaviours do
-something else, the module holds behaviours of ours, copied from
-`nodes/islandgp_nodes.py`; a plain module does without them, and what is not the
-same then is told by `losses`.
+The module needs py_trees alone. Its `create_tree(action)` calls `action(name)`,
+a function of the robot's program, for the behaviour of each leaf, and reads the
+blackboard by the tree's keys. Where the library's own behaviours differ in meaning,
+the module has a copy of ours from `nodes/islandgp_nodes.py`; a plain module has none
+of them, and `losses` lists its differences.
 """
 
 from __future__ import annotations
@@ -98,7 +97,7 @@ def to_python(
     known = {name: key.meaning for name, key in vocabulary.keys.items()}
     known = known or dict.fromkeys(keys_in(tree), "")
     keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
-    keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # it stands in a docstring
+    keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # the text becomes a docstring
     module = own_nodes("tree_module.txt")
     taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
@@ -113,7 +112,7 @@ def _body(part: TargetNode, step_s: float | None) -> str:
 
 
 def _own() -> str:
-    """The source of our behaviours, without the text before the first one."""
+    """The source of our behaviours, without docstring and imports."""
     text = own_nodes("islandgp_nodes.py")
     return text[text.index("class When(") :].rstrip() + "\n\n\n"
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 def label(node: Node) -> str:
     """One line that names a node: its sign and its canonical head."""
     text = head(node)
-    if node.guard:  # its sign says what its word does
+    if node.guard:  # its sign replaces the word
         text = text.removeprefix(f"{node.kind} ")
     return f"{kind_of(node).look.sign} {text}".strip()
 

@@ -55,7 +55,7 @@ class _Script:
         if match is None or match[1] in ("&&", "||", ")"):
             self._fail()
         if match[1] == "!":
-            # It binds more than a comparison, so what it denies is a flag or stands in brackets.
+            # It binds more than a comparison, so a flag or brackets follow.
             following = _WORD.match(self._code, self._at)
             if following is None or following["operator"]:
                 self._fail()
@@ -106,7 +106,7 @@ def _known(key: str, vocabulary: Vocabulary) -> Key:
     keys = vocabulary.keys
     if key not in keys:
         guess = closest(key, keys)
-        hint = f"did you mean {guess}?" if guess else f"there are {', '.join(keys)}"
+        hint = f"did you mean {guess}?" if guess else f"known keys: {', '.join(keys)}"
         raise ValueError(f"unknown blackboard key {shown(key)}; {hint}")
     return keys[key]
 

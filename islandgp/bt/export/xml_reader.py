@@ -22,7 +22,7 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def error(self, message: str, file: str) -> TreeError:
-        """The error for an element of a file, which messages call so."""
+        """The error for an element of a file, with its place."""
         place = f"{file}:{self.line}:{self.column}"
         return TreeError(f"{place}: {message}", line=self.line, column=self.column)
 
@@ -31,8 +31,8 @@ def read_xml(text: str, *, name: str) -> Element:
     """The root element.
 
     Raises:
-        TreeError: not well-formed, nested too deeply, or with a document type, which could hide
-            anything.
+        TreeError: the text is not well-formed, nested too deeply, or has a document type, whose
+            entities could expand without bound.
     """
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
@@ -63,5 +63,5 @@ def read_xml(text: str, *, name: str) -> Element:
     except expat.ExpatError as error:
         fail(f"not XML: {expat.ErrorString(error.code)}", error.lineno, error.offset + 1)
     except UnicodeEncodeError as error:  # half a character; expat reads bytes
-        fail("not XML: it is no text", text.count("\n", 0, error.start) + 1, 1)
+        fail("not XML: it is not UTF-8 text", text.count("\n", 0, error.start) + 1, 1)
     return roots[0]

@@ -1,4 +1,4 @@
-"""The trees of a BehaviorTree.CPP file in each other: SubTrees, their blackboards and sizes."""
+"""SubTrees of BehaviorTree.CPP files: their expansion, blackboards and sizes."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _RENAMED: Final = {
 
 SCOPE = Loss(
     "scope",
-    'a SubTree without _autoremap="true" has a blackboard of its own, in which the keys of its'
-    " conditions are not set; here there is one blackboard",
+    'a SubTree without _autoremap="true" has its own blackboard, in which the keys of its'
+    " conditions are not set; islandgp has one blackboard",
 )
 
 
 class Difference(NamedTuple):
-    """A loss, and where in the file it comes in first."""
+    """A loss with its first place in the file."""
 
     line: int
     column: int
@@ -98,7 +98,7 @@ class SubtreeReader(ABC):
         if identity in self._open:
             self.fail(user, f"the tree {shown(identity)} contains itself")
         if len(self._open) >= MAX_LEVELS:
-            self.fail(user, f"expected at most {MAX_LEVELS} SubTrees in each other")
+            self.fail(user, f"expected at most {MAX_LEVELS} nested SubTrees")
         tree, file = self._trees[identity]
         name, self._name = self._name, file
         if len(tree.children) != 1:
@@ -119,7 +119,7 @@ class SubtreeReader(ABC):
         return self._read[key]
 
     def count(self, element: Element, nodes: int, levels: int) -> None:
-        """Takes in nodes below the present level."""
+        """Counts nodes below the present level. Raises LimitError if they are too many."""
         self._nodes += nodes
         self._levels = max(self._levels, self.level + levels)
         if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
@@ -180,15 +180,15 @@ class SubtreeReader(ABC):
 
     @abstractmethod
     def inside(self, element: Element, tag: str) -> Node:
-        """A node that is no SubTree. ValueError: an attribute of it is wrong."""
+        """A node that is not a SubTree. Raises ValueError for an invalid attribute."""
 
     @abstractmethod
     def preconditions(self, element: Element, names: Sequence[str]) -> Node:
-        """A node with the conditions that these attributes ask before it starts."""
+        """A node with the conditions of these attributes, which are checked before it starts."""
 
     @abstractmethod
     def check_attributes(self, element: Element, tag: str) -> None:
-        """Raises TreeError for an attribute that the language has nothing like."""
+        """Raises TreeError for an attribute without an equivalent in the language."""
 
     def differs(self, element: Element, loss: Loss) -> None:
         self.differences.setdefault(loss, Difference(element.line, element.column, loss))
@@ -204,7 +204,7 @@ def _listed(names: Collection[str]) -> str:
 
 
 def tag_of(element: Element) -> str:
-    """What node it is: <Action ID="X"/> is <X/>, and some had other names in version 3."""
+    """The node's tag in the compact form of version 4: <Action ID="X"/> is X."""
     if element.tag in _EXPLICIT:
         return element.attributes.get("ID", element.tag)
     return _RENAMED.get(element.tag, element.tag)

@@ -16,7 +16,7 @@ class XmlTree(NamedTuple):
     """A `<BehaviorTree>`."""
 
     element: Element
-    file: str  # what messages call it
+    file: str  # its name in messages
 
 
 def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree]:
@@ -24,11 +24,11 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
 
     Args:
         main: the root of the file.
-        name: what messages call it.
+        name: of the file, in messages.
         folder: of the file; what it includes is there or below. None: it includes none.
 
     Raises:
-        TreeError: a file is no such file, cannot be read, or has an ID again.
+        TreeError: a file has another format, cannot be read, or defines an ID again.
     """
     found: dict[str, XmlTree] = {}
     included: set[Path] = set()
@@ -50,7 +50,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in found:
-                    again = f"the tree {shown(identity)} stands twice; rename one"
+                    again = f"the tree {shown(identity)} is defined twice; rename one"
                     raise element.error(again, file)
                 found[identity] = XmlTree(element, file)
             elif element.tag != "TreeNodesModel":
@@ -84,7 +84,7 @@ def _included(element: Element, file: str, folder: Path | None, beside: Path | N
 
 
 def _read(element: Element, file: str, path: Path, folder: Path | None) -> tuple[Element, str]:
-    """The root of an included file, and what messages call the file."""
+    """The root of an included file, and the file's name in messages."""
     written = element.attributes["path"]
     try:
         if not path.is_file():  # no pipe, which would be waited for

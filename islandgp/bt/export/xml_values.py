@@ -31,7 +31,7 @@ TIMED: Final = {
     "Delay": ("wait", "delay_msec", 1000),
     "Timeout": ("timeout", "msec", 1000),
 }
-"""By tag: our kind, the attribute, and how many of its units are a second."""
+"""By tag: our kind, the attribute, and the number of its units in a second."""
 
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
@@ -47,7 +47,7 @@ def count_args(attributes: Attributes, attribute: str, default: str = "") -> Cou
 
 
 def seconds_args(attributes: Attributes, attribute: str, unit: int) -> SecondsArgs:
-    """A time, from an attribute of which so many units are a second."""
+    """A time, from an attribute in units of 1/`unit` seconds."""
     text = attributes.get(attribute, "")
     seconds = float(text) / unit if _NUMBER.fullmatch(text) else 0.0
     least, most = SECONDS
@@ -84,9 +84,9 @@ def judged_args(attributes: Attributes) -> ParallelArgs:
 
 
 def parallel_args(attributes: Attributes, count: int) -> ParallelArgs:
-    """The policies of a Parallel with so many children."""
+    """The policies of a Parallel with `count` children."""
     success = _threshold(attributes, "success_count", "-1", count)
-    # It fails when it can't succeed any more.
+    # It fails when it can no longer succeed.
     failure = min(_threshold(attributes, "failure_count", "1", count), count - success + 1)
     return ParallelArgs(_policy(success, count), _policy(failure, count))
 

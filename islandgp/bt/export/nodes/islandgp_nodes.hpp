@@ -5,16 +5,16 @@
 //     islandgp::register_nodes(factory);  // before the XML is loaded
 //
 // The library's own Reactive nodes start an interrupting branch before they halt
-// the branch that it interrupts, interrupt whenever a condition *is* true, and
-// take a running branch up again when the interrupting one fails. These nodes halt
-// first and interrupt when a condition *turns* true. What each does in a tick is
-// told in islandgp's docs/semantics.md.
+// the interrupted one, interrupt whenever a condition *is* true, and resume the
+// running branch when the interrupting one fails. These nodes halt first and
+// interrupt when a condition *becomes* true. islandgp's docs/semantics.md
+// describes what each does in a tick.
 //
 // One tick is one call of Tree::tickExactlyOnce(). No node here emits a wake-up
 // signal, so that Tree::tickOnce() does the same unless a leaf emits one.
 //
-// A leaf that is skipped (_skipIf) counts as one that hands over to the next
-// branch; a parallel and a repetition count it as a success.
+// A skipped leaf (_skipIf) has the status after which its composite continues
+// with the next branch; a parallel and a repetition count it as a success.
 
 #pragma once
 
@@ -33,7 +33,7 @@
 namespace islandgp
 {
 
-/// A condition as a tree says it: `battery < 25 and not (found or lap >= 3)`.
+/// A condition as in a tree: `battery < 25 and not (found or lap >= 3)`.
 ///
 /// Keys are names of blackboard entries; `not` binds most, then `and`, then `or`. A number is
 /// compared exactly, with a number or another entry; a text with a word, as in `mode == 'idle'`.
@@ -164,7 +164,7 @@ private:
     return { op, key, value, {} };
   }
 
-  /// The next word, which stays; empty at the end.
+  /// The next word without consuming it; empty at the end.
   std::string word()
   {
     at_ = std::min(text_.find_first_not_of(" \t\n", at_), text_.size());
@@ -238,7 +238,7 @@ public:
              BT::InputPort<std::string>("abort", "both", "none, self, lower or both") };
   }
 
-  /// Whether the condition holds now.
+  /// True if the condition holds now.
   bool holds() const
   {
     return condition_.holds([this](const std::string& key) {
@@ -257,7 +257,7 @@ public:
     return interrupts_;
   }
 
-  /// What the condition was when it was asked last; nothing: not asked since the composite started.
+  /// The last value of the condition; nothing: not checked since the composite started.
   std::optional<bool> seen;
 
 private:
@@ -300,10 +300,10 @@ private:
   bool interrupts_ = false;
 };
 
-/// A Fallback or Sequence with memory that goes back to an earlier branch when a guard in front
-/// of that branch turns true. The branch that ran is halted before the other one starts.
+/// A Fallback or Sequence with memory that goes back to an earlier branch when a guard of that
+/// branch becomes true. The running branch is halted before the other one starts.
 ///
-/// `HandsOver` is the status with which it goes on to the next branch.
+/// `HandsOver` is the status of a child after which the next one starts.
 template <BT::NodeStatus HandsOver>
 class Interruptible : public BT::ControlNode
 {
@@ -351,8 +351,8 @@ private:
     auto result = children_nodes_[at]->executeTick();
     if(hands_over(result) && !fresh)
     {
-      // From now on the guards of this branch are observed, and what they were when the branch
-      // started may be long ago.
+      // From now on the guards of this branch are observed; their values at the start of the
+      // branch may be outdated.
       for(const auto& guard : guards_)
       {
         if(guard.branch == at && guard.when->seen)
@@ -389,7 +389,7 @@ private:
     return result == HandsOver || result == BT::NodeStatus::SKIPPED;
   }
 
-  /// The guards of all branches but the last, down to the first node that is no decorator.
+  /// The guards of all branches but the last, down to the first node that is not a decorator.
   void collect()
   {
     for(std::size_t branch = 0; branch + 1 < children_nodes_.size(); branch++)
@@ -406,7 +406,7 @@ private:
     }
   }
 
-  /// The guards of that branch and of later ones are not observed until they are asked again.
+  /// The guards of that branch and of later ones are not observed until they are checked again.
   void forget(std::size_t branch)
   {
     for(const auto& guard : guards_)
@@ -418,7 +418,7 @@ private:
     }
   }
 
-  /// The branch of the first observed guard that turned true, else the running branch.
+  /// The branch of the first observed guard that became true, else the running branch.
   std::size_t turned_true()
   {
     for(const auto& guard : guards_)
@@ -448,9 +448,9 @@ private:
 using InterruptibleFallback = Interruptible<BT::NodeStatus::FAILURE>;
 using InterruptibleSequence = Interruptible<BT::NodeStatus::SUCCESS>;
 
-/// Ticks every child that is not finished, and judges afterwards, failures first.
+/// Ticks every child that is not finished; then decides, failures first.
 ///
-/// Attributes: success and failure, each one or all: how many children decide.
+/// Attributes: success and failure, the children that decide: one, all or a number.
 class JudgedParallel : public BT::ControlNode
 {
 public:
@@ -519,8 +519,8 @@ private:
   std::vector<BT::NodeStatus> results_;
 };
 
-/// Does one repetition a tick, until its child has ended so often with the status that counts.
-/// Ends as its child does with the other status.
+/// Does one repetition a tick, until its child has ended a number of times with a given status.
+/// Ends with the other status as soon as its child does.
 class CountPerTick : public BT::DecoratorNode
 {
 protected:
@@ -590,7 +590,7 @@ public:
   }
 };
 
-/// Counts the ticks since its start: `left_` is how many are missing to the attribute `ticks`.
+/// Counts the ticks since its start; `left_` is the rest of the attribute `ticks`.
 class CountsTicks : public BT::DecoratorNode
 {
 public:
@@ -634,7 +634,7 @@ private:
   int ticks_ = 1;
 };
 
-/// Starts its child so many ticks after its own start.
+/// Starts its child `ticks` ticks after its own start.
 class WaitTicks : public CountsTicks
 {
 public:
@@ -649,7 +649,7 @@ private:
   }
 };
 
-/// Stops its child, and fails, when that still runs so many ticks after its start.
+/// Stops its child and fails if the child still runs `ticks` ticks after its start.
 class TimeoutTicks : public CountsTicks
 {
 public:

@@ -2,10 +2,10 @@
 
 `islandgp export` copies the classes below into the modules that it writes. The
 library's own composites without memory start an interrupting branch before they
-stop the one that it interrupts, interrupt whenever a condition *is* true, and take
-a running branch up again when the interrupting one fails. These stop first, and
-interrupt when a condition *turns* true. What each does in a tick is told in
-islandgp's docs/semantics.md.
+stop the interrupted one, interrupt whenever a condition *is* true, and resume the
+running branch when the interrupting one fails. These stop the running branch first,
+and interrupt when a condition *becomes* true. islandgp's docs/semantics.md describes
+what each does in a tick.
 """
 
 from py_trees.common import Access, Status
@@ -17,13 +17,13 @@ class When(Decorator):
     """Runs its child while `condition(blackboard)` holds.
 
     The blackboard is a client that may read `blackboard_keys`.
-    `abort` says what a change of the condition stops. none: nothing, it is asked at the start
-    only; self: the child; lower: later branches of the nearest InterruptibleSelector or
-    -Sequence above; both: the last two.
+    `abort` is what a change of the condition stops. none: nothing, it is only checked at the
+    start; self: the child; lower: later branches of the nearest InterruptibleSelector or
+    InterruptibleSequence above; both: the child and later branches.
     """
 
     def __init__(self, name, blackboard_keys, condition, abort, child):
-        """The arguments are told above."""
+        """The class describes the arguments."""
         super().__init__(name, child)
         client = self.attach_blackboard_client()
         for key in blackboard_keys:
@@ -34,11 +34,11 @@ class When(Decorator):
         self.seen = None  # the condition when last asked; None: not since the composite started
 
     def holds(self):
-        """Whether the condition holds now."""
+        """True if the condition holds now."""
         return bool(self.condition(self.blackboards[0]))
 
     def tick(self):
-        """Asks, then ticks the child."""
+        """Checks the condition, then ticks the child."""
         if self.status != Status.RUNNING:
             self.seen = asked = self.holds()
         else:
@@ -50,17 +50,17 @@ class When(Decorator):
         yield from super().tick()
 
     def update(self):
-        """It is what its child is."""
+        """The status of the child."""
         return self.decorated.status
 
 
 class Interruptible(Composite):
-    """Goes back to an earlier branch when a guard in front of it turns true.
+    """Goes back to an earlier branch when its guard becomes true.
 
-    The branch that ran is stopped before the other one starts. Otherwise it has memory.
+    The running branch is stopped before the other one starts. Otherwise it has memory.
     """
 
-    hands_over = Status.INVALID  # the status with which it goes on to the next branch
+    hands_over = Status.INVALID  # the status of a child after which the next one starts
 
     def __init__(self, name, children):
         """The children are the branches, in the order of their urgency."""
@@ -72,7 +72,7 @@ class Interruptible(Composite):
         ]
 
     def tick(self):
-        """Looks for a guard that turned true, then ticks the branch that is due."""
+        """Checks the observed guards, then ticks the branch that is due."""
         fresh = self.status != Status.RUNNING
         at = 0 if fresh else self._due()
         if fresh:
@@ -88,8 +88,8 @@ class Interruptible(Composite):
             if child.status != self.hands_over or at == len(self.children) - 1:
                 break
             if not fresh:
-                # From now on the guards of this branch are observed, and what they were when
-                # the branch started may be long ago.
+                # From now on the guards of this branch are observed; their values at the start
+                # of the branch may be outdated.
                 for branch, guard in self.guards:
                     if branch == at and guard.seen is not None:
                         guard.seen = guard.holds()
@@ -101,7 +101,7 @@ class Interruptible(Composite):
         yield self
 
     def _due(self):
-        """The branch of the first observed guard that turned true, else the running branch."""
+        """The branch of the first observed guard that became true, else the running branch."""
         current = self.children.index(self.current_child)
         for branch, guard in self.guards:
             if branch < current and guard.seen is not None:
@@ -130,19 +130,19 @@ class InterruptibleSequence(Interruptible):
 
 
 class JudgedParallel(Composite):
-    """Ticks every child that is not finished, and judges afterwards, failures first.
+    """Ticks every child that is not finished; then decides, failures first.
 
-    `success` and `failure` are "one", "all" or a number: how many children decide.
+    `success` and `failure` are "one", "all" or a number: the children that decide.
     """
 
     def __init__(self, name, success, failure, children):
-        """The arguments are told above."""
+        """The class describes the arguments."""
         super().__init__(name, children)
         count = {"one": 1, "all": len(children)}
         self.needed = [min(count.get(each, each), len(children)) for each in (success, failure)]
 
     def tick(self):
-        """Ticks the children, then judges."""
+        """Ticks the children, then decides."""
         fresh = self.status != Status.RUNNING
         if fresh:
             self.initialise()
@@ -164,7 +164,7 @@ class JudgedParallel(Composite):
 
 
 class WaitTicks(Decorator):
-    """Starts its child so many ticks after its own start."""
+    """Starts its child `ticks` ticks after its own start."""
 
     def __init__(self, name, ticks, child):
         """`ticks` is at least 1."""
@@ -181,12 +181,12 @@ class WaitTicks(Decorator):
         yield from super().tick()
 
     def update(self):
-        """It is what its child is."""
+        """The status of the child."""
         return self.decorated.status
 
 
 class TimeoutTicks(WaitTicks):
-    """Stops its child, and fails, when that still runs so many ticks after its start."""
+    """Stops its child and fails if the child still runs `ticks` ticks after its start."""
 
     def tick(self):
         """Counts, then ticks the child."""
@@ -212,12 +212,12 @@ class TickCounter(Decorator):
         yield from super().tick()
 
     def update(self):
-        """It is what its child is."""
+        """The status of the child."""
         return self.decorated.status
 
 
 class CooldownTicks(Decorator):
-    """Fails, without its child, for less than so many ticks after an end of its child."""
+    """Fails for `ticks` ticks after its child has ended, without ticking it."""
 
     def __init__(self, name, ticks, child):
         """`ticks` is at least 1."""
@@ -232,7 +232,7 @@ class CooldownTicks(Decorator):
         return root.now
 
     def tick(self):
-        """Ticks the child unless that ended a short time ago."""
+        """Fails during the cooldown, else ticks the child."""
         if self.status != Status.RUNNING and self.now() < self.free:
             self.stop(Status.FAILURE)
             yield self
@@ -242,12 +242,12 @@ class CooldownTicks(Decorator):
             self.free = self.now() + self.ticks
 
     def update(self):
-        """It is what its child is."""
+        """The status of the child."""
         return self.decorated.status
 
 
 def _guards(branch):
-    """The guards of a branch that interrupt, down to its first node that is no decorator."""
+    """The interrupting guards of a branch, down to its first node that is not a decorator."""
     while isinstance(branch, Decorator):
         if isinstance(branch, When) and branch.interrupts:
             yield branch
