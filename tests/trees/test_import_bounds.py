@@ -234,7 +234,7 @@ WRONG = {
         xml_of("<Sequence><ScriptCondition code='foundGarbage &amp;&amp; lap'/><A/></Sequence>"),
         "lap is a number",
     ),
-    "nothing": (xml_of("<ScriptCondition/>"), "must stand before"),
+    "nothing": (xml_of("<ScriptCondition/>"), "expected a node after"),
     "nul": (xml_of("<A/>") + "\0", "not XML"),
 }  # fmt: skip
 

@@ -198,7 +198,7 @@ REFUSED = {
     "<WhileDoElse><Free/></WhileDoElse>": "two or three children",
     '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "mode is a number",
     '<Go _skipIf="low"/>': "'_skipIf' is imported only in a Sequence or a Fallback",
-    '<Go _onSuccess="x := 1"/>': "nothing like '_onSuccess' of Go",
+    '<Go _onSuccess="x := 1"/>': "no equivalent of '_onSuccess' of Go",
     '<RecoveryNode number_of_retries="2"><Go/></RecoveryNode>': "expected two children, found 1",
     '<RateController hz="0"><Go/></RateController>': "expected hz from",
     "<NonblockingSequence><Go/></NonblockingSequence>": "no node 'NonblockingSequence'",
