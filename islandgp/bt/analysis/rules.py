@@ -109,7 +109,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if not left:
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
-        why = "neither proven nor refuted: of keys compared with keys only the guards are looked at"
+        why = "neither proven nor refuted: if keys are compared with keys, only guards are examined"
         return RuleResult(rule, "unknown", why)
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
     if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):

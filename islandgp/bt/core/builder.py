@@ -419,7 +419,7 @@ class Builder:
         if right in keys:
             raise self._source.error_at(
                 right,
-                f"{name} is {key.kind}, {right} is {keys[right].kind}: they can't be compared",
+                f"{name} is {key.kind} and {right} is {keys[right].kind}; they can't be compared",
                 expected=f"{key.kind}, or a key of the same kind: {', '.join(alike) or 'none'}",
             )
         if key.words:
@@ -448,7 +448,7 @@ class Builder:
         if not key.flag and not compared:
             raise self._source.error_at(
                 name,
-                f"{name} is {key.kind}, it must be compared with one",
+                f"{name} is {key.kind} and must be compared with one",
                 expected=f"`when {key.example(name)}`, with one of {' '.join(key.operators)}",
             )
 
@@ -507,7 +507,7 @@ class Builder:
         return self._source.error_at(
             name,
             f"unknown constant {'or key ' * bool(keys)}{shown(name)}",
-            expected=f"a number, or a constant that is defined above: {known or 'there is none'}"
+            expected=f"a number, or a constant that is defined above: {known or 'none so far'}"
             f"{others}",
             guess=closest(name, [*names, *keys]),
             kind=UnknownNameError,

@@ -68,7 +68,7 @@ def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
 def unknown_word(
     source: Source, token: Token, name: str, key: Key, keys: Sequence[str]
 ) -> TreeError:
-    """The error for a word that a key does not have; `keys` are those of the same words."""
+    """The error for an unknown word of a key; `keys` have the same words."""
     others = f", or a key of the same words: {', '.join(keys)}" if keys else ""
     return source.error_at(
         token,

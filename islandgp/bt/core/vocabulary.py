@@ -77,14 +77,14 @@ class Key:
 
     @property
     def kind(self) -> str:
-        """What its values are: a number, yes or no, or the words."""
+        """The type of its values, for messages: a number, a flag, or the words."""
         if self.words:
             return f"one of {', '.join(self.words)}"
-        return "yes or no" if self.flag else "a number"
+        return "a flag" if self.flag else "a number"
 
     @property
     def operators(self) -> tuple[str, ...]:
-        """What it can be compared with: words have no order, and flags no comparison."""
+        """The operators of its comparisons: words have no order, and flags no comparison."""
         return () if self.flag else EQUALITY if self.words else OPERATORS
 
     def example(self, name: str) -> str:
@@ -132,7 +132,7 @@ def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | Non
 
 
 def enumeration(meaning: str, words: Sequence[str]) -> Key:
-    """A key that is one of some words, such as the mode of a robot.
+    """A key whose value is one of some words, such as the mode of a robot.
 
     Its value on a blackboard is the index of the word.
     """
@@ -201,7 +201,7 @@ def _check_range(key: Key, where: str) -> None:
 
 
 def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
-    """Raises DomainError for a flag or an enumeration that the language cannot say."""
+    """Raises DomainError for an invalid declaration of a flag or an enumeration."""
     if key.noise or (key.flag and (key.words or key.whole)):
         raise DomainError(
             f"Expected noise and whole of numbers only, and words of an enumeration, for {where};"
@@ -211,7 +211,7 @@ def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
         if not is_name(word) or word in keys:
             raise DomainError(
                 f"Expected words of letters, digits and _ for {where} that are neither keys nor"
-                f" words of the language, found {word!r}; rename it."
+                f" keywords of the language, found {word!r}; rename it."
             )
     if len(set(key.words)) < len(key.words):
         raise DomainError(f"Expected different words for {where}, found {[*key.words]}.")
