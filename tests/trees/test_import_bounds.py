@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import Node, leaf, walk
+from islandgp.bt.core.node import Node, ParallelArgs, leaf, walk
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import read_tree
@@ -47,6 +47,7 @@ def short_xml(text: str) -> str:
 
 @examples(max_examples=300)
 @given(tree=nodes(nav2=False))
+@example(Node("parallel", ParallelArgs("all", "one"), (leaf("PatrolWaypoint"),)))
 def test_every_export_comes_back(tree: Node) -> None:
     """Reading what was written gives the tree again, and nothing is lost on the way."""
     if not any(node.kind == "cooldown" for node in walk(tree)):  # which XML has no node for

@@ -149,7 +149,7 @@ def differs(node: Node) -> bool:
     if isinstance(node.args, CountArgs):
         return node.args.times != 1
     if isinstance(node.args, ParallelArgs):
-        # With one child both mean the same.
+        # With one child all policies mean the same; the default is read back from the library's.
         return len(node.children) > 1 or node.args != ("all", "one")
     guard = node.guard
     return guard is not None and any(t.operator in ("==", "!=") for t in terms(guard.condition))

@@ -88,7 +88,8 @@ def parallel_args(attributes: Attributes, count: int) -> ParallelArgs:
     success = _threshold(attributes, "success_count", "-1", count)
     # It fails when it can no longer succeed.
     failure = min(_threshold(attributes, "failure_count", "1", count), count - success + 1)
-    return ParallelArgs(_policy(success, count), _policy(failure, count))
+    succeeds: Policy = "all" if success == count else _policy(success, count)
+    return ParallelArgs(succeeds, _policy(failure, count))
 
 
 def _threshold(attributes: Attributes, attribute: str, default: str, count: int) -> int:
