@@ -92,6 +92,7 @@ class World:
     by_hand: Path  # a tree for comparison
     config_dir: Path | None = None
     library: bool = False
+    arms: tuple[str, ...] = ()  # the only ones that run here; (): all
 
 
 DOMAINS: Final = ROOT / "islandgp" / "domains"
@@ -117,12 +118,25 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
         DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     ),
+    "island_4000": World(
+        ("domain=island", "budget.episodes=4000"),
+        ROOT / "grammar" / "examples" / "all_rounder.bt",
+        arms=("racing",),
+    ),
+    "island_best": World(
+        ("experiment=best",), ROOT / "grammar" / "examples" / "all_rounder.bt", arms=("racing",)
+    ),
+    "minigrid_15000": World(
+        ("domain=minigrid", "budget.episodes=15000", "gp.population=60", "gp.episodes=2"),
+        DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+        arms=("racing",),
+    ),
 }
 
 
 def arms_of(world: World) -> Iterator[str]:
     """The arms that can run in a world."""
-    for arm in ARMS:
+    for arm in world.arms or ARMS:
         if world.library or arm not in WITH_LIBRARY:
             yield arm
 
