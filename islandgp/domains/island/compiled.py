@@ -1,4 +1,4 @@
-"""The compiled loop of an episode, where numba is installed (`islandgp[fast]`)."""
+"""The compiled parts of an episode, where numba is installed (`islandgp[fast]`)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ctypes import PYFUNCTYPE, c_int64
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.robot import TOLERANCE
@@ -22,21 +22,29 @@ if TYPE_CHECKING:
     from islandgp.domains.island.state import State
 
 WARM: Final = 20  # episodes of a process before numba, which takes half a second to import
-Quick = Callable[[int], int]
-"""Moves the island to a step at most, and returns the step at which something is to be done."""
+
+
+class Compiled(NamedTuple):
+    """The compiled functions of one island."""
+
+    run: Callable[[int], int]
+    """Moves to a step at most; returns the step at which something is to be done."""
+    look: Callable[[], tuple[int, int]]
+    """Looks for garbage; returns whether some is in sight, and how many items are new."""
+
 
 _episodes = count()
 
 
-def quick_loop(island: State) -> Quick | None:
-    """The compiled loop for an island; None: Python's is to be used."""
-    run = None if next(_episodes) < WARM else _compiled()
-    return None if run is None else _bound(run, island)
+def compiled_for(island: State) -> Compiled | None:
+    """The compiled functions for an island; None: Python's are to be used."""
+    functions = None if next(_episodes) < WARM else _functions()
+    return None if functions is None else _bound(*functions, island)
 
 
 @cache
-def _compiled() -> Any:
-    """The compiled function, or None where there is none."""
+def _functions() -> tuple[Any, Any] | None:
+    """The compiled `run` and `look`, or None where numba or its cache is missing."""
     if sys.platform == "win32" or find_spec("numba") is None or not engine.addresses:
         return None
     try:
@@ -47,8 +55,11 @@ def _compiled() -> Any:
         from islandgp.domains.island import kernel
     except (ImportError, OSError, RuntimeError):  # another NumPy, no room or folder for its cache
         return None
-    address = cast(int, kernel.run.address)  # None only before compilation
-    return PYFUNCTYPE(None, c_int64, c_int64, c_int64)(address)
+    run, look = (cast(int, f.address) for f in (kernel.run, kernel.look))  # after compilation
+    return (
+        PYFUNCTYPE(None, c_int64, c_int64, c_int64)(run),
+        PYFUNCTYPE(None, c_int64, c_int64)(look),
+    )
 
 
 @lru_cache(maxsize=16)
@@ -67,7 +78,7 @@ def _cells(places: Places) -> tuple[array[float], array[float], array[int], arra
     return array("d", places.x), array("d", places.y), first, array("q", chain(*places.near))
 
 
-def _bound(run: Any, island: State) -> Quick:
+def _bound(run_at: Any, look_at: Any, island: State) -> Compiled:
     from islandgp.domains.island import kernel as k
 
     ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
@@ -91,13 +102,20 @@ def _bound(run: Any, island: State) -> Quick:
     n[k.TOGETHER], n[k.FAR], f[k.TOLERANCE] = TOGETHER, FAR, TOLERANCE
     ints, floats, board = n.buffer_info()[0], f.buffer_info()[0], island.board
 
-    def quick(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
+    def run(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
         n[k.STEP], n[k.TURN] = island.step, island.turn
         n[k.GROUND_DUE], n[k.PEOPLE_DUE] = ground.due, people.due
         n[k.FOUND], n[k.DRIVING] = int(board[GARBAGE]), robot.driving
         f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
-        run(ints, floats, until)
+        run_at(ints, floats, until)
         island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
         return n[k.STEP]
 
-    return quick
+    def look() -> tuple[int, int]:
+        n[k.STEP], n[k.DRIVING] = island.step, robot.driving
+        f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
+        look_at(ints, floats)
+        ground.due = n[k.GROUND_DUE]
+        return n[k.FOUND], n[k.NEW]
+
+    return Compiled(run, look)

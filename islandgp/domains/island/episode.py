@@ -21,7 +21,7 @@ from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.compiled import quick_loop
+from islandgp.domains.island.compiled import compiled_for
 from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
@@ -40,14 +40,14 @@ def advance(island: State, until: int) -> None:
     physics, ground, people, dt = island.physics, island.ground, island.humanoids, island.dt
     touching, turns = physics.contacts.touching, island.schedule.turns
     step, turn, shaken = island.step, turns[island.turn][0], island.shaken
-    quick = island.quick
+    run = island.compiled.run if island.compiled else None
     spawn = _next_spawn(island) if ground.room > 0 else FAR
     if shaken:
         until = step + 1
     while step < until:
         stop = spawn if spawn < until else until
-        if quick is not None:
-            step = island.step = quick(stop)
+        if run is not None:
+            step = island.step = run(stop)
             turn = turns[island.turn][0]
         else:
             look = ground.due if ground.due < people.due else people.due
@@ -175,7 +175,7 @@ def run_episode(
     """
     stepwise = stepwise or sensors is not None
     island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
-    island.quick = None if stepwise else quick_loop(island)
+    island.compiled = None if stepwise else compiled_for(island)
     bound = _bound(tree, island, actions)
     seen = island.board if sensors is None else list(island.board)
     tick = compile_tree(

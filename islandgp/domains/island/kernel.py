@@ -1,4 +1,4 @@
-"""The loop between two looks that show something new, compiled by numba.
+"""The loop between two looks that show something new, and the look for garbage, compiled by numba.
 
 It does what `episode.advance` does as long as nothing changes but positions: Chipmunk steps,
 humanoids turn, and looks show nothing new. It stops before any other look, which Python repeats;
@@ -15,11 +15,12 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 # What numba caches knows of no other module, so its settings come by these arrays.
-# Places of whole numbers: the state of the loop, settings, and addresses.
-STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, DRIVING = range(6)
-PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(6, 12)
-SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(12, 19)
-ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(19, 29)
+# Places of whole numbers: the state of the loop, settings, and addresses. FOUND: garbage is in
+# sight; NEW: items that the last look discovered.
+STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, NEW, DRIVING = range(7)
+PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(7, 13)
+SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(13, 20)
+ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(20, 30)
 # Places of numbers: the robot's heading, and settings.
 HEADING_X, HEADING_Y, DT, PERCEPTION, SIGHT, STRIDE, WALK, CELL, TOLERANCE = range(9)
 
@@ -85,8 +86,12 @@ def position(_typing, _body):
 
 
 @njit
-def garbage_due(n, f, step, x, y):
-    """The step of the next look for garbage, as `look_for_garbage` has it; -1: this one counts."""
+def look_for_garbage(n, f, step, x, y, discover):
+    """Looks for garbage as `sensing.look_for_garbage` does, and sets the step of the next look.
+
+    With `discover`, new items are marked as seen. Without, the look ends with the step -1 where it
+    shows something new.
+    """
     xs, ys, there, seen = floats(n[X]), floats(n[Y]), flags(n[THERE]), flags(n[SEEN])
     first, members = ints(n[FIRST]), ints(n[MEMBERS])
     ux, uy, cell, stride = f[HEADING_X], f[HEADING_Y], f[CELL], f[STRIDE]
@@ -94,7 +99,7 @@ def garbage_due(n, f, step, x, y):
     border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     last, change, back = 0.0, min(border_x, border_y) + stride, inf
-    in_sight = 0
+    in_sight, new = 0, 0
     at = (int(row) + 1) * n[COLUMNS] + int(column) + 1
     for k in range(first[at], first[at + 1]):
         i = members[k]
@@ -105,7 +110,10 @@ def garbage_due(n, f, step, x, y):
         if gap <= f[SIGHT]:
             in_sight = 1
             if not seen[i]:
-                return -1
+                if not discover:
+                    return -1
+                seen[i] = 1
+                new += 1
         along = dx * ux + dy * uy
         half = f[SIGHT] - gap + along * along
         if half < -f[TOLERANCE]:
@@ -117,8 +125,9 @@ def garbage_due(n, f, step, x, y):
             back = min(back, along - half)
         else:
             change = min(change, along - half)
-    if in_sight != n[FOUND]:
+    if not discover and in_sight != n[FOUND]:
         return -1
+    n[FOUND], n[NEW] = in_sight, new
     change = min(change, last if in_sight else back)
     return step + _steps_to(change - f[TOLERANCE], stride) if n[DRIVING] else n[FAR]
 
@@ -188,7 +197,7 @@ def run(ints_at, floats_at, until):
             continue
         x, y = position(n[ROBOT])
         if step >= n[GROUND_DUE]:
-            due = garbage_due(n, f, step, x, y)
+            due = look_for_garbage(n, f, step, x, y, False)
             if due < 0:
                 break
             n[GROUND_DUE] = due
@@ -198,3 +207,11 @@ def run(ints_at, floats_at, until):
                 n[PEOPLE_DUE] = step
                 break
     n[STEP], n[TURN] = step, turn
+
+
+@cfunc(types.void(types.int64, types.int64), cache=True)
+def look(ints_at, floats_at):
+    """A look for garbage from where the robot is."""
+    n, f = ints(ints_at), floats(floats_at)
+    x, y = position(n[ROBOT])
+    n[GROUND_DUE] = look_for_garbage(n, f, n[STEP], x, y, True)

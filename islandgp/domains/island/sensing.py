@@ -71,10 +71,20 @@ def look_for_garbage(island: State) -> None:
     changes when a relevant stretch begins, when the last of the present stretches ends, or when
     the robot approaches items of other cells. For a robot at rest it does not change.
     """
+    in_sight, new = island.compiled.look() if island.compiled else _look(island)
+    if in_sight != island.board[GARBAGE]:
+        island.board[GARBAGE] = bool(in_sight)
+        island.changed = True
+    if new:
+        discover(island, new)
+
+
+def _look(island: State) -> tuple[int, int]:
+    """Whether garbage is in sight, and how many items are new; sets the step to look again."""
     robot, ground = island.robot, island.ground
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
     square = robot.sight
-    in_sight, new = False, 0
+    in_sight, new = 0, 0
     places, there, seen = ground.places, ground.there, ground.seen
     xs, ys, cell = places.x, places.y, places.cell
     (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
@@ -87,7 +97,7 @@ def look_for_garbage(island: State) -> None:
         dx, dy = xs[item] - x, ys[item] - y
         gap = dx * dx + dy * dy
         if gap <= square:
-            in_sight = True
+            in_sight = 1
             if not seen[item]:
                 seen[item] = True
                 new += 1
@@ -104,13 +114,9 @@ def look_for_garbage(island: State) -> None:
                 back = along - half
         elif along - half < change:
             change = along - half
-    if in_sight != island.board[GARBAGE]:
-        island.board[GARBAGE] = in_sight
-        island.changed = True
-    if new:
-        discover(island, new)
     change = min(change, last if in_sight else back)
     ground.due = island.step + steps_to(change, robot.stride) if robot.driving else FAR
+    return in_sight, new
 
 
 def _look_for_humanoids(island: State, always: bool) -> bool:

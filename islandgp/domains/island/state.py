@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from islandgp.bt.core.node import FAILURE
 from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
@@ -14,6 +14,9 @@ from islandgp.domains.island.schedule import Schedule, draw_schedule
 from islandgp.domains.island.space import Space, build_space, idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, EpisodeSettings, IslandWorld
+
+if TYPE_CHECKING:
+    from islandgp.domains.island.compiled import Compiled
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,7 @@ class State:
     item: int = -1  # garbage that MoveToGarbage drives to
     humanoid: int = -1  # humanoid that MoveToHumanoid drives to
     aim_end: int = 0  # step at which it updates its aim
-    quick: Callable[[int], int] | None = None  # the compiled loop
+    compiled: Compiled | None = None  # functions in place of Python's
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
     def log(self, event: IslandEvent, amount: float) -> None:

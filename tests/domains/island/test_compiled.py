@@ -23,7 +23,7 @@ WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
 def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The first episode may be compiled."""
     monkeypatch.setattr(compiled, "WARM", 0)
-    compiling = compiled._compiled
+    compiling = compiled._functions
     compiling.cache_clear()
     yield
     compiling.cache_clear()
@@ -36,8 +36,8 @@ def test_outcomes_are_the_same(island: IslandWorld, monkeypatch: pytest.MonkeyPa
     pytest.importorskip("numba", reason="needs islandgp[fast]")
     trees = [*map(parse, (ALL_ROUNDER, RESTLESS, WAITING)), *map(gp_tree, range(6))]
     quick = [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
-    assert compiled._compiled() is not None
-    monkeypatch.setattr(compiled, "_compiled", lambda: None)
+    assert compiled._functions() is not None
+    monkeypatch.setattr(compiled, "_functions", lambda: None)
     assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
 
 
@@ -53,12 +53,12 @@ def test_python_does_without_it(lacking: str, monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.delattr(islandgp.domains.island, "kernel", raising=False)
     else:
         monkeypatch.setattr(compiled.engine, "addresses", {})
-    assert compiled.quick_loop(build_island(world(), 0, points(), ())) is None
+    assert compiled.compiled_for(build_island(world(), 0, points(), ())) is None
 
 
 def test_short_commands_do_not_wait_for_numba(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first episodes of a process import nothing."""
     monkeypatch.setattr(compiled, "_episodes", iter(range(compiled.WARM)))
-    monkeypatch.setattr(compiled, "_compiled", lambda: pytest.fail("imported"))
+    monkeypatch.setattr(compiled, "_functions", lambda: pytest.fail("imported"))
     island = build_island(world(), 0, points(), ())
-    assert all(compiled.quick_loop(island) is None for _ in range(compiled.WARM))
+    assert all(compiled.compiled_for(island) is None for _ in range(compiled.WARM))

@@ -278,7 +278,7 @@ def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
 def test_the_public_engine_is_the_same(tree: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """pymunk's public interface and Chipmunk's own functions give the same episode."""
     found = []
-    monkeypatch.setattr(compiled, "_compiled", lambda: None)
+    monkeypatch.setattr(compiled, "_functions", lambda: None)
     idle_spaces.cache_clear()
     for functions in (engine.chipmunk(), engine.wrapped()):
         for name, function in functions._asdict().items():
