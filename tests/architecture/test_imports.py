@@ -258,7 +258,7 @@ def test_dependencies_are_declared() -> None:
     assert {DISTRIBUTIONS.get(name, name) for name in used} - declared() == set()
 
 
-def test_dependencies_are_told() -> None:
+def test_dependencies_are_documented() -> None:
     """Each dependency has its line in docs/dependencies.md, and each line its dependency."""
     text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
     told = {name.lower() for name in re.findall(r"^\| \[?([\w.-]+)\]?.* \|$", text, re.MULTILINE)}
