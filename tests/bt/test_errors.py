@@ -28,7 +28,7 @@ WRONG = [
     ("inverter { PatrolWaypoint PatrolWaypoint }", 1, 27, ["one child", "sequence", "Expected }"]),
     ("selector [ PatrolWaypoint ]", 1, 10, ["character '['", "U+005B"]),
     ("selector ( PatrolWaypoint )", 1, 10, ["'('", "Expected {"]),
-    ("when foundGarbage and { PatrolWaypoint }", 1, 23, ["a key", "not, (, batteryLevel"]),
+    ("when foundGarbage and { PatrolWaypoint }", 1, 23, ["a key: batteryLevel", "not or ("]),
     ("when (foundGarbage { PatrolWaypoint }", 1, 20, ["'{'", "Expected"]),
     ("when foundGarbage and founGarbage { PatrolWaypoint }", 1, 23, ["Did you mean foundGarbage?"]),
     ("when foundGarbage or (lap) { PatrolWaypoint }", 1, 23, ["is a number"]),

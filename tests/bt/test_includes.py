@@ -107,7 +107,7 @@ WRONG = {
     "constant low = 1 when lap < lov { SeekCharger }": ("1:29", "Did you mean low?"),
     "constant a = 1 constant a = 2 SeekCharger": ("1:25", "constant 'a' is defined twice"),
     "subtree s(x, x) = SeekCharger use s(1, 2)": ("1:14", "parameter 'x' is defined twice"),
-    "subtree s(x) = SeekCharger use s": ("1:32", "takes 1 numbers, found 0"),
+    "subtree s(x) = SeekCharger use s": ("1:32", "takes 1 number, found 0"),
     "subtree s = SeekCharger use s(1)": ("1:29", "takes no numbers"),
     "subtree s(x) = repeater x { SeekCharger } use s(1.5)": ("1:25", "can't repeat 'x' times"),
     "subtree s(x) = when lap < x { SekCharger } use s(1)": ("1:31", "Did you mean SeekCharger?"),

@@ -19,80 +19,12 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from islandgp.resources import resource
 from tests.composed import composed
-from tests.goldens import check_golden
+from tests.running.commands import ROOT
+from tests.site.generators import script
 from tests.trees.shell import Cli
 from tests.trees.worlds import random_trees, shortened
 
-WRONG = Path(__file__).parent / "wrong"
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
-
-PLACES = {
-    "abort_before_condition": (1, 6),
-    "action_in_lower_case": (1, 1),
-    "brace_not_closed": (2, 17),
-    "brace_too_many": (1, 29),
-    "commas": (1, 25),
-    "comparison_without_number": (1, 21),
-    "empty": (1, 1),
-    "empty_composite": (1, 12),
-    "exponent": (1, 21),
-    "flag_compared": (1, 6),
-    "guard_with_two_children": (1, 35),
-    "guard_without_child": (1, 18),
-    "inverter_with_two_children": (1, 26),
-    "key_on_the_right": (1, 6),
-    "letters_in_the_number": (1, 21),
-    "no_brace": (1, 10),
-    "not_with_a_number": (1, 10),
-    "number_out_of_range": (1, 12),
-    "number_without_comparison": (1, 6),
-    "one_equals_sign": (1, 10),
-    "only_a_comment": (1, 1),
-    "only_a_subtree": (1, 28),
-    "policies_swapped": (1, 22),
-    "quotes": (1, 21),
-    "repeater_fraction": (1, 10),
-    "repeater_without_number": (1, 10),
-    "repeater_zero": (1, 10),
-    "round_brackets": (1, 10),
-    "strange_sign": (1, 18),
-    "subtree_behind_the_tree": (2, 1),
-    "subtree_later": (1, 17),
-    "subtree_named_by_a_word": (1, 9),
-    "subtree_of_itself": (1, 28),
-    "subtree_twice": (2, 9),
-    "subtree_without_use": (2, 12),
-    "two_conditions": (1, 19),
-    "two_trees": (2, 1),
-    "unit_behind_the_number": (1, 23),
-    "unknown_abort": (1, 25),
-    "unknown_action": (2, 3),
-    "unknown_key": (1, 6),
-    "unknown_kind": (1, 1),
-    "unknown_policy": (1, 18),
-    "unknown_subtree": (2, 5),
-    "wrong_operator": (1, 10),
-}
-"""Where each wrong file is wrong: line and column, found by reading it."""
-
-
-@pytest.mark.parametrize(
-    ("text", "guess"),
-    {
-        "when foundGarbage && lap < 3 { PatrolWaypoint }": "and",
-        "when foundGarbage || lap < 3 { PatrolWaypoint }": "or",
-        "when !foundGarbage { PatrolWaypoint }": "not",
-        "when lap \N{LESS-THAN OR EQUAL TO} 3 { PatrolWaypoint }": "<=",
-        "selector { PatrolWaypoint; SeekCharger }": "a blank, which separates nodes",
-        "// patrol\nPatrolWaypoint": "#, which begins a comment",
-        "Fallback { PatrolWaypoint }": "selector",
-        "if foundGarbage { PatrolWaypoint }": "when",
-    }.items(),
-)
-def test_slips(text: str, guess: str) -> None:
-    """Signs and words of other languages are answered with ours."""
-    (error,) = tree_errors(text, VOCABULARY, name="f", folder=None)
-    assert str(error).endswith(f"Did you mean {guess}?")
 
 
 def test_all_errors_of_a_file() -> None:
@@ -139,29 +71,26 @@ def test_unused_names() -> None:
     assert found == [("unused-constant", 1, 27), ("unused-parameter", 2, 14)]
 
 
-def test_every_wrong_file_has_its_place() -> None:
-    """The table names the files that there are, and there are forty or more."""
-    assert {file.stem for file in WRONG.glob("*.bt")} == PLACES.keys()
-    assert len(PLACES) >= 40
+def test_mistakes() -> None:
+    """docs/mistakes.md has 80 mistakes or more, each with the message that it gets today."""
+    page, words = script("mistakes"), script("mistakes").vocabulary()
+    assert page.PAGE.read_text(encoding="utf-8") == page.page()
+    texts = [text for section in page.slips().values() for text in section]
+    assert len(texts) == len(set(texts)) >= 80
+    for text in texts:
+        assert page.messages(text, words), text
 
 
-@pytest.mark.parametrize("name", PLACES)
-def test_wrong_file(islandgp: Cli, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_wrong_file(islandgp: Cli, tmp_path: Path) -> None:
     """A wrong file gives exit code 1 and its error where it is wrong, and no traceback."""
-    monkeypatch.chdir(WRONG)
-    said = islandgp("check", f"{name}.bt")
-    assert said.code == 1
-    line, column = PLACES[name]
-    assert said.out.startswith(f"{name}.bt:{line}:{column}: ")
-    assert "Traceback" not in said.out + said.err
-    caret = next(row for row in said.out.splitlines() if row.strip() == "^")
-    assert caret.index("^") == 4 + column - 1
-
-
-def test_golden_errors(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All errors together are what somebody has read and found helpful."""
-    monkeypatch.chdir(WRONG)
-    check_golden("wrong_trees.txt", islandgp("check", *(f"{name}.bt" for name in PLACES)).out)
+    file = tmp_path / "t.bt"
+    file.write_text("selector {\n  MoveToGarbag\n}\n", encoding="utf-8")
+    said = islandgp("check", file)
+    assert (said.code, said.err) == (1, "")
+    lines = said.out.splitlines()
+    assert lines[0] == f"{file}:2:3: unknown action 'MoveToGarbag'"
+    assert lines[1:3] == ["      MoveToGarbag", "      ^"]
+    assert lines[-1] == "Did you mean MoveToGarbage?"
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -431,7 +360,7 @@ DOUBTFUL = {
 def test_codes() -> None:
     """Each kind of warning has a code, which the documentation tells."""
     assert DOUBTFUL.keys() == CODES.keys()
-    page = (WRONG.parents[2] / "docs" / "language.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
     for code, text in DOUBTFUL.items():
         assert code in {finding.code for finding in warnings(text, VOCABULARY)}
         assert f"`{code}`" in page

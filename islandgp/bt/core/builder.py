@@ -170,7 +170,7 @@ class Builder:
         if len(given) != len(template.parameters):
             raise self._source.error_at(
                 name,
-                f"subtree {name} takes {len(template.parameters)} numbers, found {len(given)}",
+                f"subtree {name} takes {_numbers(template.parameters)}, found {len(given)}",
                 expected=f"`use {name}({', '.join(template.parameters)})`",
             )
         if not given:
@@ -420,7 +420,8 @@ class Builder:
             raise self._source.error_at(
                 right,
                 f"{name} is {key.kind} and {right} is {keys[right].kind}; they can't be compared",
-                expected=f"{key.kind}, or a key of the same kind: {', '.join(alike) or 'none'}",
+                expected=key.kind
+                + f", or a key of the same kind: {', '.join(alike)}" * bool(alike),
             )
         if key.words:
             raise unknown_word(self._source, right, name, key, alike)
@@ -463,7 +464,7 @@ class Builder:
             raise self._source.error_at(
                 token,
                 f"{shown(token)} is not a plain number",
-                expected="digits with an optional decimal point, such as 25, 12.5 or -3",
+                expected="digits with an optional decimal point and no unit: 25, 12.5 or -3",
             )
         value = float(token) + 0.0  # turns -0.0 into 0.0
         if abs(value) > MAX_NUMBER:
@@ -536,6 +537,10 @@ class Builder:
 
 def _is(tree: _Tree, *rules: str) -> bool:
     return getattr(tree, "data", "") in rules
+
+
+def _numbers(parameters: Sequence[str]) -> str:
+    return f"{len(parameters)} number{'s' * (len(parameters) != 1)}"
 
 
 def _first_word(tree: _Tree) -> _Token:

@@ -28,16 +28,24 @@ _SIGNS = {
     "\N{LESS-THAN OR EQUAL TO}": "<=", "\N{GREATER-THAN OR EQUAL TO}": ">=",
     "\N{NOT EQUAL TO}": "!=", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-",
     "\N{LEFT DOUBLE QUOTATION MARK}": '"', "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
-    "[": "{", "]": "}",
+    "[": "{", "]": "}", "'": '"', "%": "a number without a unit",
 }  # fmt: skip
 """Signs of other languages, with ours; longer ones first."""
 
 _WORDS = {
     "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
-    "if": "when", "while": "when", "guard": "when", "condition": "when", "else": "selector",
+    "if": "when", "while": "when", "guard": "when", "condition": "when", "switch": "when",
     "loop": "repeater", "delay": "wait", "sleep": "wait", "invert": "inverter",
+    "retryuntilsuccessful": "retry", "ratecontroller": "every", "pipelinesequence": "pipeline",
+    "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
+    **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
 }  # fmt: skip
 """Words of other languages, with ours."""
+
+_TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!="}
+"""Operators of other languages that the parser reads as two signs."""
+
+_BLANK = _SIGNS[";"]
 
 # What the parser's terminals look like in a text.
 _SPELLING = {
@@ -60,7 +68,9 @@ def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
         token,
         f"unknown blackboard key {shown(token)}",
         expected=f"a key: {', '.join(words.keys)}",
-        guess=closest(token, words.keys),
+        guess=f"sequence {{ {token} ... }}"
+        if token in words.actions
+        else closest(token, words.keys),
         kind=UnknownNameError,
     )
 
@@ -80,7 +90,7 @@ def unknown_word(
 
 
 def unknown_argument(
-    source: Source, token: Token, action: Token, parameters: Mapping[str, Parameter]
+    source: Source, token: Token, action: str, parameters: Mapping[str, Parameter]
 ) -> TreeError:
     """The error for an argument that an action does not have."""
     if not parameters:
@@ -92,7 +102,10 @@ def unknown_argument(
         token,
         f"unknown argument {shown(token)} of {action}",
         expected="; ".join(known),
-        guess=closest(token, parameters),
+        guess=next(
+            (f"{name}: {token}" for name, each in parameters.items() if token in each.words),
+            closest(token, parameters),
+        ),
         kind=UnknownNameError,
     )
 
@@ -101,17 +114,20 @@ def unknown_node(
     source: Source, token: Token, subtrees: Collection[str], words: Vocabulary
 ) -> TreeError:
     """The error for a word that is not a node, where a node is expected."""
-    if token in subtrees and closest(token, subtrees):
+    rest = source.text[token.end_pos :].lstrip()
+    if rest.startswith("="):
+        guess = f"constant {token}"
+    elif token in subtrees and closest(token, subtrees):
         guess = f"use {token}"
     elif token in words.keys:
         guess = f"when {words.keys[token].example(token)} {{ ... }}"
     else:
         guess = _WORDS.get(token.lower()) or closest(token, (*_NODE_WORDS, *words.actions))
-    what = "node" if source.text[token.end_pos :].lstrip().startswith("{") else "action"
+    what = "node" if rest.startswith("{") else "action"
     return source.error_at(
         token,
         f"unknown {what} {shown(token)}",
-        expected=_node_words(words),
+        expected="a node or an action" if guess else _node_words(words),
         guess=guess,
         kind=UnknownNameError,
     )
@@ -152,14 +168,31 @@ def syntax_error(
         sign = next((sign for sign in _SIGNS if rest.startswith(sign)), rest[0])
         message = f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})"
         guess = _SIGNS.get(sign, "")
-        expected = "names of the letters a to z, digits and _" if rest[0].isalpha() else ""
+        expected = "" if guess else "names, numbers, { } ( ) , : and # for comments"
+        if rest[0].isalpha():
+            expected = "names of the letters a to z, digits and _"
         return source.error(message, error.line, error.column, expected=expected, guess=guess)
     accepted = set(error.accepts)
     if _takes_nothing(before, words):
         accepted.discard("LPAR")
     if error.token.type == "$END":
         return _unexpected_end(source, before, accepted, words)
+    if vocabulary is not None and before and before[-1] in words.keys:
+        accepted -= {"OPERATOR"} if words.keys[before[-1]].flag else accepted - {"OPERATOR"}
+    parameters = words.action(_called(before)).arguments
+    if accepted == {"COLON"} and parameters and before[-1] not in parameters:
+        return unknown_argument(source, before[-1], _called(before), parameters)
     return _unexpected_word(source, error.token, before, accepted, words)
+
+
+def _called(words: Sequence[Token]) -> str:
+    """The name before the open parenthesis that the words end in; "" if there is none."""
+    for at in range(len(words) - 1, 0, -1):
+        if words[at] in (")", "{", "}"):
+            return ""
+        if words[at] == "(":
+            return str(words[at - 1])
+    return ""
 
 
 def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
@@ -267,12 +300,42 @@ def _unexpected_word(
         message += "; a file holds one tree, after its subtrees"
     elif accepted == {"NAME"} and previous == "subtree":
         message += ", a keyword, which can't name a subtree"
-    guess = "==" if token == "=" and "==" in spelled else closest(token, spelled)
+    elif token.type == "NUMBER" and "NOT" in accepted:
+        message += "; a comparison begins with its key"
+    guess = _instead(source, token, before, accepted, words) or closest(token.strip('"'), spelled)
     return source.error_at(token, message, expected=expected, guess=guess)
 
 
+def _instead(
+    source: Source,
+    token: Token,
+    before: Sequence[Token],
+    accepted: Collection[str],
+    words: Vocabulary,
+) -> str:
+    """What is probably meant by a word that the grammar doesn't accept there; "" if unknown."""
+    previous = str(before[-1]) if before else ""
+    start = token.start_pos or 0
+    for signs in (source.text[start : start + 2], source.text[max(0, start - 1) : start + 1]):
+        if signs in _TWO_SIGNS:
+            return _TWO_SIGNS[signs]
+    if token == "<" and not before:
+        return "islandgp import, which reads XML"
+    if token == "," and "RBRACE" in accepted:
+        return _BLANK
+    if token == ")" and previous == "(" and len(before) > 1:
+        return f"{before[-2]}, without parentheses"
+    if token in words.action(previous).arguments:
+        return f"{previous}({token}: ...)"
+    if token.type == "NUMBER" and "SUCCESS" in accepted:
+        return f"success {token}"
+    if token in ("=", "is", "in") and "OPERATOR" in accepted:
+        return "=="
+    return _WORDS.get(token.lower(), "") if token.type == "NAME" else ""
+
+
 def _expected(
-    accepted: Collection[str], before: Sequence[str], vocabulary: Vocabulary
+    accepted: Collection[str], before: Sequence[Token], vocabulary: Vocabulary
 ) -> tuple[str, tuple[str, ...]]:
     """The accepted words, as a text and as candidates for a correction."""
     previous = str(before[-1]) if before else ""
@@ -285,6 +348,12 @@ def _expected(
         words = (*first, *_NODE_WORDS, *vocabulary.actions)
         return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
     if "NAME" in accepted and "NUMBER" in accepted:
+        arguments = vocabulary.action(_called(before)).arguments
+        if previous == ":" and (argument := arguments.get(str(before[-2]))):
+            return value_range(argument), argument.words
+        key = vocabulary.keys.get(str(before[-2])) if previous in OPERATORS else None
+        if key and key.words:
+            return key.kind, key.words
         return "a number, or the name of a constant or parameter", ()
     if "NAME" in accepted:
         if previous == "(" and len(accepted) == 1:
@@ -293,8 +362,9 @@ def _expected(
         if previous in _NAMING:
             return f"the name of a {'subtree' if previous == 'use' else previous}", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)
-        words = ("not", "(", *vocabulary.keys) if "NOT" in accepted else flags
-        return f"a key: {', '.join(words)}" if vocabulary.keys else "a key", words
+        words = tuple(vocabulary.keys) if "NOT" in accepted else flags
+        others = ", not or (" if "NOT" in accepted else ""
+        return f"a key: {', '.join(words)}{others}" if words else "a key", words
     spelled: list[str] = []
     for name in sorted(accepted, key=lambda name: (name in _SPELLING, name)):
         if name == "OPERATOR":
