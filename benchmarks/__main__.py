@@ -20,6 +20,7 @@ BENCHMARKS: Final = (
     "peer_ratio",
     "tick_us",
     "run_s",
+    "remote_overhead",
     "overhead_share",
     "startup_s",
     "growth",

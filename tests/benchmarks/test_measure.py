@@ -21,6 +21,7 @@ FIGURES: Final = {
     "run_s": "run_s_1 run_s_2 run_s_4 speed_up_2 efficiency_2 speed_up_4 efficiency_4"
     " limit_2 limit_4"
     " start_s serial_s cached_share paper_ratio",
+    "remote_overhead": "remote_overhead remote_episode_ms local_episode_ms",
     "overhead_share": "overhead_share_off overhead_share_mlflow mlflow_share episodes_s operators_s"
     " supervision_s rest_s run_s_off run_s_mlflow new_store_s command_s",
     "startup_s": "help_s config_error_s first_generation_s worker_mb worker_own_mb",
@@ -40,6 +41,7 @@ GOALS: Final = {  # of the figures that have one at any effort
     "walk_us": 2.0,
     "efficiency_2": 90.0,
     "efficiency_4": 90.0,
+    "remote_overhead": 20.0,
     "cartpole_ratio": 1.5,
     "lunarlander_ratio": 1.5,
     "minigrid_ratio": 1.5,
@@ -49,6 +51,7 @@ GOALS: Final = {  # of the figures that have one at any effort
 QUICK: Final = ("engine_ratio", "tick_us")  # they start no process
 LIBRARIES: Final = {
     "peer_ratio": ("deap", "py_trees"),
+    "remote_overhead": ("ray",),
     "tick_us": ("behaviortreepy",),
     "worlds_ratio": ("minigrid", "gymnasium"),
 }
