@@ -8,8 +8,10 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import asdict, replace
 from enum import StrEnum
+from functools import lru_cache
 from pathlib import Path
 from time import time
 from typing import Any, Final
@@ -62,6 +64,12 @@ class Status(StrEnum):
     FINISHED = "FINISHED"  # it is complete
     FAILED = "FAILED"  # an error stopped it
     KILLED = "KILLED"  # it was stopped, or its process died
+
+
+@lru_cache(maxsize=16)
+def _plain(text: str) -> Any:
+    """The values of a YAML text, which take long to read; not to be changed."""
+    return yaml.safe_load(text)
 
 
 class RunFolder:
@@ -161,7 +169,7 @@ class RunFolder:
             try:
                 with usable(self.path):
                     text = self.config()
-                    config = {} if text is None else yaml.safe_load(text)
+                    config = {} if text is None else deepcopy(_plain(text))
             except yaml.YAMLError as error:
                 raise ValueError(brief(error)) from error
             if not isinstance(config, dict):
