@@ -1,19 +1,25 @@
 """Work on configuration that tests repeat, done once a process.
 
 A text of YAML is parsed once and a file of `conf` is loaded once. The files are merged once for
-each choice of options; values given by the command are applied once for each command. All of it
-gives new objects at each call and raises what it raises without this module.
+each choice of options, and kept for later processes in .pytest_cache until a file of `conf`
+changes; values given by the command are applied once for each command. All of it gives new objects
+at each call and raises what it raises without this module.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
 import re
-from functools import lru_cache
+import sys
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
 from pathlib import Path
 from typing import Any, Final
 
+import hydra
+import omegaconf
 import yaml
 from hydra._internal import config_loader_impl
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -34,10 +40,7 @@ _merge = ConfigLoaderImpl._compose_config_from_defaults_list
 _configure = ConfigLoaderImpl.load_configuration
 
 _loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
-_files: dict[tuple[str, str], bytes] = {}
-_chosen: dict[str, bytes] = {}
-_merged: dict[str, bytes] = {}
-_configured: dict[str, bytes] = {}
+_made: dict[str, bytes] = {}
 
 
 @lru_cache(maxsize=2048)
@@ -59,6 +62,38 @@ def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAM
         return _parse(stream, Loader)
 
 
+@cache
+def _folder() -> Path:
+    """The folder of what is kept for these files of `conf` and these versions."""
+    state = hashlib.sha256(repr((sys.version, hydra.__version__, omegaconf.__version__)).encode())
+    for file in sorted(resource("conf").rglob("*.yaml")):
+        state.update(str(file).encode() + file.read_bytes())
+    folder = Path(__file__).parents[1] / ".pytest_cache" / "composed" / state.hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _once(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
+    """A new copy of what `make` returned for the key; `keep` keeps it for later processes."""
+    name = hashlib.sha256(repr(key).encode()).hexdigest()
+    file = _folder() / name
+    if name not in _made and keep and file.exists():
+        _made[name] = file.read_bytes()
+    if name not in _made:
+        _made[name] = pickle.dumps(make())
+        if keep:
+            part = file.with_suffix(f".{os.getpid()}")
+            part.write_bytes(_made[name])
+            part.replace(file)
+    return pickle.loads(_made[name])
+
+
+def _is_ours(repo: Any) -> bool:
+    """True if no folder of a test is read."""
+    own = [s.path.removeprefix("file://") for s in repo.get_sources() if s.scheme() not in SCHEMES]
+    return own == [str(resource("conf"))]
+
+
 def _sources(repo: Any) -> str:
     """The places that files are read from, and what is in folders of tests."""
     found = [(s.scheme(), s.path.removeprefix("file://")) for s in repo.get_sources()]
@@ -74,51 +109,40 @@ def _content(folder: str) -> dict[str, bytes]:
 
 def _load_config(self: ConfigRepository, config_path: str) -> Any:
     """As Hydra's: a file of the configuration, or None."""
-    key = (_sources(self), config_path)
-    if key not in _files:
-        found = _read(self, config_path)
-        if found is None:
-            return found
-        _files[key] = pickle.dumps(found)
-    return pickle.loads(_files[key])
+    key = ("file", _sources(self), config_path)
+    return _once(key, lambda: _read(self, config_path), keep=_is_ours(self))
 
 
 def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
     """As Hydra's: which files are chosen, and the overrides that are values."""
-    sources = _sources(repo)
     values, groups = [], []
     for override in overrides_list:
         if not override.is_sweep_override():
             is_group = repo.group_exists(override.key_or_group)
             is_choice = is_group and not isinstance(override.value(), dict)
             (groups if is_choice else values).append(override)
-    key = repr((sources, [o.input_line for o in groups], sorted(given.items())))
-    if key not in _chosen:
-        _chosen[key] = pickle.dumps(_choose(repo=repo, overrides_list=groups, **given))
-    found = pickle.loads(_chosen[key])
+    key = ("chosen", _sources(repo), [o.input_line for o in groups], sorted(given.items()))
+    choose = partial(_choose, repo=repo, overrides_list=groups, **given)
+    found = _once(key, choose, keep=_is_ours(repo))
     found.config_overrides = values
     return found
 
 
 def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
     """As Hydra's: the chosen files, merged."""
-    key = repr((_sources(repo), defaults))
-    if key not in _merged:
-        _merged[key] = pickle.dumps(_merge(self, defaults=defaults, repo=repo))
-    return pickle.loads(_merged[key])
+    key = ("merged", _sources(repo), defaults)
+    return _once(key, partial(_merge, self, defaults=defaults, repo=repo), keep=_is_ours(repo))
 
 
 def _load_configuration(
     self: ConfigLoaderImpl, config_name: str | None, overrides: list[str], *args: Any, **given: Any
 ) -> Any:
     """As Hydra's: the whole configuration of a command."""
-    sources = _sources(self.repository)
     own = [_content(path) for path in SEARCHED.findall(" ".join(overrides))]
     job = JobRuntime.instance().conf
-    key = repr((sources, own, config_name, overrides, args, sorted(given.items()), job, getbase()))
-    if key not in _configured:
-        _configured[key] = pickle.dumps(_configure(self, config_name, overrides, *args, **given))
-    config = pickle.loads(_configured[key])
+    how = (config_name, overrides, args, sorted(given.items()), job, getbase())
+    configure = partial(_configure, self, config_name, overrides, *args, **given)
+    config = _once((_sources(self.repository), own, how), configure, keep=False)
     config.hydra.runtime.cwd = os.getcwd()
     return config
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.profiles import sweep
 from tests.running.commands import ROOT, TINY, fake
 
 pytestmark = pytest.mark.process
@@ -64,7 +65,7 @@ def test_a_run_goes_on_when_its_display_takes_no_more(
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell")
-@pytest.mark.parametrize(
+@sweep(
     "streams",
     [
         "<&- >&- 2>&-",
@@ -72,6 +73,7 @@ def test_a_run_goes_on_when_its_display_takes_no_more(
         pytest.param("2>&-", marks=pytest.mark.slow),
         pytest.param(">&- 2>&-", marks=pytest.mark.slow),
     ],
+    quick=1,
 )
 def test_a_run_goes_on_without_streams(streams: str, tmp_path: Path) -> None:
     """Closed ones, and both into a pipe that ends; no other file takes their number."""

@@ -26,8 +26,8 @@ from tests.made import CLASSES
 from tests.running.commands import fake
 
 QUICK = (
-    "gp.generations=8",
-    "gp.population=12",
+    "gp.generations=2",
+    "gp.population=4",
     "tracking=off",
     "progress=off",
     *fake("Instant"),

@@ -124,7 +124,7 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     assert (found["one"].info.status, found["two"].info.status) == ("FINISHED", "KILLED")
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("file", "text"),
     [
         ("about.json", "{}"),
@@ -135,6 +135,7 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
         ("tracking.json", "[]"),
         ("summary.json", "{"),
     ],
+    quick=2,
 )
 def test_a_damaged_folder_is_told_and_stops_no_other(
     file: str, text: str, home: Path, store: Store
