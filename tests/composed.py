@@ -6,8 +6,9 @@ experiment, since most tests of evolution are about Algorithm 1.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -16,6 +17,7 @@ from omegaconf import OmegaConf
 from islandgp.config.settings import Settings, read_settings
 from islandgp.gp.plan import Plan
 from islandgp.resources import resource
+from tests.once import made_once
 
 
 def plain(*overrides: str) -> dict[str, Any]:
@@ -25,6 +27,13 @@ def plain(*overrides: str) -> dict[str, Any]:
 
 @cache
 def _plain(*overrides: str) -> dict[str, Any]:
+    found: dict[str, Any] = made_once(
+        ("plain", overrides), partial(_composed, overrides), keep=True
+    )
+    return found
+
+
+def _composed(overrides: Sequence[str]) -> dict[str, Any]:
     with initialize_config_dir(str(resource("conf")), version_base="1.3"):
         config = compose("config", ["tracking=off", *overrides])
     found = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)

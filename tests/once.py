@@ -3,7 +3,7 @@
 A text of YAML is parsed once and a file of `conf` is loaded once. The files are merged once for
 each choice of options, and kept for later processes in .pytest_cache until a file of `conf`
 changes; values given by the command are applied once for each command. All of it gives new objects
-at each call and raises what it raises without this module.
+at each call and raises what it raises without this module. A tree of a library is parsed once.
 """
 
 from __future__ import annotations
@@ -28,7 +28,11 @@ from hydra.core.config_store import ConfigStore
 from hydra.core.utils import JobRuntime
 from hydra.version import getbase
 
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.resources import resource
+from islandgp.supervision import library
 
 SEARCHED: Final = re.compile(r"hydra\.searchpath=\[file://([^\]]+)\]")
 SCHEMES: Final = ("pkg", "structured")  # sources that do not change under a running process
@@ -41,6 +45,7 @@ _configure = ConfigLoaderImpl.load_configuration
 
 _loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
 _made: dict[str, bytes] = {}
+_trees: dict[tuple[str, str, int], tuple[Node, Vocabulary]] = {}  # it keeps the vocabularies' ids
 
 
 @lru_cache(maxsize=2048)
@@ -73,7 +78,7 @@ def _folder() -> Path:
     return folder
 
 
-def _once(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
+def made_once(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
     """A new copy of what `make` returned for the key; `keep` keeps it for later processes."""
     name = hashlib.sha256(repr(key).encode()).hexdigest()
     file = _folder() / name
@@ -110,7 +115,7 @@ def _content(folder: str) -> dict[str, bytes]:
 def _load_config(self: ConfigRepository, config_path: str) -> Any:
     """As Hydra's: a file of the configuration, or None."""
     key = ("file", _sources(self), config_path)
-    return _once(key, lambda: _read(self, config_path), keep=_is_ours(self))
+    return made_once(key, lambda: _read(self, config_path), keep=_is_ours(self))
 
 
 def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
@@ -123,7 +128,7 @@ def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
             (groups if is_choice else values).append(override)
     key = ("chosen", _sources(repo), [o.input_line for o in groups], sorted(given.items()))
     choose = partial(_choose, repo=repo, overrides_list=groups, **given)
-    found = _once(key, choose, keep=_is_ours(repo))
+    found = made_once(key, choose, keep=_is_ours(repo))
     found.config_overrides = values
     return found
 
@@ -131,7 +136,7 @@ def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
 def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
     """As Hydra's: the chosen files, merged."""
     key = ("merged", _sources(repo), defaults)
-    return _once(key, partial(_merge, self, defaults=defaults, repo=repo), keep=_is_ours(repo))
+    return made_once(key, partial(_merge, self, defaults=defaults, repo=repo), keep=_is_ours(repo))
 
 
 def _load_configuration(
@@ -142,16 +147,25 @@ def _load_configuration(
     job = JobRuntime.instance().conf
     how = (config_name, overrides, args, sorted(given.items()), job, getbase())
     configure = partial(_configure, self, config_name, overrides, *args, **given)
-    config = _once((_sources(self.repository), own, how), configure, keep=False)
+    config = made_once((_sources(self.repository), own, how), configure, keep=False)
     config.hydra.runtime.cwd = os.getcwd()
     return config
 
 
+def _parse_tree(text: str, vocabulary: Vocabulary, *, name: str) -> Node:
+    """As `parse`, for the trees of libraries: nodes do not change."""
+    key = (text, name, id(vocabulary))
+    if key not in _trees:
+        _trees[key] = (parse(text, vocabulary, name=name), vocabulary)
+    return _trees[key][0]
+
+
 def install() -> None:
-    """Replaces PyYAML's and Hydra's functions for the rest of this process."""
+    """Replaces functions of PyYAML, Hydra and the library for the rest of this process."""
     yaml.load = _load
     ConfigStore.__deepcopy__ = lambda store, _: store  # type: ignore[attr-defined] # its nodes are copied when read
     ConfigRepository.load_config = _load_config
     ConfigLoaderImpl.load_configuration = _load_configuration
     config_loader_impl.create_defaults_list = _create_defaults_list
     ConfigLoaderImpl._compose_config_from_defaults_list = _compose_config
+    library.parse = _parse_tree
