@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from functools import cache, partial
+from tempfile import gettempdir
 from typing import Any
 
 from hydra import compose, initialize_config_dir
@@ -27,9 +28,9 @@ def plain(*overrides: str) -> dict[str, Any]:
 
 @cache
 def _plain(*overrides: str) -> dict[str, Any]:
-    found: dict[str, Any] = made_once(
-        ("plain", overrides), partial(_composed, overrides), keep=True
-    )
+    make = partial(_composed, overrides)
+    keep = all(gettempdir() not in word for word in overrides)  # folders of one run of the tests
+    found: dict[str, Any] = made_once(("plain", overrides), make, keep=keep)
     return found
 
 

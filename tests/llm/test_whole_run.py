@@ -32,6 +32,7 @@ from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.llm.made import settings as llm_settings
+from tests.profiles import sweep
 
 NIGHTLY = pytest.mark.slow
 QUICK = (
@@ -122,7 +123,7 @@ def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
     assert counted.phases["early_exploration"] > 0
 
 
-@pytest.mark.parametrize("script", [lambda _: Fault.SERVER_ERROR, lambda _: Fault.BRACKETS])
+@sweep("script", [lambda _: Fault.SERVER_ERROR, lambda _: Fault.BRACKETS], quick=1)
 def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
     """A server that fails every time costs the answers, not the run."""
     short = ("gp.generations=5", "supervisor.policy.output=text")
