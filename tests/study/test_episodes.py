@@ -7,6 +7,8 @@ from operator import attrgetter
 from types import SimpleNamespace
 from typing import Any, cast
 
+import pytest
+
 from islandgp.gp.record import Cost, GenerationRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
