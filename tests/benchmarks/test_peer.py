@@ -42,6 +42,7 @@ def test_the_peer_does_the_same_work(tree: str) -> None:
     assert sum(theirs[event] for event in WORK) > 10
 
 
+@pytest.mark.slow
 def test_the_peer_charges() -> None:
     """A robot that starts with an empty battery charges as often as ours."""
     from benchmarks.peer.episode import run_peer_episode

@@ -301,7 +301,7 @@ def actions(node: Node) -> list[str]:
     return [*own, *(name for child in node.children for name in actions(child))]
 
 
-@examples(max_examples=300, deadline=None)
+@examples(max_examples=100, deadline=None)
 @given(st.lists(any_word) | nearly_trees())
 def test_any_words(words: list[str]) -> None:
     """The language's own words are a tree of their actions, in order, or an error at a place."""

@@ -384,6 +384,7 @@ def test_a_tree_file_reaches_what_others_do_not(here: Path, islandgp: Cli) -> No
     assert f"tree {tree})" in out
 
 
+@pytest.mark.slow
 def test_trees_of_the_library_are_run(here: Path, islandgp: Cli) -> None:
     """One that cannot be read is left out in a line."""
     (here / "trees").mkdir()

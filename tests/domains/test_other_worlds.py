@@ -31,6 +31,7 @@ from islandgp.gp.record import Step
 from islandgp.running.run import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
+from tests.profiles import sweep
 from tests.running.commands import finish, kill_group, lines, start, wait_until
 from tests.trees.shell import Cli, shell
 
@@ -105,13 +106,14 @@ class TestPendulum(DomainSuite):
         return short("pendulum")
 
 
-@pytest.mark.parametrize(
+@sweep(
     "world",
     [
         "minigrid",
         "cartpole",
         *(pytest.param(w, marks=NIGHTLY) for w in ("lunarlander", "pendulum")),
     ],
+    quick=1,
 )
 def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
     """Check, play, trace, replay and export, on a tree whose first line names the domain."""

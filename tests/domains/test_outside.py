@@ -19,6 +19,7 @@ from islandgp.errors import DomainError, EvaluationError
 from islandgp.resources import resource
 from islandgp.running.app import main
 from tests.domains.test_tutorial import EXAMPLE, ROOT
+from tests.profiles import sweep
 from tests.running.commands import TINY
 from tests.trees.shell import shell
 
@@ -196,12 +197,13 @@ def _stop(*_: object) -> None:
     raise EvaluationError("stopped")
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("body", "expected"),
     [
         ("return None", "wrong:hoist failed (TypeError: expected it to return something"),
         ("return 1 / 0", "wrong:hoist failed (ZeroDivisionError: division by zero, in {}, line 2)"),
     ],
+    quick=1,
 )
 def test_the_fault_of_an_operator_is_its_authors(
     here: Path, body: str, expected: str, capsys: pytest.CaptureFixture[str]

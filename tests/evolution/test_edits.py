@@ -21,6 +21,7 @@ from islandgp.records.checkpoint import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance
 from tests.evolution.runs import Says, lines, plan, records, run
+from tests.profiles import sweep
 
 LIST = (
     "selector { when batteryLevel < 20 { SeekCharger } sequence { MoveToGarbage PickupGarbage } }"
@@ -240,7 +241,7 @@ def test_mutated_advice() -> None:
     assert all(m.startswith("edit:") and "+" in m for m in found)
 
 
-@pytest.mark.parametrize("lag", [0, 2])
+@sweep("lag", [0, 2], quick=1)
 def test_resuming_with_edits(lag: int) -> None:
     """A run that goes on from any of its states has the same edits, trials and trees."""
     how = plan("+supervisor.edits=2", f"supervisor.lag={lag}")

@@ -17,6 +17,7 @@ from islandgp.running.app import main
 from islandgp.testing.faults import Fault
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
+from tests.profiles import sweep
 
 SMALL = (
     "gp.population=6",
@@ -51,7 +52,7 @@ def found(here: Path, name: str) -> dict[str, Any]:
     return value
 
 
-@pytest.mark.parametrize("given", ["configuration", "environment"])
+@sweep("given", ["configuration", "environment"], quick=1)
 def test_an_address_where_nobody_listens_stops_the_run(
     here: Path,
     refused: str,

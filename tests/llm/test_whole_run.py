@@ -191,6 +191,7 @@ def test_a_run_begun_anew_in_its_folder_asks_nothing_again(tmp_path: Path) -> No
         assert len(server.requests) == asked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [pytest.param(1, marks=NIGHTLY), 3])
 def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     """With quick answers, slow ones and recorded ones: the same bytes, the lag applied exactly."""

@@ -26,6 +26,7 @@ from islandgp.running.app import main
 from islandgp.running.resume import differences
 from islandgp.viewer.run_page import NAME_OF_PAGE
 from tests.composed import composed, named
+from tests.profiles import sweep
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -222,8 +223,8 @@ def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     return said
 
 
-@pytest.mark.parametrize(
-    ("generation", "reason"), [(0, errno.ENOSPC), (3, errno.EROFS), (5, errno.EACCES)]
+@sweep(
+    ("generation", "reason"), [(0, errno.ENOSPC), (3, errno.EROFS), (5, errno.EACCES)], quick=1
 )  # the first generation, one between, and the last of 6
 def test_a_generation_that_cannot_be_written_down_ends_the_run(
     generation: int,
@@ -282,7 +283,7 @@ def test_a_damaged_folder_is_told_in_a_line(here: Path, capsys: pytest.CaptureFi
     """The file, what is wrong with it, and a remedy that works."""
     main(INSTANT)
     (name,) = leaf(here)
-    for file, data, sweep in (
+    for file, data, options in (
         ("summary.json", b'{"champion": ', ()),
         ("summary.json", b"{}", ("-m",)),
         ("summary.json", b"3", ()),
@@ -293,11 +294,11 @@ def test_a_damaged_folder_is_told_in_a_line(here: Path, capsys: pytest.CaptureFi
         path = here / "runs/default" / name / file
         sound = path.read_bytes()
         path.write_bytes(data)
-        said = in_a_line(capsys, *INSTANT, *sweep)
+        said = in_a_line(capsys, *INSTANT, *options)
         assert f" in {path}, found a damaged file (" in said
         assert said.endswith("delete the run's folder or use resume=never.")
         if data in (b"{}", b""):
-            assert main([*INSTANT, "resume=never", *sweep]) == 0
+            assert main([*INSTANT, "resume=never", *options]) == 0
         path.write_bytes(sound)
 
 

@@ -108,6 +108,7 @@ def test_the_archive_is_feasible(folder: RunFolder) -> None:
     assert all(violation(counters[id_], constraints) == 0 for id_ in elites)
 
 
+@pytest.mark.slow
 def test_best(folder: RunFolder) -> None:
     """The share of worlds with all limits kept, and mean and worst of the perturbed worlds."""
     words = ["best", str(folder.path), "--worlds", "2", "--workers", "1"]

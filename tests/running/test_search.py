@@ -58,6 +58,7 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
 ) -> None:
     """Optuna chooses them, and the best run's validated mean is what it finds."""
     words = ["experiment=smoke", "supervisor=baseline", "tracking=off", "progress=off"]
+    words += ["gp.population=6", "gp.generations=3"]
     words.append("gp.trees.kinds.parallel=0.5")  # fewer: with made-up outcomes they do everything
     space = ["gp.mutation_rate=interval(0.05,0.9)", "gp.tournament=range(2,6)"]
     trials = "hydra.sweeper.n_trials=6"

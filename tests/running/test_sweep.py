@@ -23,7 +23,7 @@ from islandgp.sweep.job import Forget
 from islandgp.sweep.run import run_sweep
 from islandgp.tracking.store import ARM
 from tests.composed import composed, named
-from tests.profiles import examples
+from tests.profiles import examples, sweep
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -127,7 +127,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
     check_all_there(jobs, capsys.readouterr().out, file)
 
 
-@pytest.mark.parametrize(
+@sweep(
     "words",
     [
         ["gp.mutation_rate=1e-1,+0.30,0"],
@@ -137,6 +137,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
         ["supervisor=glob(*e*,exclude=[yoked,replay,editor*,distilled,untargeted])"],
         ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
     ],
+    quick=2,
 )
 def test_the_same_of_composed_jobs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]

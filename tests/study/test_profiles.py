@@ -222,6 +222,7 @@ def test_no_two_arms_look_alike() -> None:
     assert len(set(MARKERS)) == 8
 
 
+@pytest.mark.slow
 def test_the_documented_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's program runs as it stands, and makes the files that the page names."""
     page = (Path(__file__).parents[2] / "docs" / "statistics.md").read_text(encoding="utf-8")

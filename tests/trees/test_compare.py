@@ -6,6 +6,7 @@ from pathlib import Path
 from random import Random
 from time import process_time
 
+import pytest
 from hypothesis import given
 
 from islandgp.bt.analysis.compare import Mark, compare
@@ -80,6 +81,7 @@ def test_command(islandgp: Cli, tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_large_trees(islandgp: Cli, tmp_path: Path) -> None:
     """Frequent nodes of a large tree make nobody wait."""
     a, b = tmp_path / "a.bt", tmp_path / "b.bt"

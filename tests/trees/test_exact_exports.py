@@ -87,6 +87,7 @@ def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
         assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
 
 
+@pytest.mark.slow
 def test_subtrees_in_py_trees() -> None:
     """Subtrees are functions of their names there, and change nothing of what the tree does."""
     for tree, boards, results, _ in random_cases(cases(150)):

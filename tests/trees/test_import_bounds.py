@@ -355,6 +355,7 @@ def test_subtrees_that_double() -> None:
     assert isinstance(quick(main_tree, doubled(8), VOCABULARY), Node)
 
 
+@pytest.mark.slow
 def test_many_children() -> None:
     """2,000 children are read; 200,000 are refused."""
     for tag in ("Sequence", "Fallback", "JudgedParallel", "InterruptibleSequence"):
