@@ -112,6 +112,7 @@ def _run_all(args: argparse.Namespace, words: list[str]) -> int:
             check_ready(one.settings, frozenset(before.folder for before in jobs[:n]))
     if args.multirun:
         return run_sweep(jobs, command_line(words), launch)
+    _must_not_need_hydra(args.overrides)
     return _run_single(jobs[0], command_line(words))
 
 
@@ -166,6 +167,24 @@ def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     args = get_args_parser().parse_intermixed_args(words)
     options = [word for word in words if word not in set(args.overrides)]
     return args, [*args.overrides, *options]
+
+
+COMPOSING: Final = ("launcher", "sweeper", "searchpath")
+"""Keys of Hydra that a single run accepts."""
+
+
+def _must_not_need_hydra(overrides: Sequence[str]) -> None:
+    """Raises ConfigError for a key of Hydra that has an effect on the jobs of a sweep only.
+
+    Keys of launchers and sweepers are permitted, as the same words may be given with -m as well.
+    """
+    for override in overrides:
+        key = override.partition("=")[0].lstrip("+~")
+        if key.startswith("hydra.") and key.split(".")[1] not in COMPOSING:
+            raise ConfigError(
+                f"{key}: expected keys of islandgp, found one of Hydra, which has no effect on a"
+                " single run; leave it out, or start a sweep with -m."
+            )
 
 
 def _run_single(job: Planned, command: str) -> int:

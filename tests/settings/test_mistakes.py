@@ -275,6 +275,8 @@ ONE_LINE = [
     (["hydra.callbacks.forget._target_=builtins.print"],
      "hydra.callbacks.forget: expected no callbacks, found one; leave it out,"),
     (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected ., found /proc/x"),
+    (["+hydra.job.env_set.A=1"],
+     "hydra.job.env_set.A: expected keys of islandgp, found one of Hydra, which has no effect on"),
     (["domain=[island,minigrid]"],
      "domain=[island,minigrid]: expected the name of an option, found a list; write domain=island"),
     (["~domain"], "domain: expected the name of an option, found none; there are cartpole, island"),
