@@ -32,7 +32,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the documented sweep has run, with fewer and shorter episodes."""
     folder = tmp_path_factory.mktemp("home")
     small = ["gp.population=6", "gp.tournament=2", "world.episode.length=10"]
-    small += ["gp.generations=3", *fake("Instant")]
+    small += ["gp.generations=4", *fake("Instant")]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         assert app.main([*small, *SWEEP[3:]]) == 0
