@@ -237,6 +237,8 @@ def test_conditions_of_actions() -> None:
     schema = SimpleSchema(words)
     again = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
     assert again == words
+    with pytest.raises(DomainError, match="at least one word"):
+        declared('{"domain": "b", "actions": {}, "keys": {"k": {"words": []}}}', "", name="b.json")
     assert to_text(guarded(again.actions["Dock"].to_start[0], leaf("Dock"))) == (
         "when mode == docking { Dock }\n"
     )

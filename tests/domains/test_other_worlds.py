@@ -44,6 +44,7 @@ BY_HAND = {
     "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
     "lunarlander": DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
     "pendulum": DOMAINS / "gymnasium" / "trees" / "pendulum.bt",
+    "mountaincar": DOMAINS / "gymnasium" / "trees" / "mountaincar.bt",
 }
 SHORT = ("world.ticks=40",)
 TINY = (*SHORT, "gp.population=6", "gp.generations=4", "gp.episodes=1", "supervisor=baseline")

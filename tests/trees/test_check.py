@@ -300,7 +300,7 @@ def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[
     file.write_text("domain maze\nForward\n")
     said = islandgp(*words, file)
     assert (said.code, said.out) == (2, "")
-    known = "cartpole, island, lunarlander, minigrid, pendulum, swimmer"
+    known = "cartpole, island, lunarlander, minigrid, mountaincar, pendulum, swimmer"
     assert f"for a domain that is configured ({known}), found one for 'maze'" in said.err
     assert "--config-dir" in said.err
     assert len(said.err.splitlines()) == 1

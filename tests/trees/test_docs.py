@@ -21,6 +21,7 @@ from click.shell_completion import ShellComplete
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse, words
 from islandgp.bt.editor.format import format_text
+from islandgp.bt.export.render import to_svg
 from islandgp.cli import COMMANDS
 from islandgp.cli import islandgp as group
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -54,6 +55,15 @@ def test_language_is_up_to_date() -> None:
         *(kind for kind in KINDS if kind != "action"),
     ):
         assert name in text
+
+
+def test_the_drawing_of_a_tree_is_up_to_date() -> None:
+    """docs/img/patrol.svg is the drawing of the tree above it, whose text is canonical."""
+    found = re.search(r"```bt patrol.bt\n(.*?)```", generate.LANGUAGE.read_text("utf-8"), re.DOTALL)
+    assert found is not None
+    assert format_text(found[1]) == found[1]
+    drawn = (ROOT / "docs" / "img" / "patrol.svg").read_text(encoding="utf-8")
+    assert drawn == to_svg(parse(found[1]))
 
 
 def test_costs_are_up_to_date() -> None:

@@ -206,7 +206,7 @@ class _Key(BaseModel, extra="forbid"):
 
     def key(self) -> Key:
         given = self.model_fields_set
-        if self.words:
+        if "words" in given:
             return enumeration(self.meaning, self.words)
         values = {**dict(self), "words": ()}
         return Key(**{**values, "flag": self.flag if "flag" in given else given <= {"meaning"}})
