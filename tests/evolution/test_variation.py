@@ -205,7 +205,7 @@ def test_numbers_stay_on_their_grid() -> None:
     tree = parse("when batteryLevel < 95 { PatrolWaypoint }")
     seen = set()
     for seed in range(300):
-        key, op, number = guard_of(mutated(seed, tree, "parameter")).condition
+        key, op, number, *_ = guard_of(mutated(seed, tree, "parameter")).condition
         if (key, op) == ("batteryLevel", "<"):
             seen.add(number)
     assert len(seen) > 8
