@@ -45,8 +45,8 @@ def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> No
 
 def must_take_files(folder: Path) -> None:
     """Makes a file in a folder, or where it would be made, and removes it. Raises OSError."""
-    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
-    with TemporaryFile(dir=there, prefix=".islandgp-"):
+    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    with TemporaryFile(dir=existing, prefix=".islandgp-"):
         pass
 
 

@@ -79,8 +79,8 @@ class Schema:
 
     def __post_init__(self) -> None:
         """Checks the declarations; without counters, declares one per event."""
-        for what, found in (("action", self.vocabulary.actions), ("component", self.components)):
-            if not found:
+        for what, names in (("action", self.vocabulary.actions), ("component", self.components)):
+            if not names:
                 raise DomainError(
                     f"Expected at least one {what} in the domain {self.vocabulary.domain}, found"
                     f" none; declare it in its Schema."

@@ -64,11 +64,11 @@ class DomainError(IslandError):
 class TimeLimitError(DomainError):
     """An episode exceeded its time limit; `found` is the code that was running, with its place."""
 
-    def __init__(self, found: str, seconds: float) -> None:
+    def __init__(self, work: str, seconds: float) -> None:
         super().__init__(
-            f"Expected an episode to end within {seconds:g} s, found {found}; {LONGER}."
+            f"Expected an episode to end within {seconds:g} s, found {work}; {LONGER}."
         )
-        self.found = found
+        self.found = work
 
 
 LONGER: Final = (

@@ -59,19 +59,19 @@ class GeneratorSteps:
             running.close()
 
 
-def status_of(found: object, name: str, leaf: object, *, condition: bool = False) -> int:
+def status_of(result: object, name: str, leaf: object, *, condition: bool = False) -> int:
     """The status for the value returned by the leaf of an action or a condition.
 
     Raises:
         DomainError: it is no status, or a condition is RUNNING.
     """
-    if isinstance(found, int) and 0 <= found <= RUNNING - condition:
-        return int(found)
-    if is_flag(found):
-        return int(bool(found))
+    if isinstance(result, int) and 0 <= result <= RUNNING - condition:
+        return int(result)
+    if is_flag(result):
+        return int(bool(result))
     ends, kind = ("True or False", "condition") if condition else _ANY_END
     raise DomainError(
-        f"Expected {ends} from the {kind} {name}, found {short_repr(found)}{_hint(found)}"
+        f"Expected {ends} from the {kind} {name}, found {short_repr(result)}{_hint(result)}"
         f"{defined_in(leaf)}."
     )
 
@@ -91,10 +91,10 @@ def is_flag(value: object) -> bool:
     return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
 
 
-def _hint(found: object) -> str:
-    if isgenerator(found):
+def _hint(result: object) -> str:
+    if isgenerator(result):
         return "; write `return (yield from ...)` to run a generator of another method"
-    if iscoroutine(found):
-        found.close()
+    if iscoroutine(result):
+        result.close()
         return "; write `def` in place of `async def`"
-    return "; return one in each branch" if found is None else ""
+    return "; return one in each branch" if result is None else ""

@@ -62,9 +62,9 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
                 f"expected a class with {', '.join(first)} and {last}, found {factory!r}"
             )
         for model in cls.models:
-            found = getattr(factory, model)
-            if not (isinstance(found, type) and issubclass(found, BaseModel)):
-                what = f"expected {model} to be a pydantic model, found {found!r}"
+            member = getattr(factory, model)
+            if not (isinstance(member, type) and issubclass(member, BaseModel)):
+                what = f"expected {model} to be a pydantic model, found {member!r}"
                 raise ValueError(what)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
         return factory
 
@@ -79,8 +79,8 @@ class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
 
     @field_validator("policy")
     @classmethod
-    def _fits_factory(cls, policy: dict[str, Any], found: ValidationInfo) -> dict[str, Any]:
-        if (factory := found.data.get("factory")) is not None:
+    def _fits_factory(cls, policy: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if (factory := info.data.get("factory")) is not None:
             with plugin_errors(path_of(factory)):
                 factory.Settings.model_validate(policy)  # its errors become errors of this field
         return policy

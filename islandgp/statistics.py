@@ -316,9 +316,9 @@ def sums_of_subsets(weights: Any) -> Any:
     return ways
 
 
-def two_sided(ways: Any, found: int) -> float:
+def two_sided(ways: Any, observed: int) -> float:
     """Twice the smaller tail from the sum `found` on, at most 1; `ways` are counts by sum."""
-    tail = min(ways[: found + 1].sum(), ways[found:].sum())
+    tail = min(ways[: observed + 1].sum(), ways[observed:].sum())
     return min(1.0, float(2 * tail / ways.sum()))
 
 

@@ -356,8 +356,8 @@ def _near(name: object, known: Iterable[str]) -> str:
 
 def _indices(values: Mapping[str, Any], chosen: Mapping[str, Key]) -> dict[str, Any]:
     """The values of the keys that have words, as indices; others that they cannot have as texts."""
-    found = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
-    return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in found.items()}
+    indices = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
+    return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in indices.items()}
 
 
 def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
@@ -397,11 +397,11 @@ def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
             )
 
 
-def _no_ending(found: object, step: object) -> str:
-    hint = "; leave `yield` out of it" if isgenerator(found) else ""
+def _no_ending(result: object, step: object) -> str:
+    hint = "; leave `yield` out of it" if isgenerator(result) else ""
     return (
         'Expected why the episode is over from `step`, a text, or "" to go on, found'
-        f" {short_repr(found)}{hint}{defined_in(step)}."
+        f" {short_repr(result)}{hint}{defined_in(step)}."
     )
 
 

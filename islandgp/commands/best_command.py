@@ -217,12 +217,12 @@ def _robots(
 
     records = list(run.records())
     everyone = sum(len(record["individuals"]) for record in records)
-    found = candidates(
+    trees = candidates(
         records, classes, most=everyone, top=everyone, tier=tier, constraints=constraints
     )
-    if not found:
+    if not trees:
         raise RunError(f"Expected {tier} robots in the last stage of {run.path}, found none.")
-    return found
+    return trees
 
 
 def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:

@@ -59,7 +59,7 @@ def command(
             vocabulary = vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
             if errors := tree_errors(text, vocabulary, name=name, folder=folder):
                 raise errors[0]
-            tree, found = checked(text, vocabulary, name, folder, limits)
+            tree, diagnostics = checked(text, vocabulary, name, folder, limits)
         except TreeError as error:
             wrong += 1
             for each in errors or [error]:
@@ -69,14 +69,18 @@ def command(
                 else:
                     click.echo(message if message.startswith(name) else f"{name}: {message}")
             continue
-        doubtful += bool(found)
+        doubtful += bool(diagnostics)
         if as_json:
-            entries += [plain_finding(finding, text, name) for finding in found]
+            entries += [plain_finding(finding, text, name) for finding in diagnostics]
             continue
-        for finding in found:
+        for finding in diagnostics:
             click.echo(finding.text(text, name=name))
         if not quiet:
-            how = f"{len(found)} warning{'s' * (len(found) != 1)}" if found else "no warnings"
+            how = (
+                f"{len(diagnostics)} warning{'s' * (len(diagnostics) != 1)}"
+                if diagnostics
+                else "no warnings"
+            )
             click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {how}")
     if as_json:
         click.echo(json.dumps(entries, indent=1))

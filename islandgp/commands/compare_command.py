@@ -176,12 +176,12 @@ def _select(
     for arm, selection in wanted:
         if selection.startswith(MLFLOW):
             folders = fetch(place, selection.removeprefix(MLFLOW).strip(), cache)
-            there = [found for folder in folders for found in find(folder)]
+            available = [run for folder in folders for run in find(folder)]
         else:
             if on_disk is None:
                 on_disk = find(runs) if name is None else named(name, find(runs))
-            there = on_disk
-        arm_runs, remarks = select(arm, selection, there)
+            available = on_disk
+        arm_runs, remarks = select(arm, selection, available)
         chosen.append(arm_runs)
         notes += remarks
     return chosen, notes

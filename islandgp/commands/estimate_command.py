@@ -162,8 +162,8 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
         times * turns * sum(m.output for m in most),
     )
     requests, tokens, output, usd = (
-        found if cap is None else min(found, cap)
-        for found, cap in bill.against(settings.caps).values()
+        cost if cap is None else min(cost, cap)
+        for cost, cap in bill.against(settings.caps).values()
     )
     return Bill(requests, tokens, output, None if bill.usd is None else usd)
 

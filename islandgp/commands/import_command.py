@@ -54,18 +54,18 @@ def command(
     vocabulary = vocabulary_of(text if chosen.declaration else "", chosen, name=name)
     if form == "json":
         read = from_json(text, vocabulary, name=name)
-        found = Imported(read, (), to_text(read))
+        imported = Imported(read, (), to_text(read))
     else:
-        found = read_tree(text, vocabulary, name=name, tree=identity, folder=folder_of(file))
+        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder_of(file))
     losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
-        for line, column, loss in found.differences
+        for line, column, loss in imported.differences
     ]
     if strict and losses:
         raise TreeError("\n".join([*losses, "Nothing is written; leave out --strict to take it."]))
     named = vocabulary.domain not in (default_domain(), UNNAMED)
     write_text(
-        output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(found.text)
+        output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(imported.text)
     )
     for line in losses:
         click.echo(line, err=True)

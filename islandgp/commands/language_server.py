@@ -78,9 +78,9 @@ class Server(LanguageServer):
 
     def check(self, document: TextDocument) -> None:
         """Sends what is wrong with a text and doubtful in it."""
-        found = [_diagnostic(each, document) for each in _found(document, self.words)]
+        diagnostics = [_diagnostic(each, document) for each in _found(document, self.words)]
         self.text_document_publish_diagnostics(
-            types.PublishDiagnosticsParams(document.uri, found, document.version)
+            types.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
 
 
@@ -286,23 +286,23 @@ def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
     return [plain_finding(finding, text, name) for finding in findings]
 
 
-def _diagnostic(found: dict[str, Any], document: TextDocument) -> types.Diagnostic:
+def _diagnostic(finding: dict[str, Any], document: TextDocument) -> types.Diagnostic:
     """The diagnostic of an error; one in an included file is shown at the top with its place."""
-    line, message = found["line"] - 1, found["message"]
-    columns = [found["column"] - 1, found["end"] - 1]
-    if found["file"] != _name(document):
-        message = f"{found['file']}:{found['line']}:{found['column']}: {message}"
+    line, message = finding["line"] - 1, finding["message"]
+    columns = [finding["column"] - 1, finding["end"] - 1]
+    if finding["file"] != _name(document):
+        message = f"{finding['file']}:{finding['line']}:{finding['column']}: {message}"
         line, columns = 0, [0, 0]
     start, end = (
         document.position_to_client_units(ServerTextPosition(line, column)) for column in columns
     )
-    error = found["severity"] == "error"
+    error = finding["severity"] == "error"
     severity = types.DiagnosticSeverity.Error if error else types.DiagnosticSeverity.Warning
     return types.Diagnostic(
         types.Range(start, end),
         message,
         severity=severity,
-        code=found["code"],
+        code=finding["code"],
         source="islandgp",
     )
 

@@ -128,8 +128,8 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
     """The settings that a run with these overrides has. Raises ConfigError."""
     from islandgp.config.compose import only_job
 
-    given = _given(overrides)
-    quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in given]
+    keys = _given(overrides)
+    quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in keys]
     return only_job([*quick, *overrides], config_dir).settings
 
 

@@ -48,12 +48,12 @@ def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
     A table that holds but one other column may be wider: its cells are folded.
     """
     first, *others = columns
-    found = [[first]]
+    groups = [[first]]
     for column in others:
-        if len(found[-1]) > 1 and width_of([*found[-1], column]) > width:
-            found.append([first])
-        found[-1].append(column)
-    return found
+        if len(groups[-1]) > 1 and width_of([*groups[-1], column]) > width:
+            groups.append([first])
+        groups[-1].append(column)
+    return groups
 
 
 def fitting(columns: Sequence[Column], width: int) -> tuple[list[Column], list[str]]:

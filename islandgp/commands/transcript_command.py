@@ -82,9 +82,11 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
             f" are not shown (the first: line {wrong[0].number}, {why}); restore a copy."
         )
     if not chosen:
-        found = f"generations {every[0].generation} to {every[-1].generation}" if every else "none"
+        generations = (
+            f"generations {every[0].generation} to {every[-1].generation}" if every else "none"
+        )
         raise SupervisionError(
-            f"Expected questions to a model in {path} that fit the options, found {found};"
+            f"Expected questions to a model in {path} that fit the options, found {generations};"
             " `islandgp transcript RUN` without options shows all."
         )
 

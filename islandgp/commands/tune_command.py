@@ -121,8 +121,8 @@ def _episodes(
         task = bar.add_task("", total=episodes)
 
         def points(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
-            found = evaluated(evaluator, trees, stage, worlds)
-            return [[outcome.fitness for outcome in outcomes] for outcomes in found]
+            results = evaluated(evaluator, trees, stage, worlds)
+            return [[outcome.fitness for outcome in outcomes] for outcomes in results]
 
         yield points, lambda done: bar.update(task, completed=done)
 
@@ -138,19 +138,19 @@ def _report_plan(settings: NumberSettings, numbers: int) -> None:
     )
 
 
-def _report(found: Tuned, seconds: float) -> None:
+def _report(tuned: Tuned, seconds: float) -> None:
     """A line for each number, the comparison, and the cost."""
-    for threshold, value in zip(found.thresholds, found.values, strict=True):
+    for threshold, value in zip(tuned.thresholds, tuned.values, strict=True):
         number = threshold.number
         became = "stays" if value == number.value else f"becomes {number_text(value)}"
         click.echo(
             f"  line {number.line}: {number.label} {number_text(number.value)} {became}", err=True
         )
-    if found.comparison is None:
+    if tuned.comparison is None:
         click.echo("Nothing better was found: the written numbers won the race.", err=True)
     else:
-        _report_comparison(found.comparison)
-    costs = found.costs
+        _report_comparison(tuned.comparison)
+    costs = tuned.costs
     click.echo(
         f"Cost: {costs.total:,} episodes ({costs.search:,} search, {costs.race:,} race,"
         f" {costs.comparison:,} comparison), {seconds:.1f} s.",

@@ -56,14 +56,14 @@ def _damage(folder: RunFolder) -> str:
     """
     must_have_no_links(folder.path)
     if folder.finished() and (wrong := damaged_files(folder.path)):
-        return "; ".join(f"{found}{_which(folder, found)}" for found in wrong)
+        return "; ".join(f"{file}{_which(folder, file)}" for file in wrong)
     folder.configuration()
     return "" if folder.about() else "about.json: missing"
 
 
-def _which(folder: RunFolder, found: DamagedFile) -> str:
+def _which(folder: RunFolder, file: DamagedFile) -> str:
     """A text on the first record that differs from its checksum."""
-    if (found.name, found.damage) != ("generations.jsonl", Damage.CHANGED):
+    if (file.name, file.damage) != ("generations.jsonl", Damage.CHANGED):
         return ""
     sums = folder.path / "generations.sha256"
     lines, known = list(generation_lines(folder.path).whole()), read_digests(sums)

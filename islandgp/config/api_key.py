@@ -71,9 +71,9 @@ def _check_free(name: str, value: str) -> None:
     keys = re.findall(r"([\w-]+)['\"]?\s*:", value)
     path = name.split(".")
     at = next((i for i, part in enumerate(path) if part in FREE), len(path))
-    if found := next((key for key in [*path[at + 1 :], *keys] if names_secret(key)), None):
+    if secret := next((key for key in [*path[at + 1 :], *keys] if names_secret(key)), None):
         raise ConfigError(
-            f"{name.lstrip('+~')}: expected no secret on the command line, found {found}; write it"
+            f"{name.lstrip('+~')}: expected no secret on the command line, found {secret}; write it"
             " into a file of your own, below supervisor.policy.extra_body, and name its folder by"
             " --config-dir"
         )
@@ -82,9 +82,9 @@ def _check_free(name: str, value: str) -> None:
 def _check_inside(word: str) -> None:
     name, _, value = word.partition("=")
     _check_free(name.strip(), value)
-    if found := INSIDE.search(value):
+    if match := INSIDE.search(value):
         raise ConfigError(
-            f"{name.lstrip('+~')}: expected no secret inside a value, found {found[1]};"
+            f"{name.lstrip('+~')}: expected no secret inside a value, found {match[1]};"
             f" {_REMEDY}, or give it an override of its own, as {KEY}=..."
         )
 

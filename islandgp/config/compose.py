@@ -108,13 +108,13 @@ def _sweeper(
     """The sweeper's configuration, and the overrides that it gets: its params come first."""
     loader = source.loader()
     words = parsed(args.overrides, loader)
-    found = _composed([_end(word, False) for word in words], source).hydra.sweeper
-    if not isinstance(found, DictConfig):
+    settings = _composed([_end(word, False) for word in words], source).hydra.sweeper
+    if not isinstance(settings, DictConfig):
         raise ConfigError(
-            f"hydra.sweeper: expected keys with values, found {found}; choose one by"
+            f"hydra.sweeper: expected keys with values, found {settings}; choose one by"
             " hydra/sweeper=NAME."
         )
-    sweeper = _resolved(found)
+    sweeper = _resolved(settings)
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
     last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *words]}
     return sweeper, list(last.values())
@@ -227,10 +227,10 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
             )
         jobs *= _values(sweep)
         if jobs > MOST_JOBS:
-            found = f"{jobs:,}" if jobs < 10**12 else "far more"
+            count = f"{jobs:,}" if jobs < 10**12 else "far more"
             raise ConfigError(
                 f"{sweep.input_line}: expected at most {MOST_JOBS:,} jobs of a command, found"
-                f" {found}; give them in parts: commands with the same name are one sweep."
+                f" {count}; give them in parts: commands with the same name are one sweep."
             )
 
 
@@ -249,8 +249,8 @@ def _values(sweep: Override) -> int:
     return n
 
 
-def _steps(sweep: Override, found: RangeSweep) -> int:
-    start, stop, step = found.start or 0, found.stop or 0, found.step
+def _steps(sweep: Override, values: RangeSweep) -> int:
+    start, stop, step = values.start or 0, values.stop or 0, values.step
     if not step or not all(isfinite(number) for number in (start, stop, step)):
         raise ConfigError(
             f"{sweep.input_line}: expected a range with an end and a step that is not 0, found"
@@ -316,13 +316,13 @@ OURS: Final = {
 def _must_leave_folders(hydra: DictConfig) -> None:
     """Raises ConfigError where a command chooses folders by Hydra's keys."""
     for key, ours in OURS.items():
-        found = OmegaConf.to_container(hydra, resolve=False)
+        settings = OmegaConf.to_container(hydra, resolve=False)
         for part in key.split("."):
-            found = found.get(part) if isinstance(found, dict) else None
-        if found != ours:
+            settings = settings.get(part) if isinstance(settings, dict) else None
+        if settings != ours:
             raise ConfigError(
                 f"hydra.{key}: expected {'null' if ours is None else str(ours).lower()}, found"
-                f" {found}; records go to <runs>/<name>/: choose these by runs=FOLDER and"
+                f" {settings}; records go to <runs>/<name>/: choose these by runs=FOLDER and"
                 " name=NAME."
             )
 

@@ -54,8 +54,8 @@ def error_lines(
             continue  # what is wrong in an item is not counted
         if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":
             name = f"tags.{e['loc'][1]}" if e["loc"][1:] else "tags"
-            given = f"{name}={e['input']!r}"
-            yield f"{given}: expected text, a number, true or false; give one of these"
+            assignment = f"{name}={e['input']!r}"
+            yield f"{assignment}: expected text, a number, true or false; give one of these"
             continue
         path = ".".join(str(part) for part in (*at, *e["loc"]))
         message = e["msg"].removeprefix("Value error, ")
@@ -77,14 +77,14 @@ def keys_at(
 ) -> list[str]:
     """The keys that may be at a path below `model`: a model's fields, else those of `config`."""
     kind: Any = model
-    found: Any = config
+    section: Any = config
     for part in path:
-        kind = _kind_below(kind, part, found)
-        found = setting_at(found, part)
+        kind = _kind_below(kind, part, section)
+        section = setting_at(section, part)
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return [*kind.model_fields]
-    given = map(str, found) if isinstance(found, Mapping) else ()
-    return [key for key in given if not key.startswith("_")]
+    keys = map(str, section) if isinstance(section, Mapping) else ()
+    return [key for key in keys if not key.startswith("_")]
 
 
 def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
@@ -118,6 +118,6 @@ def unknown_key(path: str, known: list[str]) -> str:
     known = [other for other in known if other != key]
     near = get_close_matches(key, known, 1, 0.5)
     dot = f"{parent}." if parent else ""
-    there = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
-    hint = f"did you mean {dot}{near[0]}?" if near else there
+    known_keys = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
+    hint = f"did you mean {dot}{near[0]}?" if near else known_keys
     return f"{path}: unknown key; {hint}"

@@ -259,12 +259,12 @@ def _no_mapping(source: ConfigSource) -> str:
     """The message for the first file of the user's that holds a list or the like; "" if none."""
     for file in _files(source):
         try:
-            found = yaml.safe_load(file.read_bytes())
+            content = yaml.safe_load(file.read_bytes())
         except yaml.YAMLError:  # the command has not chosen it: else this would be its error
             continue
-        if found is not None and not isinstance(found, dict):
+        if content is not None and not isinstance(content, dict):
             return (
-                f"Expected keys with values in {file}, found a {type(found).__name__}; write"
+                f"Expected keys with values in {file}, found a {type(content).__name__}; write"
                 " KEY: VALUE lines."
             )
     return ""
@@ -281,14 +281,14 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
         known = source.options(key)
         if not known or isinstance(value, str) or override.is_delete():
             continue
-        found = (override.input_line or "").partition("=")[2]
+        option = (override.input_line or "").partition("=")[2]
         if isinstance(value, list):
             return (
-                f"{key}={found}: expected the name of an option, found a list; write"
-                f" {key}={found.strip('[] ')} -m for a run with each"
+                f"{key}={option}: expected the name of an option, found a list; write"
+                f" {key}={option.strip('[] ')} -m for a run with each"
             )
         return (
-            f"{key}={found}: expected the name of an option, found {found};"
+            f"{key}={option}: expected the name of an option, found {option};"
             f" there are {', '.join(known)}; for none leave it out"
         )
     return ""

@@ -165,10 +165,10 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
 
     @field_validator("world", "rewards", mode="plain")
     @classmethod
-    def _of_the_domain(cls, value: Any, found: ValidationInfo) -> Any:
-        if (domain := found.data.get("domain")) is None:
+    def _of_the_domain(cls, value: Any, info: ValidationInfo) -> Any:
+        if (domain := info.data.get("domain")) is None:
             return value  # the domain has an error of its own
-        model = domain.factory.World if found.field_name == "world" else domain.factory.Rewards
+        model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
 
     def make_domain(self) -> Domain:
@@ -178,10 +178,10 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             domain: Domain = factory.make(self.world, self.rewards)
             schema = getattr(domain, "schema", None)
             if not isinstance(schema, Schema):
-                found = "none" if schema is None else type(schema).__name__
+                type_name = "none" if schema is None else type(schema).__name__
                 raise ConfigError(
                     f"domain.factory: expected {path_of(factory)} with a schema that is a Schema,"
-                    f" found {found}{defined_in(factory)}"
+                    f" found {type_name}{defined_in(factory)}"
                 )
         return domain
 
@@ -253,13 +253,13 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
 def _conflicts(settings: Settings) -> Iterator[str]:
     """A line for each value that another setting excludes."""
     gp, supervisor = settings.gp, settings.supervisor
-    for key, found, most, bound in (
+    for key, value, most, bound in (
         ("gp.tournament", gp.tournament, gp.population, "gp.population"),
         ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
         ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
     ):
-        if found > most:
-            yield f"{key}: expected at most {bound} = {most}, found {found}"
+        if value > most:
+            yield f"{key}: expected at most {bound} = {most}, found {value}"
     for tag in settings.tags:
         if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):
             yield f"tags.{tag}: expected a name of your own, found one that every run has"

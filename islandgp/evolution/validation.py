@@ -232,7 +232,7 @@ def validation_seeds(
     return tuple(world for world in drawn if world not in used)[:n]
 
 
-def entrants(found: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
+def entrants(trees: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
     """The candidates of the first round: all, or the best in training if episodes are few.
 
     Args:
@@ -242,9 +242,9 @@ def entrants(found: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
     Returns:
         At least one candidate.
     """
-    if sum(size * new for size, new in rounds(len(found), episodes)) <= episodes:
-        return found
-    ranked = sorted(found, key=lambda c: c.merit, reverse=True)
+    if sum(size * new for size, new in rounds(len(trees), episodes)) <= episodes:
+        return trees
+    ranked = sorted(trees, key=lambda c: c.merit, reverse=True)
     return ranked[: max(1, episodes // WORLDS_EACH)]
 
 
@@ -258,7 +258,7 @@ def rounds(n: int, episodes: int) -> list[tuple[int, int]]:
 
 
 def validate(
-    found: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     worlds: Sequence[int],
     evaluator: Evaluator,
     stage: int,
@@ -286,7 +286,7 @@ def validate(
     Raises:
         EvaluationError: an episode failed.
     """
-    left = {candidate: list[Outcome]() for candidate in found}
+    left = {candidate: list[Outcome]() for candidate in candidates}
     met = 0
 
     def worth(c: Candidate) -> Merit:
@@ -295,7 +295,7 @@ def validate(
             return c.merit
         return merit(fmean(o.fitness for o in left[c]), mean_violation(left[c], constraints))
 
-    for size, new in rounds(len(found), episodes):
+    for size, new in rounds(len(candidates), episodes):
         ranked = sorted(left, key=worth, reverse=True)[:size]
         batch = worlds[met : met + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])

@@ -180,8 +180,8 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
     if not guards:
         return tree
     i, old, args = guards[rng.integers(len(guards))]
-    asked = args.condition
-    parts = list(terms(asked))
+    expr = args.condition
+    parts = list(terms(expr))
     at, what = int(rng.integers(len(parts))), rng.random()
     if what < 0.25:
         others = [abort for abort in ABORTS if abort != args.abort]
@@ -195,7 +195,7 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
         new = conjoin(word, [parts[at], new])
     elif what < 0.65:
         new = None
-    changed = with_term(asked, at, new)
+    changed = with_term(expr, at, new)
     if changed is None:  # the only term is gone, and the guard with it
         return replace_at(tree, i, old.children[0])
     return replace_at(tree, i, old._replace(args=args._replace(condition=changed)))

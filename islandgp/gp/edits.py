@@ -49,12 +49,12 @@ class Edit:
                 f"expected an edit of one of the kinds {', '.join(EDITS)}, found {self.kind!r}"
             )
         needs = EDITS[self.kind].needs
-        given = {
+        fields = {
             "branch": self.branch is not None,
             "number": self.number is not None,
             "donor": bool(self.donor),
         }
-        for name, is_given in given.items():
+        for name, is_given in fields.items():
             if is_given != (name == needs):
                 wanted, found = ("a", "none") if name == needs else ("no", "one")
                 raise ValueError(f"expected {wanted} {name} in an edit {self.kind}, found {found}")
@@ -229,8 +229,8 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
         return with_node(tree, path, node._replace(args=CountArgs(int(number))))
     if node.guard is None:
         raise ValueError(f"expected a `when` or a repeater at {edit.at[:60]!r}, found {node.kind}")
-    asked = node.guard.condition
-    conditions = list(terms(asked))
+    condition = node.guard.condition
+    conditions = list(terms(condition))
     if not 0 <= edit.term < len(conditions):
         raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {edit.term}")
     term = conditions[edit.term]
@@ -238,7 +238,7 @@ def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
     if term.other or isinstance(term.number, Named):
         raise ValueError(f"expected a comparison with a number, found {condition_text(term)}")
-    changed = with_term(asked, edit.term, term._replace(number=float(number)))
+    changed = with_term(condition, edit.term, term._replace(number=float(number)))
     assert changed is not None
     return with_node(tree, path, node._replace(args=node.guard._replace(condition=changed)))
 

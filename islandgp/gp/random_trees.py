@@ -287,11 +287,11 @@ def check_growth(
             f" found {trees.children[1]}"
         )
     depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], most + 1)]
-    for key, found in (
+    for key, value in (
         ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
         (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),
     ):
-        if found > MOST_NODES:
+        if value > MOST_NODES:
             raise ValueError(
                 f"{key}: expected random trees of at most {MOST_NODES:,.0f} nodes on average,"
                 " found larger ones; lower it or gp.trees.children, or raise gp.trees.leaf"

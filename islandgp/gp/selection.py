@@ -38,10 +38,10 @@ def selection(name: str) -> Selection:
     return function(name, SELECTIONS, _must_be_individual)
 
 
-def _must_be_individual(made: object, *_: object) -> None:
-    if not isinstance(made, Evaluated):
+def _must_be_individual(result: object, *_: object) -> None:
+    if not isinstance(result, Evaluated):
         raise TypeError(
-            f"expected it to return an individual (Evaluated), found {type(made).__name__}"
+            f"expected it to return an individual (Evaluated), found {type(result).__name__}"
         )
 
 

@@ -92,18 +92,18 @@ def crossover(name: str) -> Crossover:
     return function(name, CROSSOVERS, _must_be_child)
 
 
-def _must_be_child(made: object, _: object, __: object, ___: object, limits: Limits) -> None:
-    if not within(_tree(made), limits):
+def _must_be_child(result: object, _: object, __: object, ___: object, limits: Limits) -> None:
+    if not within(_tree(result), limits):
         raise ValueError(
             f"expected a tree of at most {limits.max_nodes} nodes and depth {limits.max_depth},"
-            f" found {size(_tree(made))} nodes and depth {max(levels(_tree(made)))}"
+            f" found {size(_tree(result))} nodes and depth {max(levels(_tree(result)))}"
         )
 
 
-def _tree(made: object) -> Node:
-    if not isinstance(made, Node):
-        raise TypeError(f"expected it to return a tree (Node), found {type(made).__name__}")
-    return made
+def _tree(result: object) -> Node:
+    if not isinstance(result, Node):
+        raise TypeError(f"expected it to return a tree (Node), found {type(result).__name__}")
+    return result
 
 
 def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
@@ -151,14 +151,14 @@ def _parameter(
         moved = round(old.args.times + nudge * space.settings.repeats)
         args = CountArgs(float(min(most, max(least, moved))))
     elif isinstance(old.args, GuardArgs):
-        asked = old.args.condition
-        if not isinstance(asked, Condition) or (
+        condition = old.args.condition
+        if not isinstance(condition, Condition) or (
             space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
         ):
-            args = old.args._replace(condition=_rejoined(rng, asked, nudge, space))
-        elif space.vocabulary.has_number(asked) and rng.random() < 0.5:
-            key = space.vocabulary.keys[asked.key]
-            args = old.args._replace(condition=_nudged(asked, key, nudge))
+            args = old.args._replace(condition=_rejoined(rng, condition, nudge, space))
+        elif space.vocabulary.has_number(condition) and rng.random() < 0.5:
+            key = space.vocabulary.keys[condition.key]
+            args = old.args._replace(condition=_nudged(condition, key, nudge))
     return replace_at(tree, i, old._replace(args=args))
 
 
@@ -264,8 +264,8 @@ MUTATIONS: Final[dict[str, Mutation]] = {
 }
 
 
-def _must_be_mutant(made: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
-    for node in walk(_tree(made)):
+def _must_be_mutant(result: object, _: object, __: object, space: TreeSpace, ___: object) -> None:
+    for node in walk(_tree(result)):
         if node.action and node.action not in space.vocabulary.actions:
             known = ", ".join(space.vocabulary.actions)
             raise ValueError(f"expected actions of the domain ({known}), found {node.action}")

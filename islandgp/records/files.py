@@ -153,10 +153,10 @@ def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float,
     Raises:
         RunError: the run was not validated, and `validation_mean` is one of the names.
     """
-    found = values(summary)
-    if "validation_mean" in names and found["validation_mean"] is None:
+    figures = values(summary)
+    if "validation_mean" in names and figures["validation_mean"] is None:
         raise RunError(NOT_VALIDATED)
-    return tuple(float(summary["generations"] if found[n] is None else found[n]) for n in names)
+    return tuple(float(summary["generations"] if figures[n] is None else figures[n]) for n in names)
 
 
 def pretty(value: dict[str, Any]) -> bytes:
@@ -176,10 +176,10 @@ def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
     }
 
 
-def fallback_share(found: Mapping[str, int]) -> float:
+def fallback_share(sources: Mapping[str, int]) -> float:
     """The share of the fallback in what `answers` counts; an answer in part counts half."""
-    total = found.get("total", 0)
-    return (found["fallback"] - found["in_part"] / 2) / total if total else 0.0
+    total = sources.get("total", 0)
+    return (sources["fallback"] - sources["in_part"] / 2) / total if total else 0.0
 
 
 def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:

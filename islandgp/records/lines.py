@@ -110,9 +110,9 @@ def append_digest(path: Path, index: int, digest: str) -> None:
         file.write(f"{index} {digest}\n")
 
 
-def write_digests(path: Path, found: Sequence[str]) -> None:
+def write_digests(path: Path, checksums: Sequence[str]) -> None:
     """Writes the whole file."""
-    write_atomic(path, "".join(f"{i} {digest}\n" for i, digest in enumerate(found)).encode())
+    write_atomic(path, "".join(f"{i} {digest}\n" for i, digest in enumerate(checksums)).encode())
 
 
 def read_digests(path: Path) -> list[str]:
@@ -133,10 +133,10 @@ def wrong_record(lines: Sequence[bytes], expected: str, path: Path) -> str:
 
     `path` is the file of digests, by which the record is found.
     """
-    found = list(digests(lines))
-    if (found[-1] if found else "") == expected:
+    checksums = list(digests(lines))
+    if (checksums[-1] if checksums else "") == expected:
         return ""
-    pairs = enumerate(zip(found, read_digests(path), strict=False))
+    pairs = enumerate(zip(checksums, read_digests(path), strict=False))
     at = next((i for i, (one, other) in pairs if one != other), None)
     which = "a record" if at is None else f"the record of generation {at}"
     return f"{which} differs from its checksum"

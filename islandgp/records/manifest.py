@@ -116,7 +116,7 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
     if manifest is None:
         return []
     names = sorted({*manifest.files, *NEEDED, *_names(folder)})
-    return [found for name in names if (found := _damage(folder / name, manifest)) is not None]
+    return [damage for name in names if (damage := _damage(folder / name, manifest)) is not None]
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
@@ -135,9 +135,9 @@ def is_as_written(folder: Path, name: str) -> bool:
     )
 
 
-def refused(folder: Path, found: DamagedFile) -> RunError:
+def refused(folder: Path, damage: DamagedFile) -> RunError:
     """The error for a damaged file of a finished run."""
-    return damaged("a file of a finished run", folder / found.name, str(found.damage))
+    return damaged("a file of a finished run", folder / damage.name, str(damage.damage))
 
 
 def _damage(file: Path, manifest: Manifest) -> DamagedFile | None:

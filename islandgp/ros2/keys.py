@@ -82,8 +82,8 @@ def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
     def ask() -> None:
         if waiting and not waiting[0].done() and client.service_is_ready():
             return
-        for asked in waiting:
-            client.remove_pending_request(asked)
+        for pending in waiting:
+            client.remove_pending_request(pending)
         waiting.clear()
         if client.service_is_ready():
             waiting.append(client.call_async(request))

@@ -71,8 +71,8 @@ class RosLeaves:
                     else:  # the topic of statuses knows it as well, where an answer is lost
                         status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
                     ended = status in _ENDS
-                    there = handle is not None and client.server_is_ready()
-                    if not ended and (why := clock.late(server_is_there=there)):
+                    available = handle is not None and client.server_is_ready()
+                    if not ended and (why := clock.late(server_is_there=available)):
                         return self._failed(name, f"{entry.action}: {why}")
                     if not ended:
                         yield

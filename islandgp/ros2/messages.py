@@ -26,11 +26,11 @@ def interface(name: str) -> Any:
     return interface_class
 
 
-def filled(made: Any, values: Mapping[str, Any], what: str) -> Any:
+def filled(message: Any, values: Mapping[str, Any], what: str) -> Any:
     """A message with these fields. Raises ConfigError for a field that there is not."""
-    known = made.get_fields_and_field_types()
+    known = message.get_fields_and_field_types()
     with suppress(AttributeError):  # newer versions check types only where they are asked to
-        made._check_fields = True
+        message._check_fields = True
     for name, value in values.items():
         if name not in known:
             near = closest(str(name), known)
@@ -38,30 +38,30 @@ def filled(made: Any, values: Mapping[str, Any], what: str) -> Any:
             raise ConfigError(
                 f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}{hint}"
             )
-        before = getattr(made, name)
+        before = getattr(message, name)
         if isinstance(value, Mapping) and hasattr(before, "get_fields_and_field_types"):
             filled(before, value, f"{what}.{name}")
             continue
         if isinstance(before, float) and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
         try:
-            setattr(made, name, value)
+            setattr(message, name, value)
         except (AssertionError, TypeError, ValueError, OverflowError):
             raise ConfigError(
                 f"{what}.{name}: expected a value of {known[name]}, found {str(value)[:60]!r}"
             ) from None
-    return made
+    return message
 
 
-def must_have(made: Any, field: str, what: str) -> None:
+def must_have(message: Any, field: str, what: str) -> None:
     """Raises ConfigError where a message has no such field; elements of lists may come later."""
     for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
-        if not hasattr(made, "get_fields_and_field_types") or not hasattr(made, name):
-            known: dict[str, str] = getattr(made, "get_fields_and_field_types", dict)()
+        if not hasattr(message, "get_fields_and_field_types") or not hasattr(message, name):
+            known: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
             raise ConfigError(
                 f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}"
             )
-        made = getattr(made, name)
+        message = getattr(message, name)
 
 
 def value_of(message: Any, field: str) -> Any:

@@ -101,11 +101,11 @@ def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     return bool(summary.get("mostly_fallback"))  # a run of an older version lacks it
 
 
-def _supervision(target: RunFolder, given: Mapping[str, int]) -> Iterator[str]:
+def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:
     """Lines on the sources of the guidance and the costs of a language model."""
-    if given.get("fallback"):
-        part = f", {given['in_part']:,} of them in part" if given["in_part"] else ""
-        share = f"{given['fallback']:,} of {given['total']:,}"
+    if sources.get("fallback"):
+        part = f", {sources['in_part']:,} of them in part" if sources["in_part"] else ""
+        share = f"{sources['fallback']:,} of {sources['total']:,}"
         yield f"Supervision: {share} answers were the fallback's{part}"
     spent: Mapping[str, float] = {}
     for cost in target.costs():
@@ -113,7 +113,7 @@ def _supervision(target: RunFolder, given: Mapping[str, int]) -> Iterator[str]:
     if spent.get("requests"):
         tokens = f"{spent['input_tokens']:,.0f} tokens in, {spent['output_tokens']:,.0f} out"
         yield (
-            f"Language model: {1 - fallback_share(given):.0%} of the answers,"
+            f"Language model: {1 - fallback_share(sources):.0%} of the answers,"
             f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
         )
     if spent.get("trials"):

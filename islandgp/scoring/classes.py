@@ -105,13 +105,13 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         ):
             for line in unknown(path, name, known[where]):
                 raise ValueError(line)
-        for path, given in (
+        for path, listed in (
             ("specialists.of", self.specialists.of),
             ("milestones", self.milestones),
             ("hardest", self.hardest),
         ):
-            if len(set(given)) < len(given):
-                raise ValueError(f"{path}: expected each name once, found {', '.join(given)}")
+            if len(set(listed)) < len(listed):
+                raise ValueError(f"{path}: expected each name once, found {', '.join(listed)}")
         for tier in self.tiers:
             self.needed(tier)
         names = [*self.behaviours, self.specialists.idle, self.specialists.mixed, *AIMS]

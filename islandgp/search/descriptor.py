@@ -70,9 +70,9 @@ def repeated(path: str, names: Sequence[str]) -> Iterator[str]:
         yield f"{path}: expected each name once, found {twice!r} twice"
 
 
-def point(found: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:
+def point(dimensions: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:
     """An outcome's place in the space of behaviours."""
-    return tuple(d.place(outcome.counters[d.counter]) for d in found)
+    return tuple(d.place(outcome.counters[d.counter]) for d in dimensions)
 
 
 def cell(place: Sequence[float], most: int) -> tuple[int, ...]:

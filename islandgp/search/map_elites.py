@@ -84,7 +84,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`."""
         occupants: tuple[Occupant, ...] = state.memory.occupants
-        best = [found[0] for found in self.cells(occupants).values()]
+        best = [cell[0] for cell in self.cells(occupants).values()]
         parents = [o.parent for o in best]
         mothers = [o.parent for o in best if not self._violation(o)] or parents
         doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
@@ -105,7 +105,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
             counters = limited(e.outcome.counters, self.plan.constraints)
             known[key] = updated(known.get(key), e, place, counters)
         cells = self.cells(tuple(known.values())).values()
-        return Grid(tuple(o for found in cells for o in found[: self.settings.depth]))
+        return Grid(tuple(o for cell in cells for o in cell[: self.settings.depth]))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""

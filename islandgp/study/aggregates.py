@@ -336,8 +336,8 @@ def _resamples(sizes: Sequence[int], width: int, *, sample: int = 0) -> Iterator
         yield [rng.integers(n, size=(many, n)) for rng, n in zip(draws, sizes, strict=True)]
 
 
-def _with_ends(estimate: float, found: Any) -> Interval:
-    low, high = np.quantile(found, (0.025, 0.975))
+def _with_ends(estimate: float, ends: Any) -> Interval:
+    low, high = np.quantile(ends, (0.025, 0.975))
     return Interval(estimate, float(low), float(high))
 
 

@@ -51,8 +51,8 @@ def distil(cases: Sequence[Case], teacher: str, shape: Shape) -> Policy:
         raise StudyError(
             f"Expected at least two runs, one to be held back, found {len(runs)}; give more."
         )
-    for name, found in (("targets", _targets(cases)), ("rates", _rates(cases))):
-        if len({case.run for case, _ in found}) < 2:
+    for name, examples in (("targets", _targets(cases)), ("rates", _rates(cases))):
+        if len({case.run for case, _ in examples}) < 2:
             raise StudyError(f"Expected {name} of the teacher in at least two runs, found fewer.")
     return Policy(
         format=1,
@@ -121,14 +121,14 @@ def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:
 def _fit(
     kind: Any,
     shape: Shape,
-    found: Sequence[tuple[Case, Any]],
+    examples: Sequence[tuple[Case, Any]],
     answers: Sequence[float],
     answer: Any,
 ) -> Rule:
     """A tree of scikit-learn's `kind` as a rule; `answer` makes an answer of a leaf's value."""
-    names = list(found[0][0].known)
+    names = list(examples[0][0].known)
     tree = kind(max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0)
-    tree.fit([[case.known[name] for name in names] for case, _ in found], answers)
+    tree.fit([[case.known[name] for name in names] for case, _ in examples], answers)
     return _rule(tree.tree_, names, answer)
 
 

@@ -47,12 +47,12 @@ def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummar
     `watched` is the restricted mean of survival analysis: a censored run counts
     with the generations that it was really watched.
     """
-    there = sorted(g for g in firsts if g is not None)
-    n, whole = len(firsts), len(there) == len(firsts)
-    mean, sd = mean_sd(there) if whole else (None, None)
+    reached = sorted(g for g in firsts if g is not None)
+    n, whole = len(firsts), len(reached) == len(firsts)
+    mean, sd = mean_sd(reached) if whole else (None, None)
     return EmergenceSummary(
         runs=n,
-        emerged=len(there),
+        emerged=len(reached),
         mean=mean,
         sd=sd,
         median=quantile(firsts, 0.5),
@@ -62,12 +62,12 @@ def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummar
 
 def quantile(firsts: Sequence[float | None], share: float) -> float | None:
     """Of all runs, linear between two of them; None: it falls among those without one."""
-    there = sorted(g for g in firsts if g is not None)
+    reached = sorted(g for g in firsts if g is not None)
     at = share * (len(firsts) - 1)
     low, high = floor(at), ceil(at)
-    if high >= len(there):
+    if high >= len(reached):
         return None
-    return there[low] + (at - low) * (there[high] - there[low])
+    return reached[low] + (at - low) * (reached[high] - reached[low])
 
 
 def still_without(firsts: Sequence[int | None], generations: int) -> list[float]:

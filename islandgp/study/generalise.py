@@ -168,10 +168,10 @@ def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
         raise
     except RunError as error:
         cause = error.__cause__
-        found = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error
+        message = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error
         raise StudyError(
             f"Expected to find the domain {run.flat['domain.factory']} here, found"
-            f" {found}; install it, or leave the unseen worlds out with"
+            f" {message}; install it, or leave the unseen worlds out with"
             " --worlds 0."
         ) from error
 
@@ -207,13 +207,13 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
     return tuple(
         Control(
             name,
-            given,
+            from_library,
             {seed: tuple(outcomes[job].fitness for job in row) for seed, row in jobs[text].items()},
         )
-        for text, (name, given) in trees.items()
+        for text, (name, from_library) in trees.items()
     )
 
 
-def best_of(found: Sequence[Control], seed: int) -> tuple[float, ...]:
+def best_of(trees: Sequence[Control], seed: int) -> tuple[float, ...]:
     """The highest fitness of the library's trees in each generation of a seed's runs, points."""
-    return tuple(map(max, zip(*(c.fitness[seed] for c in found if c.given), strict=True)))
+    return tuple(map(max, zip(*(c.fitness[seed] for c in trees if c.given), strict=True)))

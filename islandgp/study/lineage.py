@@ -94,7 +94,7 @@ def injected_shares(run: Run) -> list[float]:
     return [sum(i.id in heirs for i in r.individuals) / len(r.individuals) for r in run.records]
 
 
-def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
+def alive(newcomers: Sequence[Newcomer], generations: int) -> list[float]:
     """Share of newcomers with a descendant k = 0, 1, ... generations later (Kaplan-Meier).
 
     A newcomer whose line lives in the last generation is censored there.
@@ -102,15 +102,15 @@ def alive(found: Sequence[Newcomer], generations: int) -> list[float]:
     shares, share = [], 1.0
     for k in range(generations):
         shares.append(share)
-        at_risk = sum(n.lived >= k and n.watched > k for n in found)  # seen in k and after it
-        died = sum(n.lived == k < n.watched for n in found)
+        at_risk = sum(n.lived >= k and n.watched > k for n in newcomers)  # seen in k and after it
+        died = sum(n.lived == k < n.watched for n in newcomers)
         share *= 1 - died / at_risk if at_risk else 1
     return shares
 
 
-def median_life(found: Sequence[Newcomer], generations: int) -> int | None:
+def median_life(newcomers: Sequence[Newcomer], generations: int) -> int | None:
     """Generations after which half of the lineages have ended; None: more than half survive."""
-    return next((k for k, s in enumerate(alive(found, generations)) if s <= 0.5), None)
+    return next((k for k, s in enumerate(alive(newcomers, generations)) if s <= 0.5), None)
 
 
 class Descent(StrEnum):

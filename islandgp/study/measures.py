@@ -155,9 +155,9 @@ def all_measures(study: Comparison) -> tuple[Measure, ...]:
     return (*main_family(study.milestones, agent), *FURTHER, *descendants)
 
 
-def examined(study: Comparison, asked: Collection[str]) -> tuple[Measure, ...]:
+def examined(study: Comparison, requested: Collection[str]) -> tuple[Measure, ...]:
     """The measures that are tested: all but those of `descendant`, which have to be asked for."""
-    optional = {descendant(tier).key for tier in study.milestones} - set(asked)
+    optional = {descendant(tier).key for tier in study.milestones} - set(requested)
     return tuple(m for m in all_measures(study) if m.key not in optional)
 
 

@@ -119,13 +119,13 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
     measures = frozenset(plan.margins) or paper
     left = [(a.name, b.name) for a, b in study.pairs]
-    found = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
+    result = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
     inject = [a for a in study.arms if any(g.injected for run in a.runs for g in run.guidance)]
     injecting = {LIBRARY: tuple(arm.name for arm in inject)}
     for name, arms in (plan.families or injecting).items():
         mine = tuple(pair for pair in left if set(pair) <= set(arms))
         if mine:
-            found.append(Family(name, mine, measures))
+            result.append(Family(name, mine, measures))
         elif plan.families:
             raise StudyError(
                 f"Expected pairs of arms in --family {name} that are in no family before it, found"
@@ -133,8 +133,8 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
             )
         left = [pair for pair in left if pair not in mine]
     if left:
-        found.append(Family(REST, tuple(left), measures))
-    return tuple(found)
+        result.append(Family(REST, tuple(left), measures))
+    return tuple(result)
 
 
 def in_sentences(plan: AnalysisPlan, study: Comparison) -> Iterator[str]:

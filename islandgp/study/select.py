@@ -169,12 +169,12 @@ def _value(text: str) -> Any:
         return text
 
 
-def matches(found: Found, selection: Selection) -> bool:
+def matches(run: Found, selection: Selection) -> bool:
     """True if a run matches a selection."""
     for key, value in selection.wanted:
-        if key not in found.flat:
+        if key not in run.flat:
             return False
-        have = found.flat[key]
+        have = run.flat[key]
         if not (have in value if isinstance(value, range) else _equal(have, value)):
             return False
     return True
@@ -202,8 +202,8 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
         StudyError: no run matches; the message lists the existing runs.
     """
     selection = parse_selection(text)
-    fitting = [found for found in runs if matches(found, selection)]
-    finished = [found for found in fitting if found.finished]
+    fitting = [run for run in runs if matches(run, selection)]
+    finished = [run for run in fitting if run.finished]
     if not finished:
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
     chosen = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
@@ -220,10 +220,10 @@ def named(name: str, runs: Sequence[Found]) -> list[Found]:
     """The runs of a sweep. Raises StudyError, with a list of the sweeps, if there is none."""
     matching = [run for run in runs if run.flat["name"] == name]
     if not matching:
-        there = sorted({str(run.flat["name"]) for run in runs})
+        names = sorted({str(run.flat["name"]) for run in runs})
         raise StudyError(
             f"Expected runs of a sweep named {name}, found none;"
-            + (f" there are {', '.join(there)}." if there else " there are no runs at all.")
+            + (f" there are {', '.join(names)}." if names else " there are no runs at all.")
         )
     return matching
 
@@ -234,28 +234,28 @@ def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished:
             f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
             " ones; start the same sweep again to finish them."
         )
-    known = sorted({key for found in runs for key in found.flat})
+    known = sorted({key for run in runs for key in run.flat})
     hints = []
     for key in sorted(selection.keys - set(known)):
         near = get_close_matches(key, [*known, *SHORT], 1, 0.5)
         hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
     if SHORT.get(name, name) in known:  # the arm's own name was forgotten
         hints.append(f' Did you mean --arm NAME="{name}={selection.text}"?')
-    there = overview(runs)
+    table = overview(runs)
     return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (
-        "There are:\n  " + "\n  ".join(there) if there else "There are no runs at all."
+        "There are:\n  " + "\n  ".join(table) if table else "There are no runs at all."
     )
 
 
 def overview(runs: Sequence[Found]) -> list[str]:
     """A line for each sweep and supervisor of the existing runs."""
     groups: dict[tuple[str, str], list[Found]] = defaultdict(list)
-    for found in runs:
-        groups[str(found.flat["name"]), str(found.flat["supervisor.name"])].append(found)
+    for run in runs:
+        groups[str(run.flat["name"]), str(run.flat["supervisor.name"])].append(run)
     lines = []
     for (name, supervisor), members in sorted(groups.items()):
-        seeds = in_short(sorted({int(found.flat["seed"]) for found in members}))
-        open_ones = sum(not found.finished for found in members)
+        seeds = in_short(sorted({int(run.flat["seed"]) for run in members}))
+        open_ones = sum(not run.finished for run in members)
         more = f", {open_ones} of them unfinished" if open_ones else ""
         lines.append(
             f"name={name} supervisor={supervisor}: {len(members)} runs, seeds {seeds}{more}"

@@ -94,14 +94,22 @@ def runs_csv(study: Comparison) -> str:
     return to_csv(("arm", "seed", "supervisor", "name", *keys, *OVERHEAD, "validation_mean"), rows)
 
 
-def champions_csv(found: Sequence[Generalisation]) -> str:
+def champions_csv(champions: Sequence[Generalisation]) -> str:
     """Each champion in unseen worlds, and its paired difference to each yardstick, in points."""
-    yardsticks = [g for g in found if g.seed is None]
-    columns = ["arm", "seed", "champion_fitness", "worlds", "unseen", "worst", *found[0].reached]
+    yardsticks = [g for g in champions if g.seed is None]
+    columns = [
+        "arm",
+        "seed",
+        "champion_fitness",
+        "worlds",
+        "unseen",
+        "worst",
+        *champions[0].reached,
+    ]
     for y in yardsticks:
         columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
     rows = []
-    for g in found:
+    for g in champions:
         if g.seed is not None:
             plain = (g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst)
             row: list[object] = [*plain, *g.reached.values()]

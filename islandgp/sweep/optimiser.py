@@ -220,12 +220,12 @@ def _must_fit_together(settings: SweeperSettings, first: Planned) -> None:
 
 def _must_be_whole(override: Override, settings: Settings) -> None:
     """Raises ConfigError for an interval of decimals where the key takes whole numbers."""
-    found = override.value()
+    values = override.value()
     value: Any = settings
     for part in override.key_or_group.split("."):
         value = setting_at(value, part)
     whole = isinstance(value, int) and not isinstance(value, bool)
-    if isinstance(found, IntervalSweep) and whole and isinstance(found.start, float):
+    if isinstance(values, IntervalSweep) and whole and isinstance(values.start, float):
         key = override.get_key_element()
         text = str(override.input_line).partition("=")[2]
         raise ConfigError(

@@ -80,7 +80,7 @@ def _folder(runs: Path) -> Path:
     return next(runs.glob("*/*/generations.jsonl")).parent
 
 
-def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], asked: int) -> None:
+def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], requests: int) -> None:
     """The source and the costs of each generation's guidance."""
     print("generation  rate  guidance")
     for record in records:
@@ -88,7 +88,7 @@ def _tell(records: Iterable[dict[str, Any]], spent: dict[str, float], asked: int
             notes = guidance["notes"]
             print(f"{record['snapshot']['generation']:10}  {guidance['applied_rate']:.2f}", end="")
             print(f"  rate: {_first(notes['rate'])}\n{'':18}tree: {_first(notes['tree'])}")
-    print(f"\n{asked} requests reached the server. The ledger, a token being four characters:")
+    print(f"\n{requests} requests reached the server. The ledger, a token being four characters:")
     print("  " + ", ".join(f"{name} {value:g}" for name, value in spent.items() if value))
 
 

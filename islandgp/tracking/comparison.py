@@ -58,8 +58,8 @@ def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
 def _download(store: Store, run: str, cache: Path) -> Path:
     folder = cache / run
     folder.mkdir(parents=True, exist_ok=True)
-    there = {file.path for file in store.client.list_artifacts(run)}
-    for name in (*NEEDED, *({MANIFEST} & there)):
+    paths = {file.path for file in store.client.list_artifacts(run)}
+    for name in (*NEEDED, *({MANIFEST} & paths)):
         if not (folder / name).exists():
             store.client.download_artifacts(run, name, str(folder))
     return folder

@@ -140,7 +140,7 @@ def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
         yield "run/edits_lived", sum(fate.lived for fate in tried) / len(tried)
 
 
-def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:
+def _decisions(decisions: Decisions) -> Iterator[tuple[str, float]]:
     """The run's decisions as in Fig. 8.
 
     phases/<name>, patterns/<name>   share of the decisions with this phase or pattern, in [0, 1]
@@ -149,10 +149,14 @@ def _decisions(found: Decisions) -> Iterator[tuple[str, float]]:
     decisions/crises                 generations with the emergency rate, Eq. (7)
     decisions/fallbacks              decisions that are wholly or partly the fallback's
     """
-    sections = {"phases": found.phases, "patterns": found.patterns, "decisions": found.sources}
+    sections = {
+        "phases": decisions.phases,
+        "patterns": decisions.patterns,
+        "decisions": decisions.sources,
+    }
     for section, counts in sections.items():
         for name, n in counts.items():
-            yield f"{section}/{name.replace(' ', '_')}", n / found.total
-    yield "decisions/interventions", found.interventions
-    yield "decisions/crises", found.crises.total()
-    yield "decisions/fallbacks", sum(n for s, n in found.sources.items() if "fallback" in s)
+            yield f"{section}/{name.replace(' ', '_')}", n / decisions.total
+    yield "decisions/interventions", decisions.interventions
+    yield "decisions/crises", decisions.crises.total()
+    yield "decisions/fallbacks", sum(n for s, n in decisions.sources.items() if "fallback" in s)

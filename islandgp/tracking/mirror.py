@@ -121,12 +121,12 @@ class Mirror:
             sent = replace(nothing, run=self._create())
         elif run.info.run_id != sent.run:
             sent = replace(nothing, run=str(run.info.run_id))
-        there = self.store.last_step(sent.run, MARK) + 1
-        if there < sent.generations:  # an older copy of the store, which may lack other parts too
+        start = self.store.last_step(sent.run, MARK) + 1
+        if start < sent.generations:  # an older copy of the store, which may lack other parts too
             sent = replace(sent, begun=False, done="")
         if run is None or run.info.status != status:
             sent = replace(sent, done="")
-        sent = replace(sent, generations=there)
+        sent = replace(sent, generations=start)
         if not sent.begun:
             self._begin(sent.run)
             self._progress()

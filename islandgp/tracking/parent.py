@@ -92,9 +92,9 @@ def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
     return SyncState(store.place.uri, store.place.experiment, "", run)
 
 
-def _digest(found: list[ArmSummary]) -> str:
+def _digest(arms: list[ArmSummary]) -> str:
     """Identity of the runs in the curves; "" if there are none."""
-    names = sorted(run.folder for arm in found for run in arm.finished)
+    names = sorted(run.folder for arm in arms for run in arm.finished)
     return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
 
 
@@ -105,18 +105,18 @@ def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]
         config = RunFolder(sweep.path / job.folder).configuration()
         for key, value in flat({**config, "seed": job.seed}):
             values.setdefault(key, {})[value] = None
-    return ((key, ", ".join(found)) for key, found in values.items())
+    return ((key, ", ".join(texts)) for key, texts in values.items())
 
 
-def _curves(run: str, store: Store, found: list[ArmSummary], at: int) -> None:
+def _curves(run: str, store: Store, arms: list[ArmSummary], at: int) -> None:
     """Mean and standard deviation over the seeds, as metrics of the parent."""
-    points = [metric(name, value, at, step) for name, value, step in _points(found)]
+    points = [metric(name, value, at, step) for name, value, step in _points(arms)]
     for i in range(0, len(points), POINTS):
         store.client.log_batch(run, metrics=points[i : i + POINTS])
 
 
-def _points(found: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
-    for arm, name in zip(found, metric_names([arm.name for arm in found]), strict=True):
+def _points(arms: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
+    for arm, name in zip(arms, metric_names([arm.name for arm in arms]), strict=True):
         for curve in arm.curves:
             for step, mean in enumerate(curve.means):
                 yield f"sweep/{name} {curve.name} mean", mean, step

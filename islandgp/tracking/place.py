@@ -63,8 +63,8 @@ def place_of_latest(runs: Path) -> Place:
     def started(folder: RunFolder) -> tuple[float, Path]:
         return (folder.path / "about.json").stat().st_mtime, folder.path
 
-    there = (folder for folder in run_folders(runs) if (folder.path / "about.json").exists())
-    for folder in sorted(there, key=started, reverse=True):
+    with_runs = (folder for folder in run_folders(runs) if (folder.path / "about.json").exists())
+    for folder in sorted(with_runs, key=started, reverse=True):
         if (place := place_of(folder)) is not None:
             return place
     raise TrackingError(

@@ -87,32 +87,32 @@ def _curve(name: str, columns: list[list[float]]) -> Curve:
 FALLBACK: Final = "fallback's answers"  # head of a column if there are any
 
 
-def arm_rows(found: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
+def arm_rows(arms: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
     """A head and one row per arm.
 
     Columns: the validation mean with its standard deviation, the median generation of the first
     robot of each milestone over all runs, the mean diversity, and the share of the fallback's
     answers if there are any.
     """
-    tiers = milestones([s for arm in found for s in arm.summaries])
+    tiers = milestones([s for arm in arms for s in arm.summaries])
     head = ("arm", "finished", "validation mean", *map(title, tiers), "diversity")
-    rows = [head, *(_row(arm, tiers) for arm in found)]
-    fallback = [fallback_words(arm.summaries) for arm in found]
+    rows = [head, *(_row(arm, tiers) for arm in arms)]
+    fallback = [fallback_words(arm.summaries) for arm in arms]
     if not any(fallback):
         return rows
     return [(*row, cell) for row, cell in zip(rows, [FALLBACK, *fallback], strict=True)]
 
 
-def arm_table(found: Sequence[ArmSummary]) -> str:
+def arm_table(arms: Sequence[ArmSummary]) -> str:
     """The rows in Markdown."""
-    rows = arm_rows(found)
+    rows = arm_rows(arms)
     lines = ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
     return "\n".join([lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]) + "\n"
 
 
-def arm_lines(found: Sequence[ArmSummary]) -> str:
+def arm_lines(arms: Sequence[ArmSummary]) -> str:
     """The rows for a terminal."""
-    rows = arm_rows(found)
+    rows = arm_rows(arms)
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     lines = ["  ".join(f"{c:<{w}}" for c, w in zip(row, widths, strict=True)) for row in rows]
     return "\n".join(line.rstrip() for line in lines)
@@ -149,13 +149,13 @@ def _emergence(arm: ArmSummary, tier: str) -> str:
 
 
 def sweep_note(
-    sweep: SweepFolder, file: SweepFile, found: Sequence[ArmSummary], status: Status
+    sweep: SweepFolder, file: SweepFile, arms: Sequence[ArmSummary], status: Status
 ) -> str:
     """The sweep's description in MLflow, in Markdown."""
     seeds = sorted({job.seed for job in file.jobs})
     lines = [
-        arm_table(found),
-        f"{len(file.jobs)} runs, {status.value.lower()}: {len(found)} arm{'s' * (len(found) != 1)},"
+        arm_table(arms),
+        f"{len(file.jobs)} runs, {status.value.lower()}: {len(arms)} arm{'s' * (len(arms) != 1)},"
         f" seeds {', '.join(map(str, seeds))}. Validation mean: points of a run's best robot in"
         " validation worlds, mean ± standard deviation over runs. Tiers: median generation of the"
         " first such robot over all runs, one without it counted as later than any, and how many"

@@ -24,8 +24,8 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         return None
     settings = ArchiveSettings.model_validate(view.config.get("archive") or {})
     axes = settings.axes(Classes.model_validate(view.config["classes"]))
-    found = _elites(view)
-    elites = sorted(found or (), key=lambda e: (-e.stage, -e.mean, e.cell))
+    cells = _elites(view)
+    elites = sorted(cells or (), key=lambda e: (-e.stage, -e.mean, e.cell))
     room, shown = TREE_BYTES, []
     for e in elites:
         room -= len(e.tree.encode())
@@ -38,7 +38,7 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         "command": " ".join([shlex.quote(program()), "replay", "-"]),
         "flags": world_flags(view),
         "file": NAME,
-        "readable": found is not None,
+        "readable": cells is not None,
         "elites": shown,
     }
 

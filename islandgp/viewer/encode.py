@@ -155,8 +155,8 @@ class _Scene:
         self.x, self.y, right, top = film.bounds
         self.width, self.height = right - self.x, top - self.y
         self.unit = max(self.width, self.height) / GRID or 1.0
-        there = film.forms()
-        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in there}
+        forms = film.forms()
+        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in forms}
         self.forms = [*self.shapes]
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 

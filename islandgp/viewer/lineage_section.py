@@ -34,9 +34,9 @@ def lineage_section(view: RunView) -> Iterator[str]:
     yield "</ol>"
 
 
-def _chain(found: Lineage) -> str:
+def _chain(lineage: Lineage) -> str:
     """A paragraph on the lineage as a whole."""
-    steps = found.steps
+    steps = lineage.steps
     if not steps:
         return "The records of its generation are missing."
     if len(steps) == 1:
@@ -47,7 +47,7 @@ def _chain(found: Lineage) -> str:
             f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each made of the"
             f" one before; {up:,} of them brought points."
         )
-    if not found.whole:
+    if not lineage.whole:
         text += " What was before the first of them is not known."
     return text + (
         " Gains marked as such are against the parent in the same worlds; for the others the worlds"

@@ -260,8 +260,8 @@ class Camera:
         return tuple(zip(*movers, strict=True))
 
 
-def _must_be_numbers(what: str, found: Iterable[float]) -> None:
+def _must_be_numbers(what: str, values: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity and what comes near it."""
-    for number in found:
+    for number in values:
         if not -HUGE < number < HUGE:
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")

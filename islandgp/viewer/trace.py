@@ -68,10 +68,10 @@ def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
     return heapq.merge(*of_actions, key=lambda span: (span.start, span.place))
 
 
-def merged(found: Iterable[ActionSpan]) -> Iterator[ActionSpan]:
+def merged(spans: Iterable[ActionSpan]) -> Iterator[ActionSpan]:
     """Merges repeated spans of one action and result that last no time."""
     last: ActionSpan | None = None
-    for span in found:
+    for span in spans:
         same = last is not None and (last.place, last.result) == (span.place, span.result)
         if last is not None and same and span.start == span.end and last.end >= span.start - 1:
             points = last.points + span.points

@@ -69,19 +69,19 @@ class BoardSets:
 
     def both(self, *sets: Boards) -> Boards:
         """The blackboards that are in all of these sets."""
-        found = ANY_BOARD
+        result = ANY_BOARD
         for each in sets:
-            if found != each:  # most sets are one of those that need no work
-                found = self._join(found, each, NO_BOARD, found)
-        return found
+            if result != each:  # most sets are one of those that need no work
+                result = self._join(result, each, NO_BOARD, result)
+        return result
 
     def either(self, *sets: Boards) -> Boards:
         """The blackboards that are in one of these sets."""
-        found = NO_BOARD
+        result = NO_BOARD
         for each in sets:
-            if found != each:
-                found = self._join(found, each, ANY_BOARD, ANY_BOARD)
-        return found
+            if result != each:
+                result = self._join(result, each, ANY_BOARD, ANY_BOARD)
+        return result
 
     def has(self, boards: Boards, board: Sequence[float]) -> bool:
         """True if a blackboard is in a set."""
@@ -186,13 +186,13 @@ class BoardSets:
         if absorbing in (a, b):
             return absorbing
         pair = (min(a, b), max(a, b), absorbing)
-        found = self._joined.get(pair)
-        if found is None:
+        joined = self._joined.get(pair)
+        if joined is None:
             if self._room <= 0:
                 raise _TooLargeError
             self._room -= 1
-            found = self._joined[pair] = self._merged(a, b, absorbing)
-        return found
+            joined = self._joined[pair] = self._merged(a, b, absorbing)
+        return joined
 
     def _merged(self, a: Boards, b: Boards, absorbing: Boards) -> Boards:
         one, other = self._diagrams[a], self._diagrams[b]

@@ -50,7 +50,7 @@ _Row: TypeAlias = tuple[Mark, _Edge | None, _Edge | None]  # what became of an e
 
 def compare(old: Node, new: Node) -> list[DiffLine]:
     """The nodes of both trees, one line each, marked as deleted, inserted, changed or equal."""
-    found: list[DiffLine] = []
+    lines: list[DiffLine] = []
     marked: tuple[set[int], set[int]] = set(), set()  # beginnings of nodes, in both trees
     for mark, a, b in _rows(_edges(old), _edges(new)):
         sides = [(edge, begun) for edge, begun in zip((a, b), marked, strict=True) if edge]
@@ -61,26 +61,26 @@ def compare(old: Node, new: Node) -> list[DiffLine]:
             for each, begun in sides:
                 begun.add(each.begin)
         nodes, places = (a and a.node, b and b.node), (a and a.place, b and b.place)
-        found.append(DiffLine(mark, edge.level, *nodes, edge.end, *places))
-    return found
+        lines.append(DiffLine(mark, edge.level, *nodes, edge.end, *places))
+    return lines
 
 
 def _edges(tree: Node) -> list[_Edge]:
     """The edges of a tree in document order."""
-    found: list[_Edge] = []
+    edges: list[_Edge] = []
 
     places = count()
 
     def visit(node: Node, level: int) -> None:
-        begin, place = len(found), next(places)
-        found.append(_Edge(node, level, begin, place, False))
+        begin, place = len(edges), next(places)
+        edges.append(_Edge(node, level, begin, place, False))
         for child in node.children:
             visit(child, level + 1)
         if node.children:
-            found.append(_Edge(node, level, begin, place, True))
+            edges.append(_Edge(node, level, begin, place, True))
 
     visit(tree, 0)
-    return found
+    return edges
 
 
 def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
@@ -123,7 +123,7 @@ def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int
         steps = rows[-1]
         matches = steps & where.get(each, 0)
         rows.append((steps + matches | steps - matches) & full)
-    found: list[tuple[int, int]] = []
+    pairs: list[tuple[int, int]] = []
     i, j = len(rest_old), len(rest_new)
     while i and j:
         if rows[i] >> (j - 1) & 1:  # the length does not grow here
@@ -132,7 +132,7 @@ def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int
             i -= 1
         else:
             i, j = i - 1, j - 1
-            found.append((begin + i, begin + j))
+            pairs.append((begin + i, begin + j))
     head = [(place, place) for place in range(begin)]
     tail = [(len(old) - n, len(new) - n) for n in range(end, 0, -1)]
-    return [*head, *reversed(found), *tail]
+    return [*head, *reversed(pairs), *tail]

@@ -35,16 +35,16 @@ def boards_of_nodes(machine: Machine) -> list[Boards]:
         ticked in some sequence of ticks, and perhaps others.
     """
     finder = _Finder(machine)
-    found: list[Boards] = []
+    boards: list[Boards] = []
     # In document order a child comes behind its parent.
     waiting = {0: NodeBoards(ANY_BOARD, ANY_BOARD)}
     for place in range(len(machine.nodes)):
         own = waiting.pop(place)
         if machine.sets.both(own.starts, machine.fresh(place)[RUNNING]) == NO_BOARD:
             own = NodeBoards(own.starts, NO_BOARD)  # it always ends at once
-        found.append(machine.sets.either(*own))
+        boards.append(machine.sets.either(*own))
         waiting.update(zip(machine.children[place], finder.inside(place, own), strict=True))
-    return found
+    return boards
 
 
 class _Branch(NamedTuple):
@@ -87,24 +87,24 @@ class _Finder:
     def _in_turn(self, place: int, own: NodeBoards) -> tuple[list[Boards], Outcomes]:
         """On which blackboards the children of a reactive composite are ticked; its outcomes."""
         handing = hands_over(self._machine.nodes[place])
-        entered, found = self._sets.either(*own), [NO_BOARD] * 3
+        entered, outcomes = self._sets.either(*own), [NO_BOARD] * 3
         ticked: list[Boards] = []
         for child in self._machine.children[place]:
             ticked.append(entered)
             ends = self._either(self._machine.fresh(child), self._resumed_outcomes(child))
             for status in (1 - handing, RUNNING):
                 reached = self._sets.both(entered, ends[status])
-                found[status] = self._sets.either(found[status], reached)
+                outcomes[status] = self._sets.either(outcomes[status], reached)
             entered = self._sets.both(entered, ends[handing])
-        found[handing] = entered
-        return ticked, (found[0], found[1], found[2])
+        outcomes[handing] = entered
+        return ticked, (outcomes[0], outcomes[1], outcomes[2])
 
     def _branches(self, place: int, own: NodeBoards) -> list[_Branch]:
         """The branches of a composite, in order."""
         both, either = self._sets.both, self._sets.either
         calls = self._calls_back(place)
         entered, quiet = own.starts, ANY_BOARD
-        found: list[_Branch] = []
+        branches: list[_Branch] = []
         for at, child in enumerate(self._machine.children[place]):
             branch = self._branch(place, child, both(quiet, entered), both(quiet, own.resumes))
             if at in calls and branch.hands_over != NO_BOARD:
@@ -113,10 +113,10 @@ class _Finder:
                 starts = both(quiet, either(entered, called))
                 branch = self._branch(place, child, starts, both(quiet, own.resumes))
                 branch = branch._replace(called=called)
-            found.append(branch)
+            branches.append(branch)
             entered = branch.hands_over
             quiet = both(quiet, self._quiet_behind(child, entered))
-        return found
+        return branches
 
     def _branch(self, place: int, child: int, starts: Boards, resumes: Boards) -> _Branch:
         both, fresh = self._sets.both, self._machine.fresh(child)
@@ -129,11 +129,11 @@ class _Finder:
 
     def _calls_back(self, place: int) -> dict[int, Boards]:
         """By branch, the blackboards on which one of its observed guards can turn true."""
-        found: dict[int, Boards] = {}
+        interrupts: dict[int, Boards] = {}
         for branch, guard in self._machine.observed[place]:
             holds = self._machine.holds[guard]
-            found[branch] = self._sets.either(found.get(branch, NO_BOARD), holds)
-        return found
+            interrupts[branch] = self._sets.either(interrupts.get(branch, NO_BOARD), holds)
+        return interrupts
 
     def _quiet_behind(self, child: int, entered: Boards) -> Boards:
         """What holds whenever a branch behind a child is ticked, which hands over on `entered`.
@@ -197,18 +197,18 @@ class _Finder:
     def _in_parallel(self, child: int, needed: tuple[int, int]) -> Outcomes:
         """The outcomes of a child of a running parallel, which may have ended before."""
         fresh, resumed = self._machine.fresh(child), self._resumed_outcomes(child)
-        found = list(resumed)
+        outcomes = list(resumed)
         for status, count in zip((SUCCESS, FAILURE), needed, strict=True):
             # Where one is enough the parallel would have ended as well.
             if count > 1 and (fresh[status], resumed[status]) != (NO_BOARD, NO_BOARD):
-                found[status] = ANY_BOARD
-        return found[0], found[1], found[2]
+                outcomes[status] = ANY_BOARD
+        return outcomes[0], outcomes[1], outcomes[2]
 
     def _of_composite(self, place: int) -> Outcomes:
         both, either = self._sets.both, self._sets.either
         handing = hands_over(self._machine.nodes[place])
         branches = self._branches(place, NodeBoards(ANY_BOARD, ANY_BOARD))
-        found = [NO_BOARD] * 3
+        outcomes = [NO_BOARD] * 3
         entered = NO_BOARD  # on these a branch starts in a tick in which its composite is resumed
         for child, branch in zip(self._machine.children[place], branches, strict=True):
             entered = both(branch.ticked.starts, either(entered, branch.called))
@@ -220,9 +220,9 @@ class _Finder:
                 each = [either(*pair) for pair in zip(each, later, strict=True)]
             entered = each[handing]
             for status in (1 - handing, RUNNING):
-                found[status] = either(found[status], each[status])
-        found[handing] = entered  # by the last branch
-        return found[0], found[1], found[2]
+                outcomes[status] = either(outcomes[status], each[status])
+        outcomes[handing] = entered  # by the last branch
+        return outcomes[0], outcomes[1], outcomes[2]
 
     def _either(self, one: Outcomes, other: Outcomes) -> Outcomes:
         either = self._sets.either

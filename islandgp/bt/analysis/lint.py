@@ -100,13 +100,13 @@ def warnings(
             if code == "unreachable":
                 cold.update(range(at, at + size(places[at].node)))
     uses = Counter(place.origin for at, place in enumerate(written) if at not in cold)
-    found = {
+    distinct = {
         (written[at][:2], code): messages[at]
         for (origin, code), messages in doubts.items()
         if code not in ADVICE or len(messages) == uses[origin]
         for at in sorted(messages, reverse=True)
     }
-    doubtful = [LintWarning(*at, message, code) for (at, code), message in found.items()]
+    doubtful = [LintWarning(*at, message, code) for (at, code), message in distinct.items()]
     return sorted([*_unused(file), *doubtful])
 
 
@@ -236,13 +236,13 @@ class _Course:
 
     def _all_undone(self, key: str, sign: int) -> list[bool]:
         """For each place, whether it is so; one walk through the tree."""
-        found: list[bool] = []
+        undone: list[bool] = []
         places = self._places
 
         def visit(before: bool) -> tuple[bool, bool]:
             """Whether an action below changes the key, and one whose success may not pass up."""
-            node, context, _ = places[len(found)]
-            found.append(before)
+            node, context, _ = places[len(undone)]
+            undone.append(before)
             if node.action:
                 known = context.vocabulary.action(node.action)
                 return known.changes.get(key, 0) * sign < 0, False
@@ -256,7 +256,7 @@ class _Course:
             return changes, stays
 
         visit(False)
-        return found
+        return undone
 
 
 def _passes_up(node: Node, index: int) -> bool:

@@ -92,9 +92,11 @@ class Machine:
         self.children: list[tuple[int, ...]] = []
         self.above: list[int] = []  # the place of the node above each node; of the root: -1
         self._number(tree, -1)
-        asked = {place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard}
-        self.holds = {place: sets.of(each) for place, each in asked.items()}
-        self.fails = {place: sets.of(opposite(each)) for place, each in asked.items()}
+        conditions = {
+            place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard
+        }
+        self.holds = {place: sets.of(each) for place, each in conditions.items()}
+        self.fails = {place: sets.of(opposite(each)) for place, each in conditions.items()}
         self.observed = {
             place: tuple(self._observed(place)) if kind_of(node).remembers_branch else ()
             for place, node in enumerate(self.nodes)
@@ -137,10 +139,10 @@ class Machine:
 
     def path(self, place: int) -> list[int]:
         """The places from the root down to a node."""
-        found = [place]
-        while self.above[found[-1]] >= 0:
-            found.append(self.above[found[-1]])
-        return found[::-1]
+        places = [place]
+        while self.above[places[-1]] >= 0:
+            places.append(self.above[places[-1]])
+        return places[::-1]
 
     def target(self, place: int, *, kept: bool) -> TickTarget:
         """A node as a target."""
@@ -160,10 +162,10 @@ class Machine:
 
     def fresh(self, place: int) -> Outcomes:
         """The outcomes of a node that starts."""
-        found = self._fresh[place]
-        if found is None:
-            found = self._fresh[place] = self._outcomes(place, None)
-        return found
+        outcomes = self._fresh[place]
+        if outcomes is None:
+            outcomes = self._fresh[place] = self._outcomes(place, None)
+        return outcomes
 
     def now(self, place: int, memory: Memory | int | None) -> Outcomes:
         """The outcomes of a node with that memory; None: it starts; a status: it has ended."""
@@ -179,11 +181,11 @@ class Machine:
     def fresh_from(self, place: int, branch: int) -> Outcomes:
         """The outcomes of a selector or sequence whose child of that index starts now."""
         if place not in self._from:
-            found: list[Outcomes] = []
+            by_branch: list[Outcomes] = []
             for child in reversed(self.children[place]):
                 first = self.fresh(child)
-                found.append(self._go_on(place, first, found[-1]) if found else first)
-            self._from[place] = found[::-1]
+                by_branch.append(self._go_on(place, first, by_branch[-1]) if by_branch else first)
+            self._from[place] = by_branch[::-1]
         return self._from[place][branch]
 
     def guarded(self, place: int, child: Outcomes, *, fresh: bool) -> Outcomes:
@@ -231,7 +233,7 @@ class Machine:
         if memory is None:
             return self.fresh_from(place, 0)
         assert isinstance(memory, BranchMemory)
-        found = _NONE
+        outcomes = _NONE
         for branch, boards in self._turns(place, memory):
             if branch < memory.branch:
                 rest = self.fresh_from(place, branch)
@@ -239,16 +241,16 @@ class Machine:
                 rest = self.now(children[branch], memory.memory)
                 if branch < len(children) - 1:
                     rest = self._go_on(place, rest, self.fresh_from(place, branch + 1))
-            found = self._or(found, self._and(boards, rest))
-        return found
+            outcomes = self._or(outcomes, self._and(boards, rest))
+        return outcomes
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
         """The outcomes of a composite from those of a child and of what is behind it."""
         handing = hands_over(self.nodes[place])
-        found = list(self._and(first[handing], rest))
+        outcomes = list(self._and(first[handing], rest))
         for status in (1 - handing, RUNNING):
-            found[status] = self.sets.either(found[status], first[status])
-        return found[0], found[1], found[2]
+            outcomes[status] = self.sets.either(outcomes[status], first[status])
+        return outcomes[0], outcomes[1], outcomes[2]
 
     def _turns(self, place: int, memory: BranchMemory) -> Iterator[tuple[int, Boards]]:
         """The branches with which a running composite may go on, and on which blackboards.
@@ -316,10 +318,10 @@ class Machine:
             if self._kept > MOST_KEPT:
                 self._kept = 0
                 self._ways.clear()
-            found = [self._behind(place, branch, self.aimed(last, None, target), target)]
+            outcomes = [self._behind(place, branch, self.aimed(last, None, target), target)]
             for child in reversed(before):
-                found.append(self._and(self.fresh(child)[handing], found[-1]))
-            self._ways[key] = found[::-1]
+                outcomes.append(self._and(self.fresh(child)[handing], outcomes[-1]))
+            self._ways[key] = outcomes[::-1]
         return self._ways[key][at]
 
     def _behind(self, place: int, branch: int, first: Outcomes, target: TickTarget) -> Outcomes:
@@ -329,7 +331,7 @@ class Machine:
         return self._go_on(place, first, self.fresh_from(place, branch + 1))
 
     def _aimed_branch(self, place: int, memory: BranchMemory, target: TickTarget) -> Outcomes:
-        found, wanted = _NONE, target.branches[place]
+        outcomes, wanted = _NONE, target.branches[place]
         for at, boards in self._turns(place, memory):
             child = self.children[place][at]
             if at > wanted:
@@ -342,8 +344,8 @@ class Machine:
             else:
                 ended = self.now(child, memory.memory)[hands_over(self.nodes[place])]
                 reached = self._and(ended, self.way(place, at + 1, target))
-            found = self._or(found, self._and(boards, reached))
-        return found
+            outcomes = self._or(outcomes, self._and(boards, reached))
+        return outcomes
 
     def _aimed_together(
         self, place: int, memories: Sequence[Memory | int | None], target: TickTarget
@@ -356,8 +358,8 @@ class Machine:
         each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
         each[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.
-        found = self._and(self.sets.either(*reached), judged(self.sets, args, each))
-        return (NO_BOARD, NO_BOARD, found[RUNNING]) if target.kept else found
+        outcomes = self._and(self.sets.either(*reached), judged(self.sets, args, each))
+        return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.kept else outcomes
 
 
 def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
@@ -365,17 +367,17 @@ def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Out
     counted = kind_of(node).counts
     if last or counted is None:
         return child
-    found = list(child)
-    found[counted] = NO_BOARD
-    return found[0], found[1], sets.either(child[counted], child[RUNNING])
+    outcomes = list(child)
+    outcomes[counted] = NO_BOARD
+    return outcomes[0], outcomes[1], sets.either(child[counted], child[RUNNING])
 
 
 def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
     """The outcomes of a decorator that changes how its child ends, from those of its child."""
-    found = [NO_BOARD, NO_BOARD, child[RUNNING]]
+    outcomes = [NO_BOARD, NO_BOARD, child[RUNNING]]
     for status, end in enumerate(kind_of(decorator).ends):
-        found[end] = sets.either(found[end], child[status])
-    return ANY_BOARD if kind_of(decorator).may_fail else found[0], found[1], found[2]
+        outcomes[end] = sets.either(outcomes[end], child[status])
+    return ANY_BOARD if kind_of(decorator).may_fail else outcomes[0], outcomes[1], outcomes[2]
 
 
 def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
@@ -412,12 +414,12 @@ def _judged_by_counts(
                 key = tuple(number + (at == status) for at, number in enumerate(count))
                 more[key] = sets.either(more.get(key, NO_BOARD), sets.both(boards, ends))
         counts = more
-    found = [NO_BOARD] * 3
+    result = [NO_BOARD] * 3
     for (failed, succeeded, running), boards in counts.items():
         decided = SUCCESS if succeeded >= needed[0] else RUNNING if running else FAILURE
         status = FAILURE if failed >= needed[1] else decided
-        found[status] = sets.either(found[status], boards)
-    return found[0], found[1], found[2]
+        result[status] = sets.either(result[status], boards)
+    return result[0], result[1], result[2]
 
 
 def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:

@@ -125,14 +125,14 @@ class _Tick:
     def _guard(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        asked = (place,) if memory is None else ()
+        checked = (place,) if memory is None else ()
         checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
             if FAILURE in wanted and target is None:
-                yield Move(FAILURE, None, asked=asked)
+                yield Move(FAILURE, None, asked=checked)
             return
         for move in self.moves(self._machine.children[place][0], memory, wanted, target):
-            yield move._replace(asked=(*asked, *move.asked))
+            yield move._replace(asked=(*checked, *move.asked))
 
     def _repeater(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
@@ -171,11 +171,11 @@ class _Tick:
                 makers = [
                     partial(self._child, *one, s) for one, s in zip(each, statuses, strict=True)
                 ]
-                for found in _combined(makers):
-                    calls = tuple(call for move in found for call in move.calls)
+                for combination in _combined(makers):
+                    calls = tuple(call for move in combination for call in move.calls)
                     after = None
                     if status == RUNNING:
-                        kept = (m.status if m.memory is None else m.memory for m in found)
+                        kept = (m.status if m.memory is None else m.memory for m in combination)
                         after = ParallelMemory(tuple(kept))
                     yield Move(status, after, calls)
 
@@ -221,8 +221,8 @@ class _Tick:
                 continue
             after = None
             if move.memory is not None:
-                asked = {guard for each in done for guard in each.asked}
-                now = self._known(place, first, branch, known, asked)
+                checked = {guard for each in done for guard in each.asked}
+                now = self._known(place, first, branch, known, checked)
                 after = BranchMemory(branch, move.memory, now)
             yield Move(move.status, after, tuple(call for each in done for call in each.calls))
             done.pop()
@@ -284,16 +284,16 @@ class _Tick:
         first: int,
         running: int,
         known: Sequence[bool | None],
-        asked: Set[int],
+        checked: Set[int],
     ) -> tuple[bool | None, ...]:
         """What a composite knows of its guards behind a tick that began with the branch `first`."""
-        found: list[bool | None] = []
+        values: list[bool | None] = []
         for before, (branch, guard) in zip(known, self._machine.observed[place], strict=True):
             now = before
-            if branch >= first and (before is not None or guard in asked):
+            if branch >= first and (before is not None or guard in checked):
                 now = branch == running or self._holds(guard)
-            found.append(now if branch <= running else None)
-        return tuple(found)
+            values.append(now if branch <= running else None)
+        return tuple(values)
 
 
 def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[Move, ...]]:

@@ -53,7 +53,7 @@ def numbers_of(
     for part in parts:  # the text itself is the last
         slots = [slot for tree in part.tree.children for slot in _slots(tree, taken, vocabulary)]
     of_constants: dict[str, Purposes] = {}
-    found: list[Number] = []
+    numbers: list[Number] = []
     for label, purposes, word, constant in reversed(slots):  # defined before it is used
         if constant:
             purposes = of_constants.get(constant, _NONE)
@@ -61,8 +61,8 @@ def numbers_of(
             of_constants[str(word)] = of_constants.get(str(word), _NONE) | purposes
         else:
             place = word.line, word.start_pos, word.end_pos
-            found.append(Number(label, float(word), purposes, *place))
-    return found[::-1]
+            numbers.append(Number(label, float(word), purposes, *place))
+    return numbers[::-1]
 
 
 def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) -> str:

@@ -24,8 +24,8 @@ def ends(node: Node, context: NodeContext) -> Ends:
         return frozenset({FAILURE, SUCCESS})
     each = [ends(child, below(node, context, i)) for i, child in enumerate(node.children)]
     if kind.decorates:
-        found = frozenset(kind.ends[end] for end in each[0])
-        return found | _FAILS if node.guard or kind.may_fail else found
+        statuses = frozenset(kind.ends[end] for end in each[0])
+        return statuses | _FAILS if node.guard or kind.may_fail else statuses
     if isinstance(node.args, ParallelArgs):
         return _parallel(node.args, each)
     go_on = hands_over(node)

@@ -69,18 +69,18 @@ class RuleResult:
 
 def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
     """A rule from `never ACTION while CONDITION`. Raises TreeError in a line."""
-    found = _RULE.fullmatch(text)
-    if found is None:
+    match = _RULE.fullmatch(text)
+    if match is None:
         raise TreeError(f"rule {text!r}: expected never ACTION while CONDITION, found another form")
-    action, asked = found.groups()
+    action, condition = match.groups()
     try:
-        tree = parse(f"when {asked} {{ {action} }}", vocabulary)
+        tree = parse(f"when {condition} {{ {action} }}", vocabulary)
     except TreeError as error:
         first, *rest = str(error).splitlines()
         hints = rest[2:] if error.source else rest
         message = ". ".join([_PLACE.sub("", first), " ".join(hints)]).rstrip(". ")
         raise TreeError(f"rule {text!r}: {message}") from None
-    if re.search(r"\babort\b", asked):
+    if re.search(r"\babort\b", condition):
         raise TreeError(f"rule {text!r}: expected a condition after while, found an abort rule")
     if tree.guard is None or tree.children != (leaf(action),):
         raise TreeError(f"rule {text!r}: expected a condition after while, found more than that")
@@ -200,11 +200,11 @@ def _back(
     ways: dict[Memory | None, _Way | None], memory: Memory | None
 ) -> list[tuple[Sequence[float], ActionCalls]]:
     """The blackboards and calls that lead to a memory, oldest first."""
-    found = []
+    steps = []
     while (way := ways[memory]) is not None:
-        found.append((way.board, way.calls))
+        steps.append((way.board, way.calls))
         memory = way.before
-    return found[::-1]
+    return steps[::-1]
 
 
 def _ticks(
@@ -220,17 +220,17 @@ def _ticks(
     tick = compile_tree(
         tree, _Scripted(tree, returns), board, vocabulary.places, watch=seen.__setitem__
     )
-    asked = {*keys_in(tree), *(term.key for term in terms(rule.condition))}
-    found = []
+    keys = {*keys_in(tree), *(term.key for term in terms(rule.condition))}
+    ticks = []
     for values, calls in course:
         board[:] = values
         returns.clear()
         returns.update(calls)
         seen.clear()
         tick()
-        shown = {key: board[at] for key, at in vocabulary.places.items() if key in asked}
-        found.append(CounterTick(shown, tuple(sorted(seen.items()))))
-    return tuple(found)
+        shown = {key: board[at] for key, at in vocabulary.places.items() if key in keys}
+        ticks.append(CounterTick(shown, tuple(sorted(seen.items()))))
+    return tuple(ticks)
 
 
 class _Scripted(dict[str, Callable[[bool], int]]):

@@ -197,11 +197,11 @@ def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
 def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     # It is the same in every tick in which it is asked, so the two behave alike.
     guard = guard_of(node)
-    found = shorter(guard.condition, whenever_asked(guard, context))
-    if found == guard.condition:
+    condition = shorter(guard.condition, whenever_asked(guard, context))
+    if condition == guard.condition:
         return None
-    changed = node._replace(args=guard._replace(condition=found))
-    return changed, f"{head(node)} is {node.kind} {condition_text(found)}"
+    changed = node._replace(args=guard._replace(condition=condition))
+    return changed, f"{head(node)} is {node.kind} {condition_text(condition)}"
 
 
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)

@@ -47,12 +47,12 @@ def root_of(vocabulary: Vocabulary) -> NodeContext:
 
 def chain(node: Node) -> list[Node]:
     """The guards of a branch, down to its first composite or action."""
-    found = []
+    guards = []
     while kind_of(node).decorates:
         if node.guard:
-            found.append(node)
+            guards.append(node)
         node = node.children[0]
-    return found
+    return guards
 
 
 def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
@@ -97,10 +97,10 @@ def excludes(known: Conditions, expr: ConditionExpr) -> bool:
 
 def shorter(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     """A condition with fewer words that is the same wherever all of `known` hold; else `expr`."""
-    found, near = to_nnf(expr), _about(known, expr)
-    while (less := _without_needless(found, near)) != found:
-        found = less
-    return found if _words(found) < _words(expr) else expr
+    condition, near = to_nnf(expr), _about(known, expr)
+    while (less := _without_needless(condition, near)) != condition:
+        condition = less
+    return condition if _words(condition) < _words(expr) else expr
 
 
 def _words(expr: ConditionExpr) -> int:
@@ -131,20 +131,20 @@ def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
     """The conditions in `known` that constrain keys of `expr`, directly or indirectly."""
     keys = {key for term in terms(expr) for key in term.keys}
     left = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
-    found: list[ConditionExpr] = []
+    related: list[ConditionExpr] = []
     grown = True
     while grown:
         grown = False
         still = []
         for each, its_keys in left:
             if its_keys & keys:
-                found.append(each)
+                related.append(each)
                 grown |= not its_keys <= keys
                 keys |= its_keys
             else:
                 still.append((each, its_keys))
         left = still
-    return tuple(found)
+    return tuple(related)
 
 
 def _possible(known: Conditions, expr: ConditionExpr) -> bool:

@@ -160,22 +160,22 @@ class Builder:
         self._values = {}
         self._later.discard(str(name))
 
-    def _instance(self, name: _Token, given: Sequence[_Token], level: int) -> _BuiltSubtree:
+    def _instance(self, name: _Token, arguments: Sequence[_Token], level: int) -> _BuiltSubtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
-        if given and not template.parameters:
+        if arguments and not template.parameters:
             raise self._source.error_at(
                 name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
             )
-        if len(given) != len(template.parameters):
+        if len(arguments) != len(template.parameters):
             raise self._source.error_at(
                 name,
-                f"subtree {name} takes {_numbers(template.parameters)}, found {len(given)}",
+                f"subtree {name} takes {_numbers(template.parameters)}, found {len(arguments)}",
                 expected=f"`use {name}({', '.join(template.parameters)})`",
             )
-        if not given:
+        if not arguments:
             return template.whole
-        values = tuple(map(self._number, given))
+        values = tuple(map(self._number, arguments))
         key = (str(name), values)
         if key in self._instances:
             return self._instances[key]
@@ -194,11 +194,11 @@ class Builder:
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
         self._open -= 1
-        found = self._instances[key] = self._finished(node)
+        subtree = self._instances[key] = self._finished(node)
         self._defining = kept_defining
         self._source, self._values, self._name, self._base = kept
         self.nodes, self.levels, self._places = outside
-        return found
+        return subtree
 
     def _finished(self, node: Node) -> _BuiltSubtree:
         return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._source)
@@ -214,7 +214,7 @@ class Builder:
 
         A node of an included subtree has the place of its use. The parse trees must be placed.
         """
-        found: list[NodePlace] = []
+        places: list[NodePlace] = []
         inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
         while inside:
             rest, at = inside[-1]
@@ -226,10 +226,10 @@ class Builder:
                     inside.append((iter(subtree.places), here))
                     break
                 line, column = at or (each.line, each.column)
-                found.append(NodePlace(line, column, id(each)))
+                places.append(NodePlace(line, column, id(each)))
             else:
                 inside.pop()
-        return found
+        return places
 
     def _node(self, tree: _Tree, level: int) -> Node:
         kind, parts = str(tree.data), tree.children
@@ -250,23 +250,23 @@ class Builder:
         """A node without its children, and the trees of these."""
         kind, parts = str(tree.data), tree.children
         if kind == "action":
-            given = parts[1].children if parts[1:] else []
-            return self._leaf(parts[0], [each.children for each in given]), ()
+            arguments = parts[1].children if parts[1:] else []
+            return self._leaf(parts[0], [each.children for each in arguments]), ()
         values: list[Any] = []
         rest = list(parts[1:])
         for argument in KINDS[kind].arguments:
-            given = argument.default is None or _is(rest[0], argument.name)
+            arguments = argument.default is None or _is(rest[0], argument.name)
             values.append(
-                self._argument(kind, argument, rest.pop(0)) if given else argument.default
+                self._argument(kind, argument, rest.pop(0)) if arguments else argument.default
             )
         return Node(kind, KINDS[kind].made(values)), rest
 
-    def _leaf(self, name: _Token, given: Sequence[tuple[_Token, _Token]]) -> Node:
+    def _leaf(self, name: _Token, arguments: Sequence[tuple[_Token, _Token]]) -> Node:
         """A leaf from the names and values of its arguments."""
         words, values = self._vocabulary, dict[str, Value]()
         if words is not None and name not in words.actions:
             raise unknown_node(self._source, name, self._templates, words)
-        for key, value in given:
+        for key, value in arguments:
             if key in values:
                 raise self._source.error_at(
                     key, f"argument {shown(key)} is given twice", expected="each argument once"
@@ -332,19 +332,21 @@ class Builder:
         if tree.data != "use":
             node, below = self._head(tree)
             return node._replace(children=tuple([self.written(each, parameters) for each in below]))
-        name, *given = tree.children
-        numbers = [self._number(each) for part in given for each in part.children]
+        name, *arguments = tree.children
+        numbers = [self._number(each) for part in arguments for each in part.children]
         return Node("use", UseArgs(str(name), tuple(numbers)))
 
-    def _use(self, tree: _Tree, name: _Token, given: Sequence[_Token], level: int) -> Node:
+    def _use(self, tree: _Tree, name: _Token, arguments: Sequence[_Token], level: int) -> Node:
         if name not in self._templates:
             raise self._unknown_subtree(name)
-        subtree = self._instance(name, given, level)
+        subtree = self._instance(name, arguments, level)
         self._count(name, nodes=subtree.nodes, deepest=level + subtree.levels - 1)
         self._places.append((subtree, tree))
         if not self._marked:
             return subtree.node
-        return Used.of(subtree.node, use_text(str(name), [self._number(each) for each in given]))
+        return Used.of(
+            subtree.node, use_text(str(name), [self._number(each) for each in arguments])
+        )
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
         self.nodes += nodes

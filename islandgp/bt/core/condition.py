@@ -169,7 +169,7 @@ def _expression(expr: ConditionExpr, places: Mapping[str, int]) -> str:
 @lru_cache(maxsize=1024)
 def _compiled(expression: str) -> Callable[[Board], Callable[[], bool]]:
     # One closure for all parts: one call per part would make a tick two to five times slower.
-    made: Callable[[Board], Callable[[], bool]] = eval(
+    function: Callable[[Board], Callable[[], bool]] = eval(
         f"lambda board: lambda: {expression}", {"__builtins__": {}}
     )
-    return made
+    return function

@@ -157,10 +157,10 @@ def syntax_error(
         # `slector { ... }` only fails at the brace.
         if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
-        asked = previous in (*GUARDS, "not", "and", "or", "(")
-        if asked and word not in vocabulary.keys:
+        is_key = previous in (*GUARDS, "not", "and", "or", "(")
+        if is_key and word not in vocabulary.keys:
             return unknown_key(source, word, vocabulary)
-        if not asked and word not in vocabulary.actions:
+        if not is_key and word not in vocabulary.actions:
             return unknown_node(source, word, subtrees, vocabulary)
     words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
@@ -208,7 +208,7 @@ def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
 
 def _names_of_numbers(words: Sequence[Token]) -> set[int]:
     """Indices of words that name numbers, or are in brackets after a name."""
-    found: set[int] = set()
+    indices: set[int] = set()
     inside = False  # the brackets behind the name of a subtree or an action
     for at, word in enumerate(words):
         before = [str(each) for each in words[max(0, at - 3) : at]]
@@ -222,8 +222,8 @@ def _names_of_numbers(words: Sequence[Token]) -> set[int]:
             or (at > 0 and words[at - 1] in _BEFORE_NUMBERS)
             or before[:1] == ["constant"]
         ):
-            found.add(at)
-    return found
+            indices.add(at)
+    return indices
 
 
 def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]:
@@ -234,10 +234,10 @@ def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]
         if error.token.type == "$END":  # its position is that of the last word
             return list(words)
         return list(takewhile(lambda word: word.start_pos != error.pos_in_stream, words))
-    found: list[Token] = []
+    tokens: list[Token] = []
     with suppress(UnexpectedCharacters):  # the fault itself
-        found.extend(word for word in words if word.end_pos != error.pos_in_stream)
-    return found
+        tokens.extend(word for word in words if word.end_pos != error.pos_in_stream)
+    return tokens
 
 
 def _unexpected_end(

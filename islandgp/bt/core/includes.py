@@ -90,21 +90,21 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
     which read incomplete files.
     """
     top = folder.resolve()
-    found: dict[Path, str] = {}
+    texts: dict[Path, str] = {}
     waiting = [(text, top)]
     while waiting:
         source, beside = waiting.pop()
         for name in _INCLUDE.findall(source):
             with suppress(OSError, RuntimeError, ValueError):
                 path = (beside / name).resolve()
-                if path in found or not path.is_relative_to(top) or len(found) == MAX_FILES:
+                if path in texts or not path.is_relative_to(top) or len(texts) == MAX_FILES:
                     continue
-                found[path] = ""
+                texts[path] = ""
                 if path.is_file():  # not a pipe: reading it could block
                     with path.open(encoding="utf-8") as opened:
-                        found[path] = opened.read(MAX_READ)
-                waiting.append((found[path], path.parent))
-    return found
+                        texts[path] = opened.read(MAX_READ)
+                waiting.append((texts[path], path.parent))
+    return texts
 
 
 def _found(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:

@@ -96,8 +96,8 @@ class NodeKind:
 
     def made(self, values: Sequence[Any]) -> Args:
         """The args of a node of this kind, from the values of its arguments in order."""
-        made: Args = self.args(*values) if values else ()
-        return made
+        args: Args = self.args(*values) if values else ()
+        return args
 
     may_fail: bool = False
     """Of a decorator: it can fail although its child does not end."""

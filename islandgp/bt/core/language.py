@@ -140,13 +140,13 @@ def tree_errors(
 
     All wrong names and numbers, or else the first fault of syntax.
     """
-    found: list[TreeError] = []
+    errors: list[TreeError] = []
     try:
         parts = files_of(text, vocabulary, name=name, folder=folder)
-        built(Builder(parts[-1].source, vocabulary, errors=found), parts)
+        built(Builder(parts[-1].source, vocabulary, errors=errors), parts)
     except TreeError as error:
-        found.append(error)
-    return list({str(error): error for error in found}.values())
+        errors.append(error)
+    return list({str(error): error for error in errors}.values())
 
 
 def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:

@@ -153,9 +153,9 @@ class Used(Node):
     @classmethod
     def of(cls, node: Node, name: str) -> Used:
         """The node under that name, outside of those that it has."""
-        made = cls._make(node)
-        made.names = (name, *names_of(node))
-        return made
+        used = cls._make(node)
+        used.names = (name, *names_of(node))
+        return used
 
 
 def names_of(node: Node) -> tuple[str, ...]:
@@ -237,12 +237,12 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError for a tree that is too deep or too large."""
-    for what, found, most in (
+    for what, value, most in (
         ("levels", depth(node), limits.max_depth),
         ("nodes", size(node), limits.max_nodes),
     ):
-        if found > most:
+        if value > most:
             raise LimitError(
-                f"Expected a tree of at most {most} {what}, found {found};"
+                f"Expected a tree of at most {most} {what}, found {value};"
                 " shorten it or raise the limit."
             )

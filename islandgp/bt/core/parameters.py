@@ -102,8 +102,8 @@ def value_range(parameter: Parameter) -> str:
 
 def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
     """An action as it is written, with the values that its arguments can have."""
-    given = (f"{key}: {value_range(each)}" for key, each in parameters.items())
-    return f"{name}({', '.join(given)})" if parameters else name
+    ranges = (f"{key}: {value_range(each)}" for key, each in parameters.items())
+    return f"{name}({', '.join(ranges)})" if parameters else name
 
 
 def described(meaning: str, parameters: Mapping[str, Parameter]) -> str:
@@ -141,8 +141,8 @@ def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Par
 
 def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:
     """The value of each parameter where a leaf has these arguments, as a tree writes it."""
-    given = dict(args.values)
-    return {key: given.get(key, each.default) for key, each in parameters.items()}
+    values = dict(args.values)
+    return {key: values.get(key, each.default) for key, each in parameters.items()}
 
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:

@@ -23,9 +23,9 @@ class Named(float):
     """A number that is written by a name: of a constant or a parameter, or a word of a key."""
 
     def __new__(cls, name: str, value: float) -> Self:
-        made = super().__new__(cls, value)
-        made.name = name
-        return made
+        named = super().__new__(cls, value)
+        named.name = name
+        return named
 
     name: str
 
@@ -97,8 +97,8 @@ def head(node: Node) -> str:
 
 def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
     """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
-    given = (f"{name}: {_value_text(value)}" for name, value in values)
-    return f"{action}({', '.join(given)})" if values else action
+    arguments = (f"{name}: {_value_text(value)}" for name, value in values)
+    return f"{action}({', '.join(arguments)})" if values else action
 
 
 def _value_text(value: Value) -> str:

@@ -168,8 +168,8 @@ def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
             f"Expected neither RUNNING nor changes of {what}, which is a condition; use"
             " condition_leaf(...), or leave out `condition`."
         )
-    asked = [key for each in (*action.to_start, *action.to_succeed) for key in each.keys]
-    for key in (*asked, *action.changes):
+    keys_read = [key for each in (*action.to_start, *action.to_succeed) for key in each.keys]
+    for key in (*keys_read, *action.changes):
         if key not in keys:
             raise DomainError(
                 f"Expected keys of the vocabulary in the conditions and changes of {what}, found"

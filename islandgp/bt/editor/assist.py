@@ -74,18 +74,18 @@ def offers(
         The words that the grammar accepts there.
     """
     before = text[: _begin(text, offset)]
-    found = words_of(before)
-    if found and found[-1].text[0] == "#" and "\n" not in before[found[-1].end :]:
+    typed_words = words_of(before)
+    if typed_words and typed_words[-1].text[0] == "#" and "\n" not in before[typed_words[-1].end :]:
         return []
-    code = [word.text for word in found if word.text[0] != "#"]
+    code = [word.text for word in typed_words if word.text[0] != "#"]
     accepted = following(before)
     words = [name.lower() for name in sorted(accepted) if name.lower() in MEANINGS]
-    made = [Offer(word, "word", MEANINGS[word]) for word in words]
+    completions = [Offer(word, "word", MEANINGS[word]) for word in words]
     if "OPERATOR" in accepted:
-        made += [Offer(sign, "word", "compares the key with a number") for sign in OPERATORS]
+        completions += [Offer(sign, "word", "compares the key with a number") for sign in OPERATORS]
     if "NAME" in accepted:
-        made += _names(code, accepted, vocabulary, f"{before}\n", folder, domains)
-    return made
+        completions += _names(code, accepted, vocabulary, f"{before}\n", folder, domains)
+    return completions
 
 
 def _names(
@@ -151,10 +151,10 @@ def meaning(
     text: str, offset: int, vocabulary: Vocabulary, folder: Path
 ) -> tuple[str, Word] | None:
     """The meaning of the word at a position, as Markdown, with the word; None if there is none."""
-    found = _at(text, offset)
-    if found is None:
+    word_at = _at(text, offset)
+    if word_at is None:
         return None
-    word, previous = found
+    word, previous = word_at
     name = word.text
     if previous in ("use", "subtree"):
         lead = subtrees(text, folder).get(name)
@@ -200,15 +200,15 @@ def subtrees(text: str, folder: Path) -> dict[str, str]:
 
 def _numbers(text: str, folder: Path) -> dict[str, str]:
     """The constants of a text and of what it includes, and parameters of the subtree at its end."""
-    found = {name: f"constant {lead}" for name, lead in _defined("constant", text, folder)}
+    numbers = {name: f"constant {lead}" for name, lead in _defined("constant", text, folder)}
     code = [word.text for word in words_of(text) if word.text[0] != "#"]
     own = _unfinished(code)
     if own:
         lead = dict(_defined("subtree", text, folder, own=True)).get(own, "")
         inside = re.search(r"\(([^)]*)\)", lead.partition("=")[0])
         names = inside[1].split(",") if inside else []
-        found |= {name.strip(): f"a parameter of {own}" for name in names}
-    return found
+        numbers |= {name.strip(): f"a parameter of {own}" for name in names}
+    return numbers
 
 
 def _unfinished(code: Sequence[str]) -> str:
@@ -229,8 +229,8 @@ def _unfinished(code: Sequence[str]) -> str:
 def _defined(kind: str, text: str, folder: Path, *, own: bool = False) -> Iterator[tuple[str, str]]:
     """Names that `subtree` or `constant` define, with the rest of their line without comments."""
     for source in (*(() if own else mentioned(text, folder).values()), text):
-        found = words_of(source)
-        for word, name in pairwise(found):
+        source_words = words_of(source)
+        for word, name in pairwise(source_words):
             if word.text == kind and NAME.fullmatch(name.text):
                 line = source[name.start :].partition("\n")[0].partition("#")[0]
                 yield name.text, line.strip()

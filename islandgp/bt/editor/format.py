@@ -115,20 +115,20 @@ class _Formatter:
         if tree.data == "subtree":
             name, *more, body = tree.children
             parameters = [str(token) for each in more for token in each.children]
-            given = f"({', '.join(parameters)})" if parameters else ""
+            parameter_list = f"({', '.join(parameters)})" if parameters else ""
             node = self._builder.written(body, parameters)
-            yield from self._node(tree, node, "", f"subtree {name}{given} = ")
+            yield from self._node(tree, node, "", f"subtree {name}{parameter_list} = ")
             return
         if tree.data not in _STATEMENTS:
             yield from self._node(tree, self._builder.written(tree, ()), "")
             return
         first, behind = self._span(tree)
-        found = self._words[first:behind]
-        texts = [str(word.token) for word in found]
-        if found[-1].token.type == "NUMBER":
+        part_words = self._words[first:behind]
+        texts = [str(word.token) for word in part_words]
+        if part_words[-1].token.type == "NUMBER":
             texts[-1] = number_text(float(texts[-1]) + 0.0)  # no -0
         yield from _own_lines(*self._above(tree), "")
-        yield " ".join(texts) + _aside(found[-1].behind)
+        yield " ".join(texts) + _aside(part_words[-1].behind)
 
     def _node(self, tree: Any, node: Node, indent: str, lead: str = "") -> Iterator[str]:
         """The lines of a node with the comments above it; `lead` is the text before its head."""
@@ -167,17 +167,17 @@ class _Formatter:
 
     def _above(self, tree: Any) -> tuple[tuple[_Comment, ...], bool]:
         """The comments above a head, those inside it too, and whether a blank line precedes it."""
-        found = self._words[self._span(tree)[0] : self._head_end(tree)]
+        head_words = self._words[self._span(tree)[0] : self._head_end(tree)]
         loose: list[str] = []
-        for before, word in pairwise(found):
+        for before, word in pairwise(head_words):
             loose += [before.behind] if before.behind else []
             loose += [comment.text for comment in word.before]
-        blank = found[0].blank_before
+        blank = head_words[0].blank_before
         if not loose:
-            return found[0].before, blank
+            return head_words[0].before, blank
         first, *others = loose
         moved = (_Comment(first, blank), *(_Comment(text, False) for text in others))
-        return (*found[0].before, *moved), False
+        return (*head_words[0].before, *moved), False
 
 
 def _broken(line: str, node: Node) -> Iterator[str]:

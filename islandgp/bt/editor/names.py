@@ -101,8 +101,8 @@ def _body_end(words: Sequence[Word], at: int) -> int:
 
 def symbol_at(text: str, offset: int) -> Occurrence | None:
     """The name at an offset."""
-    found = occurrences(text)
-    return next((each for each in found if each.word.start <= offset <= each.word.end), None)
+    names = occurrences(text)
+    return next((each for each in names if each.word.start <= offset <= each.word.end), None)
 
 
 def definitions(text: str) -> list[Occurrence]:
@@ -112,9 +112,9 @@ def definitions(text: str) -> list[Occurrence]:
 
 def defines(text: str, symbol: Symbol) -> Word | None:
     """The word that defines a symbol in a text."""
-    found = (each.word for each in occurrences(text) if each.symbol == symbol)
+    matching = (each.word for each in occurrences(text) if each.symbol == symbol)
     if symbol.kind == "parameter":
-        return next(found, None)  # parameters precede their uses
+        return next(matching, None)  # parameters precede their uses
     return next((each.word for each in definitions(text) if each.symbol == symbol), None)
 
 
@@ -135,10 +135,10 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
     Raises:
         TreeError: there is no such name, another file defines it, or `new` cannot take its place.
     """
-    found = symbol_at(text, offset)
-    if found is None:
+    occurrence = symbol_at(text, offset)
+    if occurrence is None:
         raise TreeError("Expected the name of a subtree, a constant or a parameter, found none.")
-    symbol = found.symbol
+    symbol = occurrence.symbol
     if defines(text, symbol) is None:
         raise TreeError(
             f"Expected a {symbol.kind} that this file defines, found {symbol.name}, which is not"

@@ -125,21 +125,21 @@ EQUAL = Loss("equal", "== and != treat two numbers that differ by at most 0.0000
 
 def losses(tree: Node) -> list[Loss]:
     """The differences in meaning of a plain file, each kind once."""
-    found = guard_losses(tree)
+    differences = guard_losses(tree)
     for node in walk(tree):
         if isinstance(node.args, CountArgs) and node.kind not in NAV2 and differs(node):
-            found.add(REPEAT)
+            differences.add(REPEAT)
         if isinstance(node.args, ParallelArgs) and len(node.children) > 1:
             success, failure = node.args.needed(len(node.children))
             late = failure > len(node.children) - success + 1
-            found.add(POLICY if late else JUDGED)
+            differences.add(POLICY if late else JUDGED)
         if isinstance(node.args, SecondsArgs):
-            found.add(CLOCK)
+            differences.add(CLOCK)
         if node.kind in NAV2:
-            found.add(PLUGINS)
+            differences.add(PLUGINS)
         if node.guard and differs(node):
-            found.add(EQUAL)
-    return sorted(found)
+            differences.add(EQUAL)
+    return sorted(differences)
 
 
 def differs(node: Node) -> bool:
@@ -296,8 +296,8 @@ def _word(value: object) -> str:
 def _port(name: str, parameter: Parameter) -> str:
     sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
     default = parameter.default
-    given = quoteattr(_FLAGS[str(default)] if sort == "bool" else _word(default))
-    return f'<input_port name="{name}" type="{sort}" default={given}/>'
+    default_text = quoteattr(_FLAGS[str(default)] if sort == "bool" else _word(default))
+    return f'<input_port name="{name}" type="{sort}" default={default_text}/>'
 
 
 def _model(kind: str) -> Iterator[str]:

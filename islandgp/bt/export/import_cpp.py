@@ -123,9 +123,9 @@ def read_tree(
         LimitError: the tree is larger than any limit on trees could allow.
     """
     importer = _Importer(name, read_xml(text, name=name), vocabulary, folder)
-    found = importer.tree(tree)
+    root = importer.tree(tree)
     # The text of the tree is parsed, as only the parser checks a whole tree.
-    written = with_subtrees(found)
+    written = with_subtrees(root)
     checked = parse(written, vocabulary, name=f"{name}, as text")
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
@@ -155,7 +155,7 @@ class _Importer(SubtreeReader):
         return node
 
     def inside(self, element: Element, tag: str) -> Node:
-        given = element.attributes
+        attributes = element.attributes
         if tag not in _READ and tag not in self.vocabulary.actions:
             self._unknown(element, tag)
         self.check_attributes(element, tag)
@@ -172,25 +172,27 @@ class _Importer(SubtreeReader):
         if tag == "When":
             return self._own_guard(element)
         if tag == "JudgedParallel":
-            return Node("parallel", judged_args(given), self.nodes_of(element))
+            return Node("parallel", judged_args(attributes), self.nodes_of(element))
         if tag in COUNTED:
             return self._repeat(element, tag)
         if tag in TIMED:
             kind, attribute, unit = TIMED[tag]
             if unit != 1:
                 self.differs(element, CLOCK)
-            return Node(kind, seconds_args(given, attribute, unit), (self.child(element),))
+            return Node(kind, seconds_args(attributes, attribute, unit), (self.child(element),))
         if tag == "RateController":
             self.differs(element, CLOCK)
             if self.parents[-2:-1] != ["PipelineSequence"]:
                 self.differs(element, RATE)
-            return Node("every", period_args(given), (self.child(element),))
+            return Node("every", period_args(attributes), (self.child(element),))
         if tag == "Parallel":
             children = self.children(element)
             if len(children) > 1:
                 self.differs(element, JUDGED)
             return Node(
-                "parallel", parallel_args(given, len(children)), tuple(map(self.node, children))
+                "parallel",
+                parallel_args(attributes, len(children)),
+                tuple(map(self.node, children)),
             )
         if tag == "ScriptCondition":
             self.fail(
@@ -262,9 +264,9 @@ class _Importer(SubtreeReader):
 
     def _case(self, element: Element, number: int) -> ConditionExpr:
         """The condition of a case of a Switch: its variable has the case's value."""
-        given = element.attributes
-        variable = given.get("variable", "").strip("{}")
-        code = f"{variable} == {given.get(f'case_{number}', '')}"
+        attributes = element.attributes
+        variable = attributes.get("variable", "").strip("{}")
+        code = f"{variable} == {attributes.get(f'case_{number}', '')}"
         return self._condition(replace(element, attributes={"code": code}), "code")
 
     def _condition(self, element: Element, attribute: str) -> ConditionExpr:
@@ -331,18 +333,20 @@ class _Importer(SubtreeReader):
 
     def _own_guard(self, element: Element) -> Node:
         self.asks = True
-        given = element.attributes
-        abort = given.get("abort", "both")
+        attributes = element.attributes
+        abort = attributes.get("abort", "both")
         if abort not in ABORTS:
             self.fail(
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
         try:
-            asked = re.sub(r"'(\w+)'", r"\1", self._asked(element, "condition"))  # words of keys
-            expr = parse_condition(asked, self.vocabulary)
+            condition = re.sub(
+                r"'(\w+)'", r"\1", self._asked(element, "condition")
+            )  # words of keys
+            expr = parse_condition(condition, self.vocabulary)
         except TreeError as error:
-            said = [line.strip() for line in str(error).splitlines()]
-            self.fail(element, "; ".join(["in the condition, place " + said[0], *said[3:]]))
+            lines = [line.strip() for line in str(error).splitlines()]
+            self.fail(element, "; ".join(["in the condition, place " + lines[0], *lines[3:]]))
         return guarded(expr, self.child(element), abort)
 
     def _repeat(self, element: Element, tag: str) -> Node:

@@ -78,20 +78,20 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
 
 
 def _plain(node: Node) -> dict[str, Any]:
-    found: dict[str, Any] = {"kind": node.kind}
+    plain: dict[str, Any] = {"kind": node.kind}
     values: Iterable[Any] = node.args
     for argument, value in zip(KINDS[node.kind].arguments, values, strict=True):
         if isinstance(value, Condition):
-            found |= _plain_condition(value)
+            plain |= _plain_condition(value)
         elif isinstance(value, Compound):
-            found[argument.name] = _plain_condition(value)
+            plain[argument.name] = _plain_condition(value)
         elif argument.sort is not Sort.VALUES:
-            found[argument.name] = _plain_value(value)
+            plain[argument.name] = _plain_value(value)
         elif value:
-            found[argument.name] = {name: _plain_value(each) for name, each in value}
+            plain[argument.name] = {name: _plain_value(each) for name, each in value}
     if node.children:
-        found["children"] = [_plain(child) for child in node.children]
-    return found
+        plain["children"] = [_plain(child) for child in node.children]
+    return plain
 
 
 def _plain_condition(expr: ConditionExpr) -> dict[str, Any]:
@@ -161,16 +161,19 @@ class _JsonReader:
             ),
         )
 
-    def _values(self, found: Any, at: str) -> tuple[tuple[str, Value], ...]:
+    def _values(self, arguments: Any, at: str) -> tuple[tuple[str, Value], ...]:
         """The values of an action's arguments."""
-        if not isinstance(found, dict):
-            self._fail(at, f"expected values by argument, found {found!r:.40}")
-        for name in found:
+        if not isinstance(arguments, dict):
+            self._fail(at, f"expected values by argument, found {arguments!r:.40}")
+        for name in arguments:
             self._argument({"name": name}, "name", at)
         kinds = {
-            name: "number" if isinstance(v, int | float) else "text" for name, v in found.items()
+            name: "number" if isinstance(v, int | float) else "text"
+            for name, v in arguments.items()
         }
-        return tuple((n, self._argument({k: found[n]}, k, f"{at}.{n}")) for n, k in kinds.items())
+        return tuple(
+            (n, self._argument({k: arguments[n]}, k, f"{at}.{n}")) for n, k in kinds.items()
+        )
 
     def _value(self, value: dict[str, Any], argument: Argument, at: str) -> Any:
         if argument.sort is Sort.VALUES:
@@ -211,32 +214,32 @@ class _JsonReader:
         return Condition(str(key), str(operator), right)
 
     def _argument(self, value: dict[str, Any], argument: str, at: str) -> str | float:
-        found = value.get(argument)
-        policy = argument in ("success", "failure") and isinstance(found, int | float)
+        entry = value.get(argument)
+        policy = argument in ("success", "failure") and isinstance(entry, int | float)
         if policy or argument in ("number", "count", "seconds"):
-            if isinstance(found, bool) or not isinstance(found, int | float):
-                self._fail(at, f"expected a number as {argument!r}, found {found!r:.40}")
-            if not abs(found) <= MAX_NUMBER:
+            if isinstance(entry, bool) or not isinstance(entry, int | float):
+                self._fail(at, f"expected a number as {argument!r}, found {entry!r:.40}")
+            if not abs(entry) <= MAX_NUMBER:
                 self._fail(
                     at,
                     f"expected {argument!r} from {-MAX_NUMBER} to {MAX_NUMBER}: out of range is"
-                    f" {found!r:.40}",
+                    f" {entry!r:.40}",
                 )
-            return int(found) if found == int(found) and argument != "number" else float(found)
-        if argument == "text" and isinstance(found, str) and is_text(found):
-            return found
+            return int(entry) if entry == int(entry) and argument != "number" else float(entry)
+        if argument == "text" and isinstance(entry, str) and is_text(entry):
+            return entry
         words = WORDS.get(argument)
-        if words is not None and found not in words:
-            guess = closest(str(found), words)
+        if words is not None and entry not in words:
+            guess = closest(str(entry), words)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(
-                at, f"expected {argument!r}: one of {' '.join(words)}, found {found!r:.40}{hint}"
+                at, f"expected {argument!r}: one of {' '.join(words)}, found {entry!r:.40}{hint}"
             )
-        if not isinstance(found, str) or (
-            words is None and (not NAME.fullmatch(found) or found in RESERVED)
+        if not isinstance(entry, str) or (
+            words is None and (not NAME.fullmatch(entry) or entry in RESERVED)
         ):
-            self._fail(at, f"expected a word as {argument!r}, found {found!r:.40}")
-        return found
+            self._fail(at, f"expected a word as {argument!r}, found {entry!r:.40}")
+        return entry
 
     def _fail(self, at: str, message: str) -> NoReturn:
         raise TreeError(f"{self._name}: {_shortened(at)}: {message}")

@@ -192,7 +192,7 @@ def separated(
         keep: False: insert the subtrees in their places, without names.
     """
     unfit = set(taken)
-    found: dict[tuple[str, TargetNode], str] = {}
+    names: dict[tuple[str, TargetNode], str] = {}
 
     def visit(part: TargetNode) -> TargetNode:
         if not part.children:
@@ -203,13 +203,13 @@ def separated(
         if not keep:
             return children[0]
         name = subtree_of(part)
-        if (name, children[0]) not in found:
-            found[name, children[0]] = fresh_name(name, unfit)
-            unfit.add(found[name, children[0]])
-        return TargetNode("subtree", UseArgs(found[name, children[0]]))
+        if (name, children[0]) not in names:
+            names[name, children[0]] = fresh_name(name, unfit)
+            unfit.add(names[name, children[0]])
+        return TargetNode("subtree", UseArgs(names[name, children[0]]))
 
     root = visit(whole)
-    return root, {name: body for (_, body), name in found.items()}
+    return root, {name: body for (_, body), name in names.items()}
 
 
 def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterable[str]) -> None:
@@ -245,28 +245,28 @@ def fresh_name(name: str, unfit: set[str]) -> str:
     """A word like `name` that is not among the unfit ones: `recharge(20, 3)` is recharge_20_3."""
     word = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
     word = word if word[:1].isalpha() or word[:1] == "_" else f"tree_{word}"
-    found, number = word, 1
-    while found in unfit:
+    candidate, number = word, 1
+    while candidate in unfit:
         number += 1
-        found = f"{word}_{number}"
-    return found
+        candidate = f"{word}_{number}"
+    return candidate
 
 
 def guard_losses(tree: Node) -> set[Loss]:
     """The changes that `plan` makes to the meaning of guards."""
-    found: set[Loss] = set()
+    differences: set[Loss] = set()
     if tree.kind in ("selector", "sequence"):
         for branch in tree.children[:-1]:
             if exposes(branch):
                 reacts = _reacts(branch, tree.kind)
-                found |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
+                differences |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
                 if reacts and not all(
                     each.guard and each.guard.interrupts for each in chain(branch)
                 ):
-                    found.add(INNER)
+                    differences.add(INNER)
     for child in tree.children:
-        found |= guard_losses(child)
-    return found
+        differences |= guard_losses(child)
+    return differences
 
 
 def _kind(plain: str, reactive: bool) -> str:

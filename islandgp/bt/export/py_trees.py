@@ -57,13 +57,13 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 
 def losses(tree: Node) -> list[Loss]:
     """The differences in meaning of a plain module, each kind once."""
-    found = guard_losses(tree)
+    differences = guard_losses(tree)
     nodes = list(walk(tree))
     if any(differs(node) and isinstance(node.args, ParallelArgs) for node in nodes):
-        found.add(POLICY)
+        differences.add(POLICY)
     if any(isinstance(node.args, SecondsArgs) for node in nodes):
-        found.add(CLOCK)
-    return sorted(found)
+        differences.add(CLOCK)
+    return sorted(differences)
 
 
 def differs(node: Node) -> bool:
@@ -169,8 +169,8 @@ def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
     if kind == "subtree":
         return f"{subtree_of(part)}(action", ")"
     if isinstance(args, ActionArgs):
-        given = "".join(f", {name}={value!r}" for name, value in args.values)
-        return f"action({args.name!r}{given}", ")"
+        keywords = "".join(f", {name}={value!r}" for name, value in args.values)
+        return f"action({args.name!r}{keywords}", ")"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child=", ")"
     if kind == "when":
@@ -220,11 +220,11 @@ def _check(expr: ConditionExpr) -> str:
 
 def _condition(part: TargetNode) -> str:
     """A guard's name, keys and condition, as arguments of When and EternalGuard."""
-    asked = _guard(part).condition
-    keys = ", ".join(dict.fromkeys(repr(key) for term in terms(asked) for key in term.keys))
+    condition = _guard(part).condition
+    keys = ", ".join(dict.fromkeys(repr(key) for term in terms(condition) for key in term.keys))
     return (
-        f"{condition_text(asked)!r}, blackboard_keys=[{keys}],"
-        f" condition=lambda blackboard: {_expression(asked)}"
+        f"{condition_text(condition)!r}, blackboard_keys=[{keys}],"
+        f" condition=lambda blackboard: {_expression(condition)}"
     )
 
 

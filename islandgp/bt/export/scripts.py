@@ -33,17 +33,17 @@ class _Script:
         self._at = self._terms = 0
 
     def read(self) -> ConditionExpr:
-        found = self._joined(1)
+        condition = self._joined(1)
         if self._code[self._at :].strip():
             self._fail()
-        return found
+        return condition
 
     def _joined(self, level: int) -> ConditionExpr:
-        found = self._term(level)
+        condition = self._term(level)
         while (word := self._peek()) in ("&&", "||"):
             self._take()
-            found = conjoin({"&&": "and", "||": "or"}[word], [found, self._term(level)])
-        return found
+            condition = conjoin({"&&": "and", "||": "or"}[word], [condition, self._term(level)])
+        return condition
 
     def _term(self, level: int) -> ConditionExpr:
         if level > MAX_NESTED or self._terms >= MAX_TERMS:
@@ -61,11 +61,11 @@ class _Script:
                 self._fail()
             return negate(self._term(level + 1))
         if match[1] == "(":
-            found = self._joined(level + 1)
+            condition = self._joined(level + 1)
             if self._peek() != ")":
                 self._fail()
             self._take()
-            return found
+            return condition
         self._terms += 1
         return self._single(match["key"], match["operator"] or "==", match["right"] or "true")
 

@@ -76,14 +76,14 @@ class SubtreeReader(ABC):
         """The tree of that ID; None: the main tree."""
         if identity is not None:
             return self._subtree(identity, self._root).node
-        asked = self._root.attributes.get("main_tree_to_execute", "")
-        if not asked and len(self._trees) > 1:
+        main_tree = self._root.attributes.get("main_tree_to_execute", "")
+        if not main_tree and len(self._trees) > 1:
             self.fail(
                 self._root,
                 "expected main_tree_to_execute, as there are several trees:"
                 f" {_listed(self._trees)}; add it, or choose one by --tree ID",
             )
-        return self._subtree(asked or next(iter(self._trees)), self._root).node
+        return self._subtree(main_tree or next(iter(self._trees)), self._root).node
 
     def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
         key = identity, frozenset(self.keys.items())
@@ -155,13 +155,13 @@ class SubtreeReader(ABC):
         }
         self.check_attributes(element, "SubTree")
         outside, self.keys = self.keys, {**self.keys, **remapped}
-        found = self._subtree(element.attributes.get("ID", ""), element)
+        subtree = self._subtree(element.attributes.get("ID", ""), element)
         self.keys = outside
-        self.count(element, found.nodes, found.levels)
-        self.asks |= found.asks
-        if found.asks and not remapped and _autoremap(element) not in ("true", "1"):
+        self.count(element, subtree.nodes, subtree.levels)
+        self.asks |= subtree.asks
+        if subtree.asks and not remapped and _autoremap(element) not in ("true", "1"):
             self.differs(element, SCOPE)
-        return found.node
+        return subtree.node
 
     def nodes_of(self, element: Element) -> tuple[Node, ...]:
         return tuple(map(self.node, self.children(element)))

@@ -30,7 +30,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
     Raises:
         TreeError: a file has another format, cannot be read, or defines an ID again.
     """
-    found: dict[str, XmlTree] = {}
+    trees: dict[str, XmlTree] = {}
     included: set[Path] = set()
 
     def add(root: Element, file: str, beside: Path | None) -> None:
@@ -49,18 +49,18 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
                     add(*_read(element, file, path, folder), path.parent)
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
-                if identity in found:
+                if identity in trees:
                     again = f"the tree {shown(identity)} is defined twice; rename one"
                     raise element.error(again, file)
-                found[identity] = XmlTree(element, file)
+                trees[identity] = XmlTree(element, file)
             elif element.tag != "TreeNodesModel":
                 tag = shown(element.tag)
                 raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
 
     add(main, name, folder)
-    if not found:
+    if not trees:
         raise main.error("expected <root> with a <BehaviorTree>, found none", name)
-    return found
+    return trees
 
 
 def _check_count(element: Element, file: str, count: int) -> None:

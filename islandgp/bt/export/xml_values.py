@@ -72,14 +72,14 @@ def judged_args(attributes: Attributes) -> ParallelArgs:
     """The policies of a JudgedParallel."""
     policies: list[Policy] = []
     for attribute, default in (("success", "all"), ("failure", "one")):
-        found = attributes.get(attribute, default)
-        if found in POLICIES:
-            policies.append(found)
+        policy = attributes.get(attribute, default)
+        if policy in POLICIES:
+            policies.append(policy)
             continue
         fewest, most = REPEATS
-        if not (found.isdecimal() and len(found) < 10 and fewest <= int(found) <= most):
-            raise ValueError(f"expected {attribute} one, all or a number, found {shown(found)}")
-        policies.append(int(found))
+        if not (policy.isdecimal() and len(policy) < 10 and fewest <= int(policy) <= most):
+            raise ValueError(f"expected {attribute} one, all or a number, found {shown(policy)}")
+        policies.append(int(policy))
     return ParallelArgs(*policies)
 
 

@@ -164,17 +164,17 @@ class _Episode:
         def read() -> list[float]:
             self._chosen = none
             values = self._values
-            found = [
+            readings = [
                 low if (value := values[at]) < low else high if value > high else value
                 for at, low, high in places
             ]
             for i in flags:
-                found[i] = float(found[i] > 0.5)
+                readings[i] = float(readings[i] > 0.5)
             for i in words:
-                found[i] = float(round(found[i]))
-            if not isfinite(sum(found)):
-                must_be_values(keys, dict(zip(keys, found, strict=True)), self.env.step)
-            return found
+                readings[i] = float(round(readings[i]))
+            if not isfinite(sum(readings)):
+                must_be_values(keys, dict(zip(keys, readings, strict=True)), self.env.step)
+            return readings
 
         return read
 

@@ -74,8 +74,8 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
     if kind == "Dict":
         parts = {key: _observations(inside, name) for key, inside in space.spaces.items()}
 
-        def both(found: Any) -> list[float]:
-            return [number for key, (read, _) in parts.items() for number in read(found[key])]
+        def both(observation: Any) -> list[float]:
+            return [number for key, (read, _) in parts.items() for number in read(observation[key])]
 
         return both, [
             _path(key, at, inside)

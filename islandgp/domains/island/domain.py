@@ -109,8 +109,8 @@ class Island:
     def _action_in(self, late: Overdue) -> str:
         """The action in whose function it was raised, or ""."""
         names = {getattr(act, "__code__", None): name for name, act in self.actions.items()}
-        found = (names.get(frame.f_code, "") for frame, _ in walk_tb(late.__traceback__))
-        return next(filter(None, found), "")
+        names_found = (names.get(frame.f_code, "") for frame, _ in walk_tb(late.__traceback__))
+        return next(filter(None, names_found), "")
 
     def _run(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None

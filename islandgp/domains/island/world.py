@@ -131,14 +131,14 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
             )
         length, step = self.episode.length, self.episode.step
         often = self.humanoids.count
-        for name, found in (
+        for name, number in (
             ("garbage.every", length / max(self.garbage.every, step)),
             ("humanoids.turn_every", often * length / max(self.humanoids.turn_every[0], step)),
         ):
-            if found > MOST_CUES:
+            if number > MOST_CUES:
                 raise ValueError(
                     f"{name}: expected at most {MOST_CUES:,} of these in an episode, found"
-                    f" {found:,.0f}; raise it, or shorten episode.length"
+                    f" {number:,.0f}; raise it, or shorten episode.length"
                 )
         return self
 

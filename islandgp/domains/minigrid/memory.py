@@ -61,21 +61,21 @@ class Memory:
         ahead, across = (y, x) if upright else (x, y)
         shift = (ahead + VIEW) * stride + across + VIEW - SIDE
         step = stride if direction in (RIGHT, DOWN) else -stride
-        row, found = 1 << SIDE, 0
+        row, cells = 1 << SIDE, 0
         for _ in range(VIEW):
             row, further = spread(row, opaque >> shift & ROW)
-            found |= row << shift
+            cells |= row << shift
             if not further:
                 break
             row = further
             shift += step
         if upright:
-            new = found & self.inside & ~self.seen
+            new = cells & self.inside & ~self.seen
             if new:
                 self.seen |= new
                 self._seen_down |= self._down(new)
             return new.bit_count()
-        new = found & ~self._seen_down
+        new = cells & ~self._seen_down
         if not new:
             return 0
         self._seen_down |= new

@@ -159,7 +159,7 @@ def _robots(study: Comparison) -> str:
 
 def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawing.Style) -> None:
     share = [1 - s for s in still_without(firsts, study.generations)]
-    runs, there = len(firsts), len(firsts) - firsts.count(None)
+    runs, reached = len(firsts), len(firsts) - firsts.count(None)
     x = range(study.generations)
     line: dict[str, Any] = {"where": "post", "color": how.colour}
     if len(study.arms) <= BANDS:
@@ -168,7 +168,7 @@ def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawin
         for edge in (low, high):
             axes.step(x, edge, alpha=0.45, linewidth=0.5, **line)
     axes.step(
-        x, share, linestyle=how.line, label=f"{drawing.plain(name)}: {there} of {runs}", **line
+        x, share, linestyle=how.line, label=f"{drawing.plain(name)}: {reached} of {runs}", **line
     )
 
 

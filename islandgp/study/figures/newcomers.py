@@ -53,10 +53,10 @@ def lineage(study: Comparison) -> drawing.Picture | None:
     return drawing.picture("lineage", draw)
 
 
-def generalisation(found: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
+def generalisation(results: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
     """Champions in unseen worlds, by arm and against their fitness in training."""
     champions = {
-        arm.name: [g for g in found if g.arm == arm.name and g.seed is not None]
+        arm.name: [g for g in results if g.arm == arm.name and g.seed is not None]
         for arm in study.arms
     }
 
@@ -64,7 +64,7 @@ def generalisation(found: Sequence[Generalisation], study: Comparison) -> drawin
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2, 3))
         _by_arm(left, study, champions)
         _against_training(right, study, champions)
-        for k, g in enumerate(g for g in found if g.seed is None):
+        for k, g in enumerate(g for g in results if g.seed is None):
             across: dict[str, Any] = {
                 "color": (drawing.INK, drawing.FAINT)[k % 2],
                 "linestyle": drawing.LINES[3 - k % 3],

@@ -62,10 +62,10 @@ def profile_picture(
         _legend(figure, arms)
 
     height = HEIGHT * rows + 0.4 + 0.2 * -(-len(arms) // _across(arms))
-    found = drawing.picture(
+    picture = drawing.picture(
         "profiles", draw, height=height, width=WIDTH, bands=BANDS, fewest=FEWEST
     )
-    return replace(found, key=key)
+    return replace(picture, key=key)
 
 
 def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: bool) -> None:

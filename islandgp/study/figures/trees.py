@@ -48,7 +48,7 @@ def late_evolved(study: Comparison) -> Specimen:
     A tree that is still as a supervisor gave it comes last: it shows no evolution.
     """
     tier = study.milestones[-1]
-    given = {
+    injected = {
         (run.seed, arm.name): {r.guidance.tree for r in run.records if r.guidance is not None}
         for arm in study.arms
         for run in arm.runs
@@ -62,7 +62,7 @@ def late_evolved(study: Comparison) -> Specimen:
             for i in run.records[generation].individuals
         ),
         key=lambda found: (
-            found[3].tree not in given[found[1].seed, found[0].name],
+            found[3].tree not in injected[found[1].seed, found[0].name],
             tier in found[3].tiers,
             found[3].fitness,
         ),

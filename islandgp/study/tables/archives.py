@@ -13,8 +13,12 @@ from islandgp.study.texts import note
 
 def archives(run: Run) -> Sequence[ArchiveRecord]:
     """A run's archive after each generation; none where a generation has none."""
-    found = [record.archive for record in run.records]
-    return [archive for archive in found if archive is not None] if all(found) else []
+    per_generation = [record.archive for record in run.records]
+    return (
+        [archive for archive in per_generation if archive is not None]
+        if all(per_generation)
+        else []
+    )
 
 
 def one_grid(study: Comparison) -> bool:

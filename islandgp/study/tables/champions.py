@@ -70,11 +70,11 @@ def components_table(study: Comparison) -> Table:
     )
 
 
-def generalisation_table(found: Sequence[Generalisation], worlds: int) -> Table:
+def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
     """Champions on unseen worlds, with trees from elsewhere as yardsticks."""
-    arms = list(dict.fromkeys(g.arm for g in found if g.seed is not None))
-    champions = {a: [g for g in found if g.arm == a and g.seed is not None] for a in arms}
-    yardsticks = [g for g in found if g.seed is None]
+    arms = list(dict.fromkeys(g.arm for g in results if g.seed is not None))
+    champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
+    yardsticks = [g for g in results if g.seed is None]
     rows = [
         [*_in_unseen_worlds(arm, mine), *_minus(mine, yardsticks)]
         for arm, mine in champions.items()
@@ -117,15 +117,15 @@ def _minus(mine: Sequence[Generalisation], yardsticks: Sequence[Generalisation])
         yield f"minus {y.arm} (points) [95 %]", cell
 
 
-def controls_table(study: Comparison, found: Sequence[Control]) -> Table:
+def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
     """Highest fitness of each arm, and of the library's trees, which are not evolved."""
-    seeds = sorted(found[0].fitness)
-    best = {seed: best_of(found, seed) for seed in seeds}
+    seeds = sorted(trees[0].fitness)
+    best = {seed: best_of(trees, seed) for seed in seeds}
     rows = [
         *(_highest(arm.name, _series(arm), _to_the_best(arm, best)) for arm in study.arms),
         _highest("best of the library, not evolved", [best[seed] for seed in seeds]),
     ]
-    for control in found:
+    for control in trees:
         name = f"{'library' if control.given else 'yardstick'}: {control.name}"
         rows.append(_highest(name, [control.fitness[seed] for seed in seeds]))
     return Table.of(

@@ -109,8 +109,8 @@ def champion_sources_table(study: Comparison) -> Table:
         ]
         for of in (lambda run: [run.champion.record], lineage.final_elite)
     )
-    found = sorted({source for counts in (*best, *elites) for source in counts})
-    sources = [*EVOLVED, *(s for s in found if s not in EVOLVED)]
+    all_sources = sorted({source for counts in (*best, *elites) for source in counts})
+    sources = [*EVOLVED, *(s for s in all_sources if s not in EVOLVED)]
     rows: list[tuple[str, ...]] = []
     for source in sources:
         cells = []

@@ -133,8 +133,8 @@ def scores_csv(rows: Sequence[ScoreRow], world: str = "world") -> str:
 
 def _exact(row: ScoreRow) -> list[object]:
     cells: list[object] = [row.world, row.arm, row.runs]
-    for found in (row.mean, row.median, row.iqm, row.improvement):
-        cells += [None] * 3 if found is None else _ends(found)
+    for estimate in (row.mean, row.median, row.iqm, row.improvement):
+        cells += [None] * 3 if estimate is None else _ends(estimate)
     test = (None, None) if row.test is None else (row.test.p, row.test.kind)
     return [*cells, row.reference, *test, row.p_bh]
 

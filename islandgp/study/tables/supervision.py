@@ -158,6 +158,6 @@ def _time_to(tier: str, arm: Arm) -> str:
         spent = list(accumulate(c.evaluation + c.supervision + c.operators for c in run.costs))
         generation = first(run, tier)
         times.append(None if generation is None else spent[generation])
-    there, middle = sum(t is not None for t in times), quantile(times, 0.5)
+    reached, middle = sum(t is not None for t in times), quantile(times, 0.5)
     text = "not reached" if middle is None else number(middle, 1)
-    return f"median {text}, {there} of {len(times)} runs"
+    return f"median {text}, {reached} of {len(times)} runs"

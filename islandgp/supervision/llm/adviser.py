@@ -380,17 +380,17 @@ def kind_of(part: str) -> str:
     return part.partition(" ")[0]
 
 
-def _source(missing: int, asked: int) -> str:
+def _source(missing: int, requests: int) -> str:
     """The source of the guidance, as in the record."""
     if missing == 0:
         return "llm"
-    return "fallback" if missing == asked else "llm and fallback"
+    return "fallback" if missing == requests else "llm and fallback"
 
 
-def _notes(found: Mapping[str, Conversation[Any]]) -> dict[str, str]:
+def _notes(conversations: Mapping[str, Conversation[Any]]) -> dict[str, str]:
     """For the record: where each part comes from, and the hash of every prompt of it."""
     notes = {}
-    for name, outcome in found.items():
+    for name, outcome in conversations.items():
         end = outcome.end
         notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
         if outcome.prompts:

@@ -97,10 +97,10 @@ def proposal_model(targets: Collection[str], candidates: int = 1) -> type[ModelA
     return new_model("ProposalAnswer", __base__=ModelAnswer, **fields)
 
 
-def reasons_first(found: Mapping[str, Any]) -> dict[str, Any]:
+def reasons_first(answer: Mapping[str, Any]) -> dict[str, Any]:
     """A schema with its fields in the other order: a model writes its decision last."""
-    fields = dict(reversed(found["properties"].items()))
-    return {**found, "properties": fields, "required": [*fields]}
+    fields = dict(reversed(answer["properties"].items()))
+    return {**answer, "properties": fields, "required": [*fields]}
 
 
 _SORTS: Final = {
@@ -119,21 +119,21 @@ def _sort(field: Mapping[str, Any]) -> tuple[str, str]:
     return _SORTS[f"{name} of {field['items']['type']}" if "items" in field else name]
 
 
-def form(found: Mapping[str, Any]) -> str:
+def form(answer: Mapping[str, Any]) -> str:
     """A schema as a prompt shows it."""
-    fields = found["properties"].items()
+    fields = answer["properties"].items()
     shown = (f'"{n}": {n.upper() if "enum" in kind else _sort(kind)[0]}' for n, kind in fields)
     return "{" + ", ".join(shown) + "}"
 
 
-def faults(error: ValidationError, model: type[BaseModel], found: Mapping[str, Any]) -> list[str]:
+def faults(error: ValidationError, model: type[BaseModel], answer: Mapping[str, Any]) -> list[str]:
     """The wrong fields of an answer, a line each."""
     kinds, lines = schema(model)["properties"], []
     for field in dict.fromkeys(str(e["loc"][0]) for e in error.errors()):
-        if field not in found:
+        if field not in answer:
             lines.append(f"{field}: expected a value, found none")
             continue
-        words, text = kinds[field].get("enum"), repr(found[field])
+        words, text = kinds[field].get("enum"), repr(answer[field])
         wanted = f"one of {', '.join(words)}" if words else _sort(kinds[field])[1]
         shown = text if len(text) <= 60 else text[:60] + "..."
         lines.append(f"{field}: expected {wanted}, found {shown}")

@@ -219,11 +219,11 @@ class Ledger:
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
-        made, unanswered = self.transcript.taken()
-        attempts, lost = [a for a in made if is_sent(a)], len(unanswered)
+        requests, unanswered = self.transcript.taken()
+        attempts, lost = [a for a in requests if is_sent(a)], len(unanswered)
         parts = list(self.transcript.parts)
         usages = [a.usage for a in attempts if a.usage is not None]
-        failures = Counter(a.answer.kind for a in made if isinstance(a.answer, Failure))
+        failures = Counter(a.answer.kind for a in requests if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         sums: dict[str, float] = {
             "requests": len(attempts) + lost,
@@ -232,8 +232,8 @@ class Ledger:
             "output_tokens": sum(u.output for u in usages),
             "cache_read_tokens": sum(u.cache_read for u in usages),
             "cache_write_tokens": sum(u.cache_write for u in usages),
-            "latency_s": sum(a.seconds for a in made),
-            "waited_s": sum(a.waited for a in made),
+            "latency_s": sum(a.seconds for a in requests),
+            "waited_s": sum(a.waited for a in requests),
             "uncounted_requests": len(attempts) + lost - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),

@@ -50,11 +50,11 @@ def check_address(url: str) -> None:
         raise ValueError("expected an address such as http://localhost:11434")
     if "@" in parts.netloc:
         raise ValueError("expected no user name and password; set ANTHROPIC_API_KEY instead")
-    if found := _REQUESTS.search(parts.path):
-        address = f"{parts.scheme}://{parts.netloc}{parts.path[: found.start()]}"
+    if path := _REQUESTS.search(parts.path):
+        address = f"{parts.scheme}://{parts.netloc}{parts.path[: path.start()]}"
         raise ValueError(
             f"expected an address without the path of a request, such as {address}, found"
-            f" {found[0]} at its end; the client adds /v1/messages. A server that speaks only"
+            f" {path[0]} at its end; the client adds /v1/messages. A server that speaks only"
             " OpenAI's language needs LiteLLM's proxy before it, see docs/llm.md, Any model"
         )
 

@@ -194,11 +194,11 @@ class LLM:
         if transcript.path is None:
             return
         attempts, lost = transcript.taken()
-        expected, found = recorded_requests(transcript.path.parent), len(attempts) + len(lost)
-        if found < expected:
+        expected, count = recorded_requests(transcript.path.parent), len(attempts) + len(lost)
+        if count < expected:
             raise SupervisionError(
                 f"Expected the {expected} requests that the run's costs.jsonl counts in"
-                f" {transcript.path}, found {found}: the caps would start again at 0. Restore the"
+                f" {transcript.path}, found {count}: the caps would start again at 0. Restore the"
                 " transcript, or start the run again with resume=never."
             )
 

@@ -40,10 +40,10 @@ class When(Decorator):
     def tick(self):
         """Checks the condition, then ticks the child."""
         if self.status != Status.RUNNING:
-            self.seen = asked = self.holds()
+            self.seen = holds = self.holds()
         else:
-            asked = not self.stops_itself or self.holds()
-        if not asked:
+            holds = not self.stops_itself or self.holds()
+        if not holds:
             self.stop(Status.FAILURE)  # stops a running child
             yield self
             return
