@@ -188,7 +188,7 @@ def test_references_go_by_scope(name: str, line: int, places: list[tuple[int, in
 )
 def test_names_that_are_taken(name: str, new: str) -> None:
     """A constant keeps away from parameters, which would hide it."""
-    with pytest.raises(TreeError, match=f"found {new}, which is another"):
+    with pytest.raises(TreeError, match=f"found {new}, which already names a"):
         renamed(NUMBERS, re.search(rf"\b{name}\b", NUMBERS).start(), new, Path())  # type: ignore[union-attr]
 
 
