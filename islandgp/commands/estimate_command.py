@@ -16,7 +16,7 @@ from islandgp.scoring.state import PopulationState, StateSettings, population_st
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.adviser import NEAR, Adviser
 from islandgp.supervision.llm.ledger import Bill, most_tokens
-from islandgp.supervision.llm.message import QUOTED, Dialect, Request, Usage
+from islandgp.supervision.llm.message import QUOTED, Request, ServerCapabilities, Usage
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
@@ -196,11 +196,12 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
 
     With each the characters that the run adds to it, where its prompt shows the run.
     """
-    adviser, dialect = Adviser(settings, context), Dialect(True, settings.temperature, "")
+    adviser = Adviser(settings, context)
+    capabilities = ServerCapabilities(True, settings.temperature, "")
     state = _state(context)
     return [
         (
-            adviser.request(part, state, dialect),
+            adviser.request(part, state, capabilities),
             ADDED_EDITS if part not in ADDED else ADDED[part] if adviser.uses_history else 0,
         )
         for part in adviser.parts

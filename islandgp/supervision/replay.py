@@ -20,9 +20,9 @@ from islandgp.plain import from_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.message import Dialect, Failure, Reply, Request
+from islandgp.supervision.llm.message import Failure, Reply, Request, ServerCapabilities
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import Dialects
+from islandgp.supervision.llm.supervisor import CapabilitiesByGeneration
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 from islandgp.trust import must_trust_code
 
@@ -68,7 +68,7 @@ class Replay:
             must_trust_code(start.get("settings") or {})
             recorded = LLMSettings.model_validate(start["settings"])
             if start["dialect"] is not None:
-                from_json(Dialect, start["dialect"])
+                from_json(ServerCapabilities, start["dialect"])
         except (KeyError, TypeError, ValueError) as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"
@@ -79,7 +79,7 @@ class Replay:
     def __init__(self, adviser: Adviser, transcript: Transcript) -> None:
         self.adviser = adviser
         self._calls = RecordedCalls(transcript)
-        self._dialects = Dialects(adviser.settings, transcript, self._calls)
+        self._capabilities = CapabilitiesByGeneration(adviser.settings, transcript, self._calls)
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -91,7 +91,7 @@ class Replay:
         Raises:
             SupervisionError: the transcript has no answer for this state.
         """
-        return self.adviser.advise(state, rng, self._calls, self._dialects.at)
+        return self.adviser.advise(state, rng, self._calls, self._capabilities.at)
 
 
 class RecordedCalls:

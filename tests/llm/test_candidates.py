@@ -22,7 +22,7 @@ from islandgp.supervision.llm.checks import Accepted, Proposal, check_proposal
 from islandgp.supervision.llm.episode import try_out
 from islandgp.testing.server import MessagesServer
 from tests.llm.made import advise, answering, context, said, settings, state, supervisor
-from tests.llm.test_prompts import DIALECT
+from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES, outcome
 
@@ -128,7 +128,7 @@ def test_the_question_asks_for_so_many() -> None:
     """In its words and in its schema, with both prompt sets."""
     for name in ("paper", "informed"):
         found = Adviser(settings("candidates=4", f"prompts={name}"), context())
-        request = found.request("tree", state(), DIALECT)
+        request = found.request("tree", state(), CAPABILITIES)
         assert "- trees: 4 trees for the same target" in request.system
         assert '"trees": [TEXT, TEXT, ...]' in request.system
         assert request.schema is not None

@@ -26,7 +26,7 @@ from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 from tests.llm.made import context, said, settings, state
 from tests.llm.test_informed import small_run
-from tests.llm.test_prompts import DIALECT
+from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import live, replayed
 
 EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
@@ -200,7 +200,7 @@ def test_the_history_counts_the_edits_of_each_model() -> None:
 def test_every_kind_is_explained() -> None:
     """The system prompt has each kind of edit, and names no domain's words beside its own."""
     given = context(None, "supervisor.edits=2")
-    found = Adviser(settings(), given).request("edits", state(), DIALECT)
+    found = Adviser(settings(), given).request("edits", state(), CAPABILITIES)
     assert all(f"- {name} (needs {kind.needs})" in found.system for name, kind in EDITS.items())
     assert found.schema is not None
     assert list(found.schema["properties"]) == ["reasoning", "edits"]

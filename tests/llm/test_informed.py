@@ -31,7 +31,7 @@ from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.goldens import check_golden
 from tests.llm.made import settings, state
-from tests.llm.test_prompts import DIALECT, whole
+from tests.llm.test_prompts import CAPABILITIES, whole
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES
 
@@ -92,20 +92,22 @@ def adviser(*overrides: str, run: Sequence[str] = ()) -> Adviser:
 def both(found: Adviser) -> str:
     """The questions for a rate and for a tree after the run's last question."""
     at = small_run()[1].states[-1]
-    return whole(found.request("rate", at, DIALECT)) + whole(found.request("tree", at, DIALECT))
+    return whole(found.request("rate", at, CAPABILITIES)) + whole(
+        found.request("tree", at, CAPABILITIES)
+    )
 
 
 def test_golden_informed_rate_prompt() -> None:
     """The whole question for a mutation rate, after seven generations of a small run."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().request("rate", at, DIALECT))
+    found = whole(adviser().request("rate", at, CAPABILITIES))
     check_golden("prompt_informed_mutation_rate.md", found)
 
 
 def test_golden_informed_tree_prompt() -> None:
     """The whole question for a tree, traces and fates included."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().request("tree", at, DIALECT))
+    found = whole(adviser().request("tree", at, CAPABILITIES))
     check_golden("prompt_informed_tree_explore.md", found)
 
 
@@ -123,8 +125,8 @@ def test_reasons_come_before_the_decision() -> None:
     at = small_run()[1].states[-1]
     for key, first in (("reasoning=true", True), ("reasoning=false", False)):
         found = adviser(f"informed.{key}")
-        rate = found.request("rate", at, DIALECT).schema
-        tree = found.request("tree", at, DIALECT).schema
+        rate = found.request("rate", at, CAPABILITIES).schema
+        tree = found.request("tree", at, CAPABILITIES).schema
         assert rate is not None
         assert tree is not None
         for shape, why, what in ((rate, "reasoning", "mutation_rate"), (tree, "rationale", "tree")):
@@ -136,7 +138,7 @@ def test_reasons_come_before_the_decision() -> None:
 def test_before_the_first_generation_nothing_is_known() -> None:
     """The parts that a run fills are left out, and no trace is played."""
     found = Adviser(settings("prompts=informed"), small_run()[0])
-    text = whole(found.request("tree", state(), DIALECT))
+    text = whole(found.request("tree", state(), CAPABILITIES))
     assert PARTS["rewards=false"] in text
     assert all(PARTS[k] not in text for k in ("classes=false", "injected=0", "traces=false"))
 
@@ -169,7 +171,7 @@ def test_prompts_have_a_largest_size() -> None:
     at = keeps.states[-1]
     plain = Adviser(settings(), context)
     for part in ("rate", "tree"):
-        asked, short = (of.request(part, at, DIALECT).turns[0] for of in (found, plain))
+        asked, short = (of.request(part, at, CAPABILITIES).turns[0] for of in (found, plain))
         assert len(asked) - len(short) < 30_000
 
 

@@ -16,7 +16,7 @@ from islandgp.supervision.llm.message import Request
 from islandgp.testing.mock_model import MockModel
 from tests.llm.made import context, said, settings, state
 from tests.llm.test_informed import adviser, small_run
-from tests.llm.test_prompts import DIALECT
+from tests.llm.test_prompts import CAPABILITIES
 
 
 def wire(request: Request) -> dict[str, Any]:
@@ -33,11 +33,11 @@ def paper() -> Adviser:
 
 
 def rate(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.request("rate", at, DIALECT)))
+    return (model or MockModel())(wire(of.request("rate", at, CAPABILITIES)))
 
 
 def tree(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.request("tree", at, DIALECT)))
+    return (model or MockModel())(wire(of.request("tree", at, CAPABILITIES)))
 
 
 def test_it_judges_by_the_prompt(paper: Adviser) -> None:

@@ -23,14 +23,14 @@ from islandgp.supervision.llm.answers import (
     RejectionStage,
     proposal_model,
 )
-from islandgp.supervision.llm.message import Dialect, Request
+from islandgp.supervision.llm.message import Request, ServerCapabilities
 from islandgp.supervision.llm.prompts import Prompt, language, load_prompt, render, urgency
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
 from tests.llm.made import context, settings, state
 from tests.made import CLASSES
 
-DIALECT = Dialect(True, 0.7, "")
+CAPABILITIES = ServerCapabilities(True, 0.7, "")
 
 
 @pytest.fixture(scope="module")
@@ -44,17 +44,17 @@ def whole(request: Request) -> str:
 
 def test_golden_rate_prompt(adviser: Adviser) -> None:
     """The whole question for a mutation rate."""
-    check_golden("prompt_mutation_rate.md", whole(adviser.request("rate", state(), DIALECT)))
+    check_golden("prompt_mutation_rate.md", whole(adviser.request("rate", state(), CAPABILITIES)))
 
 
 def test_golden_prompt_of_phase_1(adviser: Adviser) -> None:
     """The whole question for a tree while there is no robot of quality."""
-    check_golden("prompt_tree_explore.md", whole(adviser.request("tree", state(), DIALECT)))
+    check_golden("prompt_tree_explore.md", whole(adviser.request("tree", state(), CAPABILITIES)))
 
 
 def test_golden_prompt_of_phase_2(adviser: Adviser) -> None:
     """The whole question for a tree once there is one."""
-    found = adviser.request("tree", state(complete=3, excellent=1), DIALECT)
+    found = adviser.request("tree", state(complete=3, excellent=1), CAPABILITIES)
     check_golden("prompt_tree_exploit.md", whole(found))
 
 
@@ -84,13 +84,13 @@ def test_the_repair_prompt(adviser: Adviser) -> None:
 def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
     """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
     adviser = Adviser(settings(f"exploit_from={tier}"), context())
-    assert phase in adviser.request("tree", at, DIALECT).system  # type: ignore[arg-type]
+    assert phase in adviser.request("tree", at, CAPABILITIES).system  # type: ignore[arg-type]
 
 
 def test_sizes_are_those_of_the_settings() -> None:
     """What is asked for and what is taken both stand in the prompt."""
     how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    found = Adviser(how, context()).request("tree", state(), DIALECT).system
+    found = Adviser(how, context()).request("tree", state(), CAPABILITIES).system
     assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
 
 
@@ -98,14 +98,14 @@ def test_the_system_part_is_the_same_in_every_generation(adviser: Adviser) -> No
     """So that a server can keep it, and a transcript holds it once."""
     first, later = state(3), state(9)
     for part in adviser.parts:
-        before, after = (adviser.request(part, at, DIALECT) for at in (first, later))
+        before, after = (adviser.request(part, at, CAPABILITIES) for at in (first, later))
         assert before.system == after.system
         assert before.turns != after.turns
 
 
 def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None:
     """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
-    found = adviser.request("rate", state(), DIALECT).system
+    found = adviser.request("rate", state(), CAPABILITIES).system
     for phase, (low, high) in settings().phases.items():
         row = next(line for line in found.splitlines() if line.startswith(f"| {phase} |"))
         assert row.endswith(f"| {low:.2f} to {high:.2f} |")
@@ -122,7 +122,7 @@ def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
     }
     assert {*meanings, *words("aims")} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
-        found = adviser.request("tree", at, DIALECT).system
+        found = adviser.request("tree", at, CAPABILITIES).system
         for target, meaning in {**meanings, **words("aims")}.items():
             assert f"- {target}: {meaning}" in found
         assert all(f'"{field}"' in found for field in proposal_model(CLASSES.targets).model_fields)
@@ -157,7 +157,7 @@ def test_a_new_action_reaches_the_prompts() -> None:
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
     words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
     given = replace(context(), schema=replace(SCHEMA, vocabulary=words))
-    found = Adviser(settings(), given).request("tree", state(), DIALECT).system
+    found = Adviser(settings(), given).request("tree", state(), CAPABILITIES).system
     assert "- FlyHome: flies home" in found
 
 
@@ -166,7 +166,7 @@ def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
     files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
     for at in (state(), state(excellent=1)):
         blocks = re.findall(
-            r"```\n(#.*?)```", adviser.request("tree", at, DIALECT).system, re.DOTALL
+            r"```\n(#.*?)```", adviser.request("tree", at, CAPABILITIES).system, re.DOTALL
         )
         assert len(blocks) >= 4
         for block in blocks:
@@ -183,7 +183,7 @@ def test_urgency_is_told_in_words(adviser: Adviser) -> None:
         "- humanoid: 8 of 30 individuals do it: present",
         "- pickup: 14 of 30 individuals do it: present",
     ]
-    assert urgency(state(), 0.1) in adviser.request("tree", state(), DIALECT).turns[0]
+    assert urgency(state(), 0.1) in adviser.request("tree", state(), CAPABILITIES).turns[0]
 
 
 def test_a_missing_variable_is_named() -> None:
@@ -209,7 +209,7 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
     mine = tmp_path / "mutation_rate.md"
     mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
     how = settings(f"prompts={tmp_path}")
-    assert Adviser(how, context()).request("rate", state(), DIALECT).system == "Be wise."
+    assert Adviser(how, context()).request("rate", state(), CAPABILITIES).system == "Be wise."
     mine.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
         Adviser(how, context())
@@ -224,7 +224,9 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
 def test_a_domain_has_its_own_word_for_its_robots() -> None:
     """`classes.agent` is in every place of the prompts that names a tier."""
     found = Adviser(settings(), context(None, "+classes.agent=Lander"))
-    texts = [whole(found.request(part, state(complete=1), DIALECT)) for part in ("rate", "tree")]
+    texts = [
+        whole(found.request(part, state(complete=1), CAPABILITIES)) for part in ("rate", "tree")
+    ]
     assert "Complete Lander: in one episode" in texts[0]
     assert "whether any Complete Lander has ever existed" in texts[0]
     assert not any(re.search(r"\bRobots?\b", text) for text in texts)

@@ -12,12 +12,12 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.prompts import run_facts
 from islandgp.text import in_points, rounded
 from tests.llm.made import context, settings, state
-from tests.llm.test_prompts import DIALECT
+from tests.llm.test_prompts import CAPABILITIES
 
 
 def system(part: str, given: RunContext, *overrides: str) -> str:
     """A system prompt, in one line."""
-    found = Adviser(settings(*overrides), given).request(part, state(), DIALECT).system
+    found = Adviser(settings(*overrides), given).request(part, state(), CAPABILITIES).system
     return " ".join(found.split())
 
 

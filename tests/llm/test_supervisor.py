@@ -707,7 +707,7 @@ def test_a_probe_that_failed_is_made_again(tmp_path: Path) -> None:
 
 
 def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
-    """The dialect is in the transcript: it is not asked for again, even when the server changed."""
+    """The capabilities are in the transcript: no probe, even if the server changed."""
     first, _ = supervisor(answering(), folder=tmp_path)  # type: ignore[arg-type]
     line = first.start()
     again, client = supervisor([], folder=tmp_path)  # type: ignore[arg-type]

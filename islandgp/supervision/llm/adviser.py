@@ -52,7 +52,13 @@ from islandgp.supervision.llm.history import (
     run_values,
     standing_values,
 )
-from islandgp.supervision.llm.message import CHARGED, Dialect, Failure, FailureKind, Request
+from islandgp.supervision.llm.message import (
+    CHARGED,
+    Failure,
+    FailureKind,
+    Request,
+    ServerCapabilities,
+)
 from islandgp.supervision.llm.prompts import (
     fixed_edit_values,
     fixed_values,
@@ -157,19 +163,19 @@ class Adviser:
         state: PopulationState,
         rng: np.random.Generator,
         calls: Calls,
-        dialect: Callable[[int], Dialect | Failure],
+        capabilities: Callable[[int], ServerCapabilities | Failure],
     ) -> Guidance:
         """Asks for all parts of the guidance; the fallback provides those without a usable answer.
 
-        `rng` is consumed by the choice of models and by the fallback; `dialect` returns a
-        generation's dialect, or the failure to probe it.
+        `rng` is consumed by the choice of models and by the fallback; `capabilities` returns a
+        generation's capabilities, or the failure to probe it.
 
         Raises:
             SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
         """
         generation = state.now.generation
         models = self._choose_models(rng)
-        how = self._given_up(calls, generation) or dialect(generation)
+        how = self._given_up(calls, generation) or capabilities(generation)
         if isinstance(how, Failure):
             conversations = {part: unasked(calls, generation, part, how) for part in self.parts}
         else:
@@ -267,11 +273,15 @@ class Adviser:
         )
 
     def _answers(
-        self, state: PopulationState, calls: Calls, dialect: Dialect, models: Mapping[str, str]
+        self,
+        state: PopulationState,
+        calls: Calls,
+        capabilities: ServerCapabilities,
+        models: Mapping[str, str],
     ) -> dict[str, Conversation[Any]]:
         """Asks for all parts at the same time, or one by one if a cap is near."""
         requests = {
-            part: self.request(part, state, dialect, models.get(part)) for part in self.parts
+            part: self.request(part, state, capabilities, models.get(part)) for part in self.parts
         }
         work = {p: partial(self._ask, p, state, calls, asked) for p, asked in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
@@ -318,7 +328,11 @@ class Adviser:
         return ("tree_exploit", how.exploit) if exploiting else ("tree_explore", how.explore)
 
     def request(
-        self, part: str, state: PopulationState, dialect: Dialect, model: str | None = None
+        self,
+        part: str,
+        state: PopulationState,
+        capabilities: ServerCapabilities,
+        model: str | None = None,
     ) -> Request:
         """The request for a part ("rate", "tree", "edits") to a model; None: the settings'."""
         how, name = self.settings, "mutation_rate"
@@ -350,8 +364,8 @@ class Adviser:
             system=system,
             turns=(user,),
             max_tokens=how.reply_tokens,
-            temperature=dialect.temperature,
-            schema=shape if dialect.structured else None,
+            temperature=capabilities.temperature,
+            schema=shape if capabilities.structured else None,
             cache=how.cache,
             thinking=how.thinking_value,
             effort=how.effort,

@@ -126,7 +126,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class ServerCapabilities:
     """The optional parameters that a server supports."""
 
     structured: bool  # True: a JSON schema is sent; False: a JSON object is searched in the text

@@ -29,11 +29,11 @@ from islandgp.supervision.llm.ledger import Ledger, SweepLedger, recorded_reques
 from islandgp.supervision.llm.message import (
     TRANSIENT,
     Client,
-    Dialect,
     Failure,
     FailureKind,
     Reply,
     Request,
+    ServerCapabilities,
 )
 from islandgp.supervision.llm.settings import LLMSettings, SweepCaps, check_address
 from islandgp.supervision.llm.transcript import NAME, Call, Transcript
@@ -113,21 +113,21 @@ class LLM:
         calls = self._open()
         try:
             self._check_complete(calls.transcript)
-            dialect = self._dialects.start()
+            capabilities = self._capabilities.start()
         except SupervisionError:
             self.close()
             raise
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            known = asdict(dialect) if isinstance(dialect, Dialect) else None
+            known = asdict(capabilities) if isinstance(capabilities, ServerCapabilities) else None
             calls.transcript.begin({"settings": settings, "dialect": known})
         place = self.settings.address or "the Anthropic API"
         name, retires = self.settings.model_name, self.settings.facts.retires
         how = (
-            dialect
-            if isinstance(dialect, Dialect)
-            else f"no answer yet: {dialect.message}; {_AGAIN}"
+            capabilities
+            if isinstance(capabilities, ServerCapabilities)
+            else f"no answer yet: {capabilities.message}; {_AGAIN}"
         )
         lines = [
             f"Supervised by {name} at {place}: {how}",
@@ -151,7 +151,7 @@ class LLM:
         if calls.transcript.start is None:
             self.start()
         generation = state.now.generation
-        guidance = self.adviser.advise(state, rng, calls, self._dialects.at)
+        guidance = self.adviser.advise(state, rng, calls, self._capabilities.at)
         self._warn(guidance, generation)
         played = [p.episodes for p in calls.transcript.played if p.generation == generation]
         return replace(guidance, episodes=sum(played))
@@ -183,7 +183,7 @@ class LLM:
                 on_outage=how.on_outage,
                 useless=None if how.useless is None else how.useless.most,
             )
-            self._dialects = Dialects(how, transcript, self._calls)
+            self._capabilities = CapabilitiesByGeneration(how, transcript, self._calls)
         return self._calls
 
     def _check_complete(self, transcript: Transcript) -> None:
@@ -226,8 +226,8 @@ def _key(settings: LLMSettings) -> str | None:
     return next((key.strip() for key in keys if key.strip()), None)
 
 
-class Dialects:
-    """The server's dialect by generation.
+class CapabilitiesByGeneration:
+    """The server's capabilities by generation.
 
     A run that starts while the server is busy probes it in each generation until it answers.
     """
@@ -235,36 +235,38 @@ class Dialects:
     def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
         self.settings, self.transcript, self.calls = settings, transcript, calls
 
-    def start(self) -> Dialect | Failure:
-        """The dialect at a run's start, from the transcript or by a probe."""
+    def start(self) -> ServerCapabilities | Failure:
+        """The capabilities at a run's start, from the transcript or by a probe."""
         if self.transcript.start is not None:
             known = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
             return known or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
-        return find_dialect(self.calls, self.settings)
+        return probe_capabilities(self.calls, self.settings)
 
-    def at(self, generation: int) -> Dialect | Failure:
-        """The dialect for a generation's requests; a failure if the server does not answer yet.
+    def at(self, generation: int) -> ServerCapabilities | Failure:
+        """The capabilities for the requests of a generation; a failure if there is no answer yet.
 
         Raises:
-            SupervisionError: as `find_dialect`.
+            SupervisionError: as `probe_capabilities`.
         """
         if (known := self._known(generation)) is not None:
             return known
-        dialect = find_dialect(self.calls, self.settings, generation)
-        if isinstance(dialect, Dialect) and self.transcript.learnt is None:
-            self.transcript.learn(generation, asdict(dialect))
-        return dialect
+        capabilities = probe_capabilities(self.calls, self.settings, generation)
+        if isinstance(capabilities, ServerCapabilities) and self.transcript.learnt is None:
+            self.transcript.learn(generation, asdict(capabilities))
+        return capabilities
 
-    def _known(self, generation: int) -> Dialect | None:
+    def _known(self, generation: int) -> ServerCapabilities | None:
         start, learnt = self.transcript.start, self.transcript.learnt
         if start is not None and start["dialect"] is not None:
-            return from_json(Dialect, start["dialect"])
+            return from_json(ServerCapabilities, start["dialect"])
         if learnt is None or learnt[0] > generation:
             return None
-        return from_json(Dialect, learnt[1])
+        return from_json(ServerCapabilities, learnt[1])
 
 
-def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> Dialect | Failure:
+def probe_capabilities(
+    calls: Calls, settings: LLMSettings, generation: int = -1
+) -> ServerCapabilities | Failure:
     """Probes the server with at most four calls.
 
     Args:
@@ -273,7 +275,7 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
         generation: to which the calls belong in the transcript; -1: the start of the run.
 
     Returns:
-        The dialect, or a transient failure.
+        The capabilities, or a transient failure.
 
     Raises:
         SupervisionError: no request of this run can succeed: the key, the model or the address
@@ -298,7 +300,7 @@ def find_dialect(calls: Calls, settings: LLMSettings, generation: int = -1) -> D
         if isinstance(answer, Reply):
             if settings.output == "auto" and structured and answer.text:
                 structured = find_object(answer.text, ["greeting"]) is not None
-            return Dialect(structured, temperature, "as the probe found")
+            return ServerCapabilities(structured, temperature, "as the probe found")
         if generation < 0 and answer.kind is FailureKind.UNREACHABLE:
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:

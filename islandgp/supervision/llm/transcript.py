@@ -226,7 +226,7 @@ class Transcript:
         self.parts: list[Conclusion] = []
         self.sent: list[Sent] = []
         self.played: list[Played] = []
-        self.learnt: tuple[int, dict[str, Any]] | None = None  # first generation and dialect
+        self.learnt: tuple[int, dict[str, Any]] | None = None  # first generation and capabilities
         self._kept: dict[type[Entry], tuple[str, list[Any]]] = {
             # the kind of the line, and the list of its entries
             Sent: ("sent", self.sent),
@@ -253,12 +253,12 @@ class Transcript:
         self.start = {"format": FORMAT, **start}
         self._write({"line": "start", **self.start})
 
-    def learn(self, generation: int, dialect: Mapping[str, Any]) -> None:
+    def learn(self, generation: int, capabilities: Mapping[str, Any]) -> None:
         """Adds the dialect that is known from a generation on."""
         with self._lock:
             if not self.fixed:
-                self.learnt = (generation, dict(dialect))
-                self._write({"line": "dialect", "generation": generation, "dialect": dialect})
+                self.learnt = (generation, dict(capabilities))
+                self._write({"line": "dialect", "generation": generation, "dialect": capabilities})
 
     def useless_before(self, generation: int) -> list[Conclusion]:
         """The last questions in a row before a generation without a usable answer.
