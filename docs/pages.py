@@ -34,6 +34,7 @@ MODULES = ("islandgp.domain", "islandgp.ticking", "islandgp.testing.domain_suite
 """What an author of a domain imports besides `islandgp` itself."""
 
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
+_FENCE = re.compile(r"^```(\w+) (\S+)$", re.MULTILINE)  # its second word is for the tests
 _CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 
 
@@ -70,7 +71,14 @@ def rewritten(text: str, source: str, places: dict[str, str]) -> str:
     parts = _CODE.split(text)  # odd ones are code, where brackets are no links
     joined = "".join(f"\0{i}\0" if i % 2 else part for i, part in enumerate(parts))
     linked = _LINK.sub(link, joined)
-    return re.sub(r"\0(\d+)\0", lambda found: parts[int(found[1])], linked)
+    code = [_FENCE.sub(_titled, part) for part in parts]
+    return re.sub(r"\0(\d+)\0", lambda found: code[int(found[1])], linked)
+
+
+def _titled(fence: re.Match[str]) -> str:
+    """The first line of a block of code: a file's name is its title."""
+    language, word = fence.groups()
+    return f'```{language} title="{word}"' if "." in word else f"```{language}"
 
 
 def api() -> str:
