@@ -255,9 +255,9 @@ class Builder:
         values: list[Any] = []
         rest = list(parts[1:])
         for argument in KINDS[kind].arguments:
-            arguments = argument.default is None or _is(rest[0], argument.name)
+            is_given = argument.default is None or _is(rest[0], argument.name)
             values.append(
-                self._argument(kind, argument, rest.pop(0)) if arguments else argument.default
+                self._argument(kind, argument, rest.pop(0)) if is_given else argument.default
             )
         return Node(kind, KINDS[kind].made(values)), rest
 
