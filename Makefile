@@ -111,6 +111,9 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
 	  --worlds 30 -o docs/study/ablations
 
+study-editors: $(STAMP) ## the editor and its controls (the seventh study), into docs/study/editors; resumable
+	sh docs/study_editors.sh $(BIN)
+
 study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
 	$(BIN)/python docs/study_worlds.py
 
@@ -128,4 +131,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-worlds comparators docs ui clean
+.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-editors study-worlds comparators docs ui clean

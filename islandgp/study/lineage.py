@@ -147,9 +147,17 @@ def first_descendant(run: Run, tier: str) -> int | None:
     known = {i.id: i for record in run.records for i in record.individuals}
     for generation, record in enumerate(run.records):
         sources = (_original(i, known) for i in record.individuals if tier in i.tiers)
-        if any(i.mutation or i.origin not in ADVISED for i in sources):
+        if not all(_as_advised(i) for i in sources):
             return generation
     return None
+
+
+def _as_advised(i: IndividualRecord) -> bool:
+    """True for a tree that a supervisor injected or edited, and that was not mutated."""
+    edit_only = (
+        i.origin == Origin.EDITED and "+" not in i.mutation
+    )  # "edit:KIND+OPERATOR" if it was
+    return edit_only or (i.origin == Origin.INJECTED and not i.mutation)
 
 
 def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:

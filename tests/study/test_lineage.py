@@ -111,5 +111,16 @@ def test_advised_trees_are_no_descendants() -> None:
     run = made_run(best=[1.0] * 4, populations=populations)
     assert first_descendant(run, "complete") == 3
     assert first_descendant(run, "excellent") is None
-    mutated = [[populations[0][0]], [individual("1.0", "edited", mutation="point", **done)]]
-    assert first_descendant(made_run(best=[1.0] * 2, populations=mutated), "complete") == 1
+
+
+@pytest.mark.parametrize(("mutation", "first"), [("edit:front", None), ("edit:front+point", 1)])
+def test_an_edited_tree_counts_only_if_it_was_mutated(mutation: str, first: int | None) -> None:
+    """Neither the edited tree nor its elite; the mutation of an edited tree is "edit:KIND"."""
+    done = {"tiers": ("complete",)}
+    populations = [
+        [individual("0.0", "random")],
+        [individual("1.0", "edited", ["0.0"], mutation=mutation, **done)],
+        [individual("2.0", "elite", ["1.0"], **done)],
+    ]
+    run = made_run(best=[1.0] * 3, populations=populations)
+    assert first_descendant(run, "complete") == first

@@ -1,0 +1,18 @@
+#!/bin/sh
+# The seventh study: `make study-editors`. The plan is in docs/log.md. Takes the folder of python.
+set -e
+BIN=$1
+RUN="$BIN/python -m islandgp experiment=study name=study7 progress=plain world.robot.drain_moving=0.2 -m"
+OTHERS='seed=range(8000,8015)'
+$RUN 'seed=range(8000,8030)' supervisor=editor,editor_random_branch library=single
+$RUN "$OTHERS" supervisor=expert library=single
+$RUN "$OTHERS" supervisor=baseline
+$RUN "$OTHERS" supervisor=editor_random_tree,editor_constant library=single
+$RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=8000 supervisor.policy.seeds=15 \
+  'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single-world.robot.drain_moving=0.2"'
+"$BIN/islandgp" compare --name study7 --primary first_complete_descendant -o docs/study/editors \
+  --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
+  --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
+  --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" \
+  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,baseline
+"$BIN/python" docs/raw_records.py runs/study7 docs/study/editors/records.tar.xz
