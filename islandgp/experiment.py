@@ -104,7 +104,7 @@ class Experiment:
             seeds = _seeds(worlds)
             if not seeds:
                 raise ConfigError("worlds: expected at least one seed, found none")
-            shared = {"episodes": len(seeds), "common_world": True}
+            shared = {"episodes": len(seeds), "shared_seed": True}
             plan = replace(plan, gp=plan.gp.model_copy(update=shared))
         texts = [to_text(i.tree) for i in individuals]
         return evaluate(plan, int(generation), individuals, texts, seeds, self._evaluator)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import IslandError
 from islandgp.plugin import ComponentConfig, imported
+from islandgp.records.parameters import RENAMED
 from islandgp.scoring.classes import CLASS_NAME
 
 TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
@@ -113,7 +114,9 @@ def _factory(part: Any) -> Any:
 
 
 def unknown_key(path: str, known: list[str]) -> str:
-    """The line for a key that does not exist, with the nearest one that does."""
+    """The line for a key that does not exist, with its new name or the nearest one that does."""
+    if path in RENAMED:
+        return f"{path}: unknown key; its name is {RENAMED[path]} since version 0.3"
     parent, _, key = path.rpartition(".")
     known = [other for other in known if other != key]
     near = get_close_matches(key, known, 1, 0.5)

@@ -254,7 +254,7 @@ def _conflicts(settings: Settings) -> Iterator[str]:
     """A line for each value that another setting excludes."""
     gp, supervisor = settings.gp, settings.supervisor
     for key, value, most, bound in (
-        ("gp.tournament", gp.tournament, gp.population, "gp.population"),
+        ("gp.tournament_size", gp.tournament_size, gp.population, "gp.population"),
         ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
         ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
     ):

@@ -182,7 +182,7 @@ def compare_with_parents(
     Returns:
         The comparisons, and the number of additional episodes.
     """
-    n, common = plan.gp.episodes, plan.gp.common_world
+    n, common = plan.gp.episodes, plan.gp.shared_seed
     known = {
         (text, 0 if common else slot): e.fitness
         for slot, (text, e) in enumerate(zip(texts, population, strict=True))

@@ -47,8 +47,8 @@ from islandgp.supervision.base import GenerationView, Supervisor
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     """World seeds of a generation: one per episode, or one per individual and episode."""
     since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
-    n = plan.gp.episodes * (1 if plan.gp.common_world else plan.gp.population)
-    day = since[plan.gp.new_worlds]
+    n = plan.gp.episodes * (1 if plan.gp.shared_seed else plan.gp.population)
+    day = since[plan.gp.reseed_every]
     return tuple(seed_of(seed, Stream.WORLD, generation=day, slot=i) for i in range(n))
 
 
@@ -63,7 +63,7 @@ def evaluate(
     """Evaluates individuals in the worlds; `texts` are their canonical texts."""
     n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
     jobs = [
-        Job(text, stage, worlds[e if plan.gp.common_world else i * n + e], individual.tree)
+        Job(text, stage, worlds[e if plan.gp.shared_seed else i * n + e], individual.tree)
         for i, (individual, text) in enumerate(zip(population, texts, strict=True))
         for e in range(n)
     ]
@@ -307,7 +307,7 @@ def archived(
         before,
         population,
         texts,
-        [worlds[0 if plan.gp.common_world else i * n] for i in range(len(population))],
+        [worlds[0 if plan.gp.shared_seed else i * n] for i in range(len(population))],
         plan.archive,
         plan.classes,
         stage=stage,

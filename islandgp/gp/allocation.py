@@ -57,7 +57,7 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
     """Number of diversity slots: more if diversity is low, within the two ranges of Table 1."""
     least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
-    few, many = (scaled(n, allocation, population) for n in allocation.tournament)
+    few, many = (scaled(n, allocation, population) for n in allocation.tournament_children)
     enough, low = allocation.diversity_targets
     middle = (least + most + 1) // 2
     wanted = least if diversity >= enough else most if diversity < low else middle
@@ -130,7 +130,8 @@ def next_population(
         rng = streams(Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
-            e = pick_parent(rng, select, population, supplied, most=most, entrants=gp.tournament)
+            size = gp.tournament_size
+            e = pick_parent(rng, select, population, supplied, most=most, entrants=size)
             supplied[e.labels.specialist] += 1
             parents.append(e.individual)
         tree, origin = parents[0].tree, Origin.COPY

@@ -29,7 +29,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     population: int = Field(ge=4, le=10_000)
     generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
     selection: str  # of parents: an entry of SELECTIONS, or "module:function"
-    tournament: int = Field(ge=1)  # individuals that a selection compares
+    tournament_size: int = Field(ge=1)  # individuals that a selection compares
     crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
     mutation_rate: float = Field(ge=0, le=1)  # until a supervisor advises another one
@@ -40,8 +40,8 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     episodes: int = Field(ge=1, le=1000)  # an individual
     validation: float = Field(ge=0, le=1)
     """Episodes in which a run chooses its best robot, as a share of those of the run."""
-    new_worlds: Literal["generation", "epoch", "never"]  # when the worlds change
-    common_world: bool  # one world a generation for all, or one for each individual
+    reseed_every: Literal["generation", "epoch", "never"]  # when the worlds change
+    shared_seed: bool  # one world a generation for all, or one for each individual
     trees: TreeSettings
     mutation: MutationSettings
     state: StateSettings
@@ -78,7 +78,7 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
     behavioural_elites: int = Field(ge=0)  # at most
     resurrected: int = Field(ge=0)  # at most
     diversity: tuple[int, int]  # least and most
-    tournament: tuple[int, int]  # least and most
+    tournament_children: tuple[int, int]  # least and most
     diversity_targets: tuple[
         float, float
     ]  # Eq. (3): at or above the first the least slots, below the second the most
@@ -86,7 +86,7 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _ranges(self) -> Allocation:
-        lowest = {"diversity": 1, "tournament": 0}  # without children it is a random search
+        lowest = {"diversity": 1, "tournament_children": 0}  # without children a random search
         for name in lowest:
             least, most = getattr(self, name)
             if not lowest[name] <= least <= most:
@@ -99,10 +99,10 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
                 f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
             )
         taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
-        if taken + self.tournament[0] > self.per:
+        if taken + self.tournament_children[0] > self.per:
             raise ValueError(
                 f"expected slots that fit into {self.per} individuals, found"
-                f" {taken} and at least {self.tournament[0]} tournament children"
+                f" {taken} and at least {self.tournament_children[0]} tournament children"
             )
         return self
 

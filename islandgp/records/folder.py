@@ -52,7 +52,7 @@ from islandgp.records.manifest import (
     write_manifest,
 )
 from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.records.parameters import without_credentials
+from islandgp.records.parameters import with_todays_names, without_credentials
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.trust import must_have_no_links
 
@@ -174,7 +174,7 @@ class RunFolder:
                 raise ValueError(brief(error)) from error
             if not isinstance(config, dict):
                 raise TypeError("it has no keys")
-            return config
+            return with_todays_names(config)
 
     @property
     def agent(self) -> str:

@@ -15,10 +15,32 @@ RUNTIME_KEYS: Final = frozenset(
 )
 """Top-level keys that do not change a run's records; an evaluator of the user's own may."""
 
+RENAMED: Final = {
+    "allocation.tournament": "allocation.tournament_children",
+    "gp.common_world": "gp.shared_seed",
+    "gp.new_worlds": "gp.reseed_every",
+    "gp.tournament": "gp.tournament_size",
+}
+"""Keys of version 0.2 whose names have changed, with today's."""
+
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 """A user's name and password in an address, with the sign behind them."""
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
+
+
+def with_todays_names(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A recorded configuration with today's names of the keys in RENAMED."""
+
+    def name(path: str) -> str:
+        return RENAMED.get(path, path).rpartition(".")[2]
+
+    return {
+        group: {name(f"{group}.{key}"): value for key, value in part.items()}
+        if isinstance(part, Mapping)
+        else part
+        for group, part in config.items()
+    }
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:

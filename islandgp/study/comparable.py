@@ -25,10 +25,10 @@ YARDSTICK: Final = frozenset({"domain", "world", "rewards", "curriculum", "class
 WHOLE: Final = frozenset({"library", "search"})
 """Groups that are chosen as one: where every selection names a key of it, all of it may differ."""
 
-BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.common_world"})
+BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.shared_seed"})
 """What a run may spend: never studied either."""
 
-START: Final = (BUDGET - {"gp.generations"}) | {"gp.new_worlds", "gp.max_depth", "gp.max_nodes"}
+START: Final = (BUDGET - {"gp.generations"}) | {"gp.reseed_every", "gp.max_depth", "gp.max_nodes"}
 """What a run's initial population and worlds depend on, beside its seed, YARDSTICK and TREES."""
 
 TREES: Final = "gp.trees."

@@ -141,7 +141,7 @@ class _Reader:
     """Reads single generations of a long file without the others."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self._common = bool(folder.configuration().get("gp", {}).get("common_world", True))
+        self._common = bool(folder.configuration().get("gp", {}).get("shared_seed", True))
         self._lines = generation_lines(folder.path)
         self._starts = array("Q", self._offsets())
         self.record = lru_cache(maxsize=4)(self._record)

@@ -26,7 +26,7 @@ def first_episode(folder: RunFolder, name: str) -> EpisodePlace:
     config = folder.configuration()
     generation, slot = (int(part) for part in name.split("."))
     for recorded in islice(folder.records(generation), 1):
-        place = 0 if config["gp"]["common_world"] else slot * config["gp"]["episodes"]
+        place = 0 if config["gp"]["shared_seed"] else slot * config["gp"]["episodes"]
         return EpisodePlace(recorded["worlds"][place], recorded["snapshot"]["stage"])
     raise RunError(f"Expected generation {generation} in {folder.path}, found none.")
 

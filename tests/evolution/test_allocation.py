@@ -360,7 +360,7 @@ def test_slots_are_filled_in_order() -> None:
     [
         ({"diversity": (3, 2)}, "diversity: expected 1 <= least <= most"),
         ({"diversity": (0, 2)}, "diversity: expected 1 <= least <= most"),
-        ({"tournament": (22, 25)}, "slots that fit into 30"),
+        ({"tournament_children": (22, 25)}, "slots that fit into 30"),
         ({"diversity_targets": (0.3, 0.5)}, "diversity_targets"),
         ({"niche_share": 0.0}, "niche_share"),
     ],

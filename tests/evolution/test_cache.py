@@ -34,10 +34,10 @@ def steps(*overrides: str) -> list[Step]:
         evaluator.close()
 
 
-@pytest.mark.parametrize("new_worlds", ["generation", "never"])
-def test_records_are_the_same_with_and_without(new_worlds: str) -> None:
+@pytest.mark.parametrize("reseed_every", ["generation", "never"])
+def test_records_are_the_same_with_and_without(reseed_every: str) -> None:
     """Off switch and on switch give the same bytes; only on saves episodes, and says how many."""
-    worlds = f"gp.new_worlds={new_worlds}"
+    worlds = f"gp.reseed_every={reseed_every}"
     cached, plain = steps(worlds), steps(worlds, "evaluator.cache=false")
     assert [dump(asdict(s.record)) for s in cached] == [dump(asdict(s.record)) for s in plain]
     assert [dump(asdict(s.champion)) for s in cached] == [dump(asdict(s.champion)) for s in plain]
@@ -45,7 +45,7 @@ def test_records_are_the_same_with_and_without(new_worlds: str) -> None:
     assert all(s.cost.episodes == 12 for s in cached)
     saved = [s.cost.episodes - s.cost.simulated for s in cached]
     assert sum(saved) > 0
-    if new_worlds == "never":
+    if reseed_every == "never":
         assert all(hits >= 1 for hits in saved[1:]), "elites are known from the generation before"
 
 

@@ -214,7 +214,7 @@ def parent_text(steps: list[Step], name: str) -> str:
     return steps[generation].record.individuals[slot].tree
 
 
-@pytest.mark.parametrize("overrides", [(), ("gp.common_world=false",), ("gp.episodes=2",)])
+@pytest.mark.parametrize("overrides", [(), ("gp.shared_seed=false",), ("gp.episodes=2",)])
 def test_a_parent_meets_the_worlds_of_its_edited_tree(overrides: tuple[str, ...]) -> None:
     """Where worlds are common or not, of one episode or several."""
     from islandgp.evaluation.base import Job
@@ -226,7 +226,7 @@ def test_a_parent_meets_the_worlds_of_its_edited_tree(overrides: tuple[str, ...]
     for step in steps[1:]:
         worlds, stage = step.record.worlds, step.record.snapshot.stage
         for trial in step.record.trials:
-            at = 0 if how.gp.common_world else n * int(trial.id.partition(".")[2])
+            at = 0 if how.gp.shared_seed else n * int(trial.id.partition(".")[2])
             tree = parent_text(steps, trial.parent)
             points = [outcome_of(Job(tree, stage, w)).fitness for w in worlds[at : at + n]]
             assert trial.parent_fitness == sum(points) / n

@@ -126,7 +126,7 @@ def test_an_injected_tree_never_shifts_other_draws() -> None:
 
 def test_arms_share_their_worlds() -> None:
     """Whatever supervisors say, runs of one seed meet the same worlds in each generation."""
-    how = plan("gp.new_worlds=generation")
+    how = plan("gp.reseed_every=generation")
     arms = [run(how, s) for s in (Says(0.0), Says(0.9, CHARGER), Says(None))]
     worlds = [[record.worlds for record in records(steps)] for steps in arms]
     assert worlds[0] == worlds[1] == worlds[2]
@@ -139,7 +139,7 @@ def test_arms_share_their_worlds() -> None:
 )
 def test_new_worlds(when: str, changes: list[int]) -> None:
     """Worlds change with each generation, with each epoch (generation 6 begins one), or never."""
-    worlds = [record.worlds for record in records(run(plan(f"gp.new_worlds={when}")))]
+    worlds = [record.worlds for record in records(run(plan(f"gp.reseed_every={when}")))]
     assert [g for g in range(1, 8) if worlds[g] != worlds[g - 1]] == changes
 
 
@@ -153,7 +153,7 @@ def test_one_world_for_all() -> None:
 def test_own_worlds_and_several_episodes() -> None:
     """Without a common world each individual has its own; each episode has another seed."""
     evaluator = Fake()
-    found = records(run(plan("gp.common_world=false", "gp.episodes=3"), evaluator=evaluator))
+    found = records(run(plan("gp.shared_seed=false", "gp.episodes=3"), evaluator=evaluator))
     for jobs, record in zip(evaluator.asked, found, strict=True):
         assert len(jobs) == 36
         assert tuple(job.seed for job in jobs) == record.worlds

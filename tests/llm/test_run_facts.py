@@ -46,14 +46,14 @@ def test_what_mutation_hits_is_told() -> None:
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("gp.new_worlds=generation", "Every generation has new worlds (the same world for all"),
-        ("gp.new_worlds=epoch", "Every epoch has new worlds"),
-        ("gp.new_worlds=never", "The worlds never change"),
-        ("gp.common_world=false", "a world of its own for each individual"),
+        ("gp.reseed_every=generation", "Every generation has new worlds (the same world for all"),
+        ("gp.reseed_every=epoch", "Every epoch has new worlds"),
+        ("gp.reseed_every=never", "The worlds never change"),
+        ("gp.shared_seed=false", "a world of its own for each individual"),
     ],
 )
 def test_when_worlds_change_is_told(key: str, words: str) -> None:
-    """As `gp.new_worlds` and `gp.common_world` say."""
+    """As `gp.reseed_every` and `gp.shared_seed` say."""
     assert words in system("rate", context(None, key))
 
 

@@ -167,11 +167,11 @@ def test_a_changed_configuration_is_refused_with_the_keys_that_differ(
     assert main(broken) == 2
     (folder,) = leaf(here, "x")
     config = here / "runs/x" / folder / "config.yaml"
-    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     capsys.readouterr()
     assert main([*broken, "progress=off"]) == 2
     said = capsys.readouterr().err
-    assert "  gp.tournament: 4 -> 3\n" in said
+    assert "  gp.tournament_size: 4 -> 3\n" in said
     assert "progress" not in said
     assert "Traceback" not in said
 
@@ -184,11 +184,11 @@ def test_resume_force_goes_on_with_the_new_configuration(here: Path) -> None:
     records = here / "runs/default" / folder / "generations.jsonl"
     before = records.read_bytes()
     config = here / "runs/default" / folder / "config.yaml"
-    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     assert main([*INSTANT, "resume=force"]) == 0
     assert leaf(here) == [folder]
     assert records.read_bytes().startswith(before)
-    assert "tournament: 3" in config.read_text()
+    assert "tournament_size: 3" in config.read_text()
 
 
 def test_resume_force_does_not_touch_a_finished_run(
@@ -198,7 +198,7 @@ def test_resume_force_does_not_touch_a_finished_run(
     main(INSTANT)
     (folder,) = leaf(here)
     config = here / "runs/default" / folder / "config.yaml"
-    config.write_text(config.read_text().replace("tournament: 3", "tournament: 4"))
+    config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     add_to_manifest(config.parent, "config.yaml")
     assert main([*INSTANT, "resume=force"]) == 2
     assert "the finished run" in capsys.readouterr().err
@@ -333,8 +333,8 @@ def test_a_wrong_job_stops_a_sweep_before_it_starts(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last job's configuration is checked before the first job runs."""
-    assert main([*INSTANT, "gp.tournament=3,99", "-m"]) == 2
-    assert "gp.tournament" in capsys.readouterr().err
+    assert main([*INSTANT, "gp.tournament_size=3,99", "-m"]) == 2
+    assert "gp.tournament_size" in capsys.readouterr().err
     assert not (here / "runs").exists()
 
 

@@ -37,11 +37,11 @@ def words(before: Sequence[str], incomplete: str) -> list[str]:
 @pytest.mark.parametrize(
     ("before", "incomplete", "expected"),
     [
-        ((), "gp.tourn", ["gp.tournament="]),
+        ((), "gp.tourn", ["gp.tournament_size="]),
         ((), "supervisor=ex", ["supervisor=expert"]),  # zsh, fish
         (("supervisor", "="), "ex", ["expert"]),  # bash
-        (("gp.tournament",), "", ["3"]),  # bash, behind the =
-        (("-m", "experiment", "=", "smoke"), "gp.tourn", ["gp.tournament="]),
+        (("gp.tournament_size",), "", ["3"]),  # bash, behind the =
+        (("-m", "experiment", "=", "smoke"), "gp.tourn", ["gp.tournament_size="]),
         (("hydra/sweeper=optuna",), "hydra.sweeper.n_t", ["hydra.sweeper.n_trials="]),
         (("no", "=", "such"), "gp.", []),
     ],

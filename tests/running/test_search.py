@@ -60,7 +60,7 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
     words = ["experiment=smoke", "supervisor=baseline", "tracking=off", "progress=off"]
     words += ["gp.population=6", "gp.generations=3"]
     words.append("gp.trees.kinds.parallel=0.5")  # fewer: with made-up outcomes they do everything
-    space = ["gp.mutation_rate=interval(0.05,0.9)", "gp.tournament=range(2,6)"]
+    space = ["gp.mutation_rate=interval(0.05,0.9)", "gp.tournament_size=range(2,6)"]
     trials = "hydra.sweeper.n_trials=6"
     assert main([*words, *fake("Instant"), *space, trials, *OPTUNA]) == 0
     file = file_in(here / "runs/smoke")
@@ -69,12 +69,14 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
     for run in runs:
         gp = run.configuration()["gp"]
         assert 0.05 <= gp["mutation_rate"] <= 0.9
-        assert gp["tournament"] in range(2, 6)
+        assert gp["tournament_size"] in range(2, 6)
     found = results(here / "runs/smoke")
     means = [run.summary()["champion"]["validation"]["mean"] for run in runs]
     assert found["best_value"] == max(means)
     best = runs[means.index(max(means))].configuration()["gp"]
-    assert found["best_params"] == {f"gp.{k}": best[k] for k in ("mutation_rate", "tournament")}
+    assert found["best_params"] == {
+        f"gp.{k}": best[k] for k in ("mutation_rate", "tournament_size")
+    }
     said = capsys.readouterr().out
     rate = best["mutation_rate"]
     assert f"\nBest:\n  validation_mean {max(means):,.6g} with gp.mutation_rate={rate}" in said
@@ -179,7 +181,7 @@ def test_a_trial_whose_values_do_not_fit_together_fails_alone(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is told like any failed job; the others go on."""
-    space = ["gp.population=int(interval(4,12))", "gp.tournament=int(interval(2,11))"]
+    space = ["gp.population=int(interval(4,12))", "gp.tournament_size=int(interval(2,11))"]
     words = [*INSTANT, *space, "hydra.sweeper.n_trials=4"]
     assert main([*words, *OPTUNA]) == 1
     said = capsys.readouterr()
@@ -191,7 +193,7 @@ def test_a_trial_whose_values_do_not_fit_together_fails_alone(
     ]
     assert 0 < len(failed) < len(file.jobs)
     assert f"{len(failed)} of {len(file.jobs)} jobs not finished" in said.err
-    assert "gp.tournament: expected at most gp.population = " in said.err
+    assert "gp.tournament_size: expected at most gp.population = " in said.err
     assert f"{len(failed)} failed" in said.out
     assert "Traceback" not in said.err
 
@@ -199,22 +201,28 @@ def test_a_trial_whose_values_do_not_fit_together_fails_alone(
 @pytest.mark.slow
 def test_trials_side_by_side_are_launched_together(here: Path) -> None:
     """Two equal ones are one run."""
-    space = ["gp.tournament=2,3", "hydra.sweeper.n_trials=3", "hydra.sweeper.n_jobs=3"]
+    space = ["gp.tournament_size=2,3", "hydra.sweeper.n_trials=3", "hydra.sweeper.n_jobs=3"]
     assert main([*INSTANT, *space, *OPTUNA]) == 0
     file = file_in(here / "runs/default")
-    assert sorted(job.choices[-1] for job in file.jobs) == ["gp.tournament=2", "gp.tournament=3"]
+    assert sorted(job.choices[-1] for job in file.jobs) == [
+        "gp.tournament_size=2",
+        "gp.tournament_size=3",
+    ]
 
 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
         (["gp.mutation_rate=interval(0.1,1.9)"], "gp.mutation_rate=1.9: input should be less"),
-        (["gp.tournament=2,3", "hydra.sweeper.n_trails=9"], "did you mean hydra.sweeper.n_trials?"),
         (
-            ["gp.tournament=2,3", "+hydra.sweeper.sampler.sed=3"],
+            ["gp.tournament_size=2,3", "hydra.sweeper.n_trails=9"],
+            "did you mean hydra.sweeper.n_trials?",
+        ),
+        (
+            ["gp.tournament_size=2,3", "+hydra.sweeper.sampler.sed=3"],
             "unexpected keyword argument 'sed'",
         ),
-        (["gp.tournament=2,3", "name=a,b"], "expected one name for all trials"),
+        (["gp.tournament_size=2,3", "name=a,b"], "expected one name for all trials"),
     ],
 )
 def test_a_search_that_cannot_be_is_refused(
@@ -244,20 +252,26 @@ TWO = ("validation_mean", "fitness_max")
 @pytest.mark.parametrize(
     ("sweep", "changes", "aims", "launcher", "expected"),
     [
-        ("gp.tournament=2,3", {"n_trials": 0}, (), "", "n_trials=0: input should be greater"),
-        ("gp.tournament=2,3", {"direction": "up"}, (), "", "'minimize' or 'maximize'"),
-        ("gp.tournament=2,3", {}, TWO, "", "for each of the 2 objectives"),
-        ("gp.tournament=2,3", {"sampler": {"_target_": "os.system"}}, (), "", "optuna.samplers"),
-        ("gp.tournament=2,3", {"pruner": MEDIAN}, (), "JoblibLauncher", "1, 1 and JoblibLaun"),
-        ("gp.tournament=2,3", {"pruner": MEDIAN, "n_jobs": 2}, (), "", "found 1, 2 and Basic"),
+        ("gp.tournament_size=2,3", {"n_trials": 0}, (), "", "n_trials=0: input should be greater"),
+        ("gp.tournament_size=2,3", {"direction": "up"}, (), "", "'minimize' or 'maximize'"),
+        ("gp.tournament_size=2,3", {}, TWO, "", "for each of the 2 objectives"),
+        (
+            "gp.tournament_size=2,3",
+            {"sampler": {"_target_": "os.system"}},
+            (),
+            "",
+            "optuna.samplers",
+        ),
+        ("gp.tournament_size=2,3", {"pruner": MEDIAN}, (), "JoblibLauncher", "1, 1 and JoblibLaun"),
+        ("gp.tournament_size=2,3", {"pruner": MEDIAN, "n_jobs": 2}, (), "", "found 1, 2 and Basic"),
         ("gp.mutation_rate=0.3", {}, (), "", "found no sweep"),
         ("gp.mutation_rate=interval(0.9,0.1)", {}, (), "", "`low <= high`"),
         (
-            "gp.tournament=interval(2,5)",
+            "gp.tournament_size=interval(2,5)",
             {},
             (),
             "",
-            r"write 'gp.tournament=int\(interval\(2,5\)\)'",
+            r"write 'gp.tournament_size=int\(interval\(2,5\)\)'",
         ),
     ],
 )
@@ -279,7 +293,7 @@ def test_names_of_objectives_are_checked() -> None:
     assert settings.objectives == ("validation_mean", "final_fitness_mean")
     with pytest.raises(ConfigError, match="objectives: expected names among champion_fitness, fi"):
         composed("objectives=[bast]")
-    override = OverridesParser.create().parse_override("gp.tournament=2,3")
+    override = OverridesParser.create().parse_override("gp.tournament_size=2,3")
     job = Planned((), {}, settings, Path("/h"), "", "BasicLauncher")
     found = Searched(SWEEPER | {"direction": ["maximize"] * 2}, (override,), (job, job), ())
     with pytest.raises(ConfigError, match=r"set gp\.validation above 0"):

@@ -96,7 +96,7 @@ ONE_LINE = [
     (["+tags." + "x" * 196 + "=1"],
      "+tags.xxxxxxxxxxxxxx...: expected a key of at most 200 characters, found 202;"),
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
-    (["gp.tournament=50"], "gp.tournament: expected at most gp.population = 30, found 50"),
+    (["gp.tournament_size=50"], "gp.tournament_size: expected at most gp.population = 30, found 50"),
     (["supervisor.lag=41"], "supervisor.lag: expected at most gp.generations - 1 = 40, found 41"),
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
@@ -207,8 +207,8 @@ ONE_LINE = [
      "world.obstacles.radius: expected least before most, found [4, 2]"),
     (["world.obstacles.count=30", "world.obstacles.gap=60"],
      "world.obstacles: expected room for 30 obstacles, found room for"),
-    (["allocation.tournament=[25,18]"],
-     "allocation.tournament: expected 0 <= least <= most, found [25, 18]"),
+    (["allocation.tournament_children=[25,18]"],
+     "allocation.tournament_children: expected 0 <= least <= most, found [25, 18]"),
     (["~classes.tiers.complete"],
      "classes.milestones: expected one of excellent, full_service, balanced_elite, found"
      " 'complete'"),
@@ -263,7 +263,7 @@ ONE_LINE = [
     (["world.episode.step=1"],
      "world.episode.step: expected at most 0.16 s, in which robot.speed leads 1.6 m far, found 1"),
     (["evolution.tournament=2"],
-     "evolution.tournament: unknown key; did you mean allocation.tournament?"),
+     "evolution.tournament: unknown key; did you mean allocation.tournament_children?"),
     (["compare"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
     (["compare", "--help"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
     (["gp.populaton=3", "--help"], "gp.populaton: unknown key; did you mean gp.population?"),
@@ -523,9 +523,9 @@ def test_settings_that_exclude_others_are_reported_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A line for each."""
-    found = errors(capsys, "gp.tournament=50", "supervisor.lag=41", "+tags.seed=1")
+    found = errors(capsys, "gp.tournament_size=50", "supervisor.lag=41", "+tags.seed=1")
     assert [line.partition(":")[0] for line in found] == [
-        "gp.tournament", "supervisor.lag", "tags.seed",
+        "gp.tournament_size", "supervisor.lag", "tags.seed",
     ]  # fmt: skip
 
 
@@ -589,7 +589,13 @@ def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
     """`glob` takes the options whose names fit, also those in the user's own folder."""
     (tmp_path / "conf/supervisor").mkdir(parents=True)
     (tmp_path / "conf/supervisor/basic.yaml").write_text("defaults: [baseline]\nname: basic\n")
-    words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "gp.tournament=2"]
+    words = [
+        *OFF,
+        "experiment=smoke",
+        "gp.population=4",
+        "gp.generations=2",
+        "gp.tournament_size=2",
+    ]
     words += ["world.episode.length=5", "evaluator=serial", "supervisor=glob(bas*)", "-m"]
     assert main([*words, "--config-dir", "conf"]) == 0
     found = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
@@ -599,7 +605,7 @@ def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
 def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
     """The same words without a mistake run, and write into `runs` alone."""
     words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "supervisor=baseline"]
-    assert main([*words, "gp.tournament=2", "world.episode.length=5"]) == 0
+    assert main([*words, "gp.tournament_size=2", "world.episode.length=5"]) == 0
     found = capsys.readouterr()
     assert "Best robot" in found.out
     assert [path.name for path in Path.cwd().iterdir()] == ["runs"]

@@ -88,9 +88,9 @@ def test_a_key_by_hand(chapters: list[Any]) -> None:
     assert keys["gp.population"].range == ">= 4; <= 10,000"
     assert keys["gp.population"].default == "`30`"
     assert keys["gp.population"].paper == "section 2.3"
-    assert keys["gp.new_worlds"].range == "`generation`, `epoch`, `never`"
+    assert keys["gp.reseed_every"].range == "`generation`, `epoch`, `never`"
     assert keys["supervisor.policy.max_tokens"].type == "int"
-    assert "| `gp.tournament` | int | >= 1 | `3` |" in reference.page(chapters)
+    assert "| `gp.tournament_size` | int | >= 1 | `3` |" in reference.page(chapters)
 
 
 def test_links_of_pages_are_made_to_fit() -> None:

@@ -343,12 +343,12 @@ def _worlds(context: RunContext) -> str:
     several = how.episodes > 1
     whose = (
         f"the same {'worlds' if several else 'world'} for all individuals"
-        if how.common_world
+        if how.shared_seed
         else f"{'worlds' if several else 'a world'} of its own for each individual"
     )
-    if how.new_worlds == "never":
+    if how.reseed_every == "never":
         return f"The worlds never change ({whose}), so luck of the world explains no change."
-    each = "Every generation" if how.new_worlds == "generation" else "Every epoch"
+    each = "Every generation" if how.reseed_every == "generation" else "Every epoch"
     return f"{each} has new worlds ({whose}), so the best fitness rises and falls by luck too."
 
 
