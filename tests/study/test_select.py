@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import RunError, StudyError
+from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.results import load
 from islandgp.study.select import (
@@ -210,3 +211,14 @@ def test_spans() -> None:
     """Numbers in short."""
     assert in_short([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
     assert overview([]) == []
+
+
+def test_configurations_of_version_0_2_are_read_with_todays_names(tmp_path: Path) -> None:
+    """An arm of 0.2 is comparable with one of today's."""
+    old = "gp: {tournament: 3, new_worlds: never, common_world: true}\n"
+    (tmp_path / "config.yaml").write_text(old + "allocation: {tournament: [18, 25]}\nseed: 1\n")
+    assert RunFolder(tmp_path).configuration() == {
+        "gp": {"tournament_size": 3, "reseed_every": "never", "shared_seed": True},
+        "allocation": {"tournament_children": [18, 25]},
+        "seed": 1,
+    }
