@@ -41,7 +41,7 @@ QUIET: Final = GenerationStats(
     overlapping=0.75,
     working=0.5,
     specialists={"patrol_only": 12, "pickup": 10, "humanoid": 4, "balanced": 4},
-    doing={"pickup": 10, "humanoid": 10, "charging": 10, "clearing": 10},
+    behaviour_counts={"pickup": 10, "humanoid": 10, "charging": 10, "clearing": 10},
     tiers={"excellent": 0, "complete": 0, "full_service": 0, "balanced_elite": 0},
     counters={**NOTHING.counters, "distance": 500.0, "inactive": 30.0},
     size=12.0,
@@ -81,7 +81,7 @@ def outcome(
 def snapshot(
     generation: int = 0,
     *,
-    doing: dict[str, int] | None = None,
+    behaviour_counts: dict[str, int] | None = None,
     complete: int = 0,
     excellent: int = 0,
     counters: dict[str, float] | None = None,
@@ -91,7 +91,7 @@ def snapshot(
     return replace(
         QUIET,
         generation=generation,
-        doing={**QUIET.doing, **(doing or {})},
+        behaviour_counts={**QUIET.behaviour_counts, **(behaviour_counts or {})},
         tiers={**QUIET.tiers, "complete": complete, "excellent": excellent},
         counters={**QUIET.counters, **(counters or {})},
         **changes,

@@ -146,7 +146,7 @@ def _rows(
     from islandgp.scoring.classes import Classes, tiers
     from islandgp.scoring.constraints import feasible_share, recorded_constraints
     from islandgp.seeding import Stream
-    from islandgp.study.library import yardsticks
+    from islandgp.study.library import reference_trees
 
     config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
@@ -177,7 +177,7 @@ def _rows(
         champion = runs[0].summary()["champion"]["record"]
         name, _ = trees.get(champion["tree"], (champion["id"], True))
         trees[champion["tree"]] = (f"{name}, the run's best robot", True)
-    for name, text in yardsticks(config).items():
+    for name, text in reference_trees(config).items():
         trees.setdefault(text, (f"library: {name}", False))
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
     rows = []

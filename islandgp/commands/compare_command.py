@@ -117,7 +117,7 @@ def command(
     from islandgp.evaluation.processes import Processes, cores
     from islandgp.study.comparable import compare_arms
     from islandgp.study.generalise import controls as library_in_worlds
-    from islandgp.study.generalise import generalise, yardsticks
+    from islandgp.study.generalise import generalise, reference_trees
     from islandgp.study.plan import check_plan, parse_plan
     from islandgp.study.report import build
     from islandgp.study.select import MLFLOW, parse_arm
@@ -137,7 +137,7 @@ def command(
     make = partial(Processes, workers=workers or cores())
     unseen: tuple[Generalisation, ...] = ()
     if worlds:
-        unseen = generalise(study, make, worlds=worlds, yardsticks=yardsticks(study))
+        unseen = generalise(study, make, worlds=worlds, reference_trees=reference_trees(study))
     report = build(study, unseen, worlds, library_in_worlds(study, make) if controls else (), plan)
     try:
         files = write(report, study, folder)

@@ -222,7 +222,7 @@ def _state(context: RunContext) -> PopulationState:
         overlapping=0.654,
         working=0.867,
         specialists=dict.fromkeys(classes.specialist_names, 11),
-        doing=dict.fromkeys(classes.behaviours, 14),
+        behaviour_counts=dict.fromkeys(classes.behaviours, 14),
         tiers=dict.fromkeys(classes.tiers, 4),
         counters=dict.fromkeys(context.schema.counters, 123.4),
         size=23.4,

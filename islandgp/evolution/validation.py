@@ -64,8 +64,8 @@ class Validation:
     low: float  # 95 % interval of the mean, Student's t
     high: float
     reached: dict[str, float]  # share of the worlds by tier
-    yardstick: str = ""  # name of the tree that it is compared with, "" for none
-    difference: float = 0.0  # points, mean of the paired differences to the yardstick
+    yardstick: str = ""  # name of the reference tree, "" for none
+    difference: float = 0.0  # points, mean of the paired differences to the reference tree
     difference_low: float = 0.0  # its 95 % interval
     difference_high: float = 0.0
     violation: float | None = None  # of the constraints, by the counters' means; None: none
@@ -236,7 +236,7 @@ def entrants(trees: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
     """The candidates of the first round: all, or the best in training if episodes are few.
 
     Args:
-        found: at least one candidate.
+        candidates: at least one.
         episodes: of all candidates together, >= 1.
 
     Returns:
@@ -265,19 +265,19 @@ def validate(
     classes: Classes,
     *,
     episodes: int,
-    yardstick: tuple[str, str] | None = None,
+    reference_tree: tuple[str, str] | None = None,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[tuple[Candidate, Validation]]:
     """Evaluates candidates by successive halving.
 
     Args:
-        found: at least one candidate.
+        candidates: at least one.
         worlds: validation worlds, enough for all rounds; the same for all candidates.
         evaluator: runs the episodes.
         stage: index of the curriculum's stage that scores them.
         classes: with the tiers to count.
         episodes: approximate number of episodes.
-        yardstick: name and canonical text of a tree to compare the winner with.
+        reference_tree: name and canonical text of a tree to compare the winner with.
         constraints: take precedence over fitness, by the counters' means over the worlds.
 
     Returns:
@@ -306,8 +306,8 @@ def validate(
         met += len(batch)
     order = sorted(left, key=worth, reverse=True)
     judged = [(c, _judged(worlds[:met], left[c], classes, constraints)) for c in order]
-    if yardstick is not None:
-        name, text = yardstick
+    if reference_tree is not None:
+        name, text = reference_tree
         theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
         best, verdict = judged[0]
         judged[0] = (best, compared(verdict, left[best], theirs, name))

@@ -24,7 +24,7 @@ from islandgp.scoring.constraints import (
     merit,
     violation,
 )
-from islandgp.scoring.generation_stats import GenerationStats
+from islandgp.scoring.generation_stats import ALIASES, GenerationStats
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +106,7 @@ class GenerationRecord:
 def record_values(record: GenerationRecord) -> dict[str, Any]:
     """A record as JSON values. Without edits it is written as before there were any."""
     values = asdict(record)
+    values["snapshot"] = {ALIASES.get(key, key): v for key, v in values["snapshot"].items()}
     if not record.trials:
         del values["trials"]
     if record.guidance is not None and not record.guidance.edits:

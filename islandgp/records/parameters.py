@@ -20,6 +20,7 @@ RENAMED: Final = {
     "gp.common_world": "gp.shared_seed",
     "gp.new_worlds": "gp.reseed_every",
     "gp.tournament": "gp.tournament_size",
+    "library.yardsticks": "library.reference_trees",
 }
 """Keys of version 0.2 whose names have changed, with today's."""
 

@@ -47,7 +47,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             stage,
             settings.classes,
             episodes=episodes,
-            yardstick=_yardstick(settings),
+            reference_tree=_reference_tree(settings),
             constraints=settings.constraints,
         )[0]
     born = next(target.records(winner.generation))
@@ -65,11 +65,11 @@ def validation_episodes(settings: Settings, target: RunFolder) -> int:
     return settings.budget.episodes - spent
 
 
-def _yardstick(settings: Settings) -> tuple[str, str] | None:
+def _reference_tree(settings: Settings) -> tuple[str, str] | None:
     """Name and canonical text of the tree that best robots are compared with, if there is one."""
     how, domain = settings.library, settings.make_domain()
-    if how.folder is None or not how.yardsticks:
+    if how.folder is None or not how.reference_trees:
         return None
-    name = how.yardsticks[0]
+    name = how.reference_trees[0]
     text = read_tree(library_folder(how.folder, domain), name)
     return name, to_text(parse(text, domain.schema.vocabulary, name=name))

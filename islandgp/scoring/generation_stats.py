@@ -6,11 +6,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, pstdev
+from typing import Annotated, Final
+
+from pydantic import Field
 
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import BehaviourLabels, Classes
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.curriculum import Curriculum
+
+ALIASES: Final = {"behaviour_counts": "doing"}
+"""Fields with another name in a run's records, and that name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +33,8 @@ class GenerationStats:
     overlapping: float  # Eq. (3), over the behaviours, of which an individual may show several
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
-    doing: dict[str, int]  # individuals by behaviour that they show in any episode
+    behaviour_counts: Annotated[dict[str, int], Field(alias=ALIASES["behaviour_counts"])]
+    """Individuals by behaviour that they show in any episode."""
     tiers: dict[str, int]  # individuals by tier of Table 4
     counters: dict[str, float]  # means over the population, by counter of the domain
     size: float  # nodes, mean
@@ -39,13 +46,13 @@ def diversity(specialists: Sequence[str]) -> float:
     return 1 - max(Counter(specialists).values()) / len(specialists)
 
 
-def overlapping(doing: Mapping[str, int]) -> float:
+def overlapping(behaviour_counts: Mapping[str, int]) -> float:
     """Eq. (3) over categories that overlap: D = 1 - max_b n_b / sum_b n_b; 0 when none is done.
 
     Table 12 fits the numbers of Table 13 in this reading alone.
     """
-    shown = sum(doing.values())
-    return 1 - max(doing.values()) / shown if shown else 0.0
+    shown = sum(behaviour_counts.values())
+    return 1 - max(behaviour_counts.values()) / shown if shown else 0.0
 
 
 def generation_stats(
@@ -65,7 +72,8 @@ def generation_stats(
     fitness = [o.fitness for o in outcomes]
     merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
     counts = Counter(specialists)
-    done = Counter(name for o in outcomes for name in classes.shown(o.counters))
+    shown = Counter(name for o in outcomes for name in classes.shown(o.counters))
+    behaviours = {name: shown[name] for name in classes.behaviours}
     return GenerationStats(
         generation=generation,
         epoch=curriculum.epoch(generation),
@@ -74,10 +82,10 @@ def generation_stats(
         mean=fmean(fitness),
         sd=pstdev(fitness),
         diversity=diversity(specialists),
-        overlapping=overlapping({name: done[name] for name in classes.behaviours}),
+        overlapping=overlapping(behaviours),
         working=sum(own.working for own in labels) / len(labels),
         specialists={name: counts[name] for name in classes.specialist_names},
-        doing={name: done[name] for name in classes.behaviours},
+        behaviour_counts=behaviours,
         tiers={name: reached[name] for name in classes.tiers},
         counters={name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters},
         size=fmean(sizes),

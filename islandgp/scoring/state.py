@@ -67,7 +67,7 @@ class PopulationState:
     stagnant_epochs: float  # the same in epochs
     crisis: str  # Eq. (7): "diversity", "stagnation", or "" when there is none
     diversity_warning: bool  # diversity is low
-    reached: dict[str, bool]  # by milestone, the easiest first: whether such a robot has existed
+    milestones_reached: dict[str, bool]  # by milestone, the easiest first
     dominant: str  # the largest exclusive class
     rarest_behaviours: tuple[str, ...]  # behaviours by rising number of individuals that do them
     targets: tuple[str, ...]  # what a tree can be for (Table 7)
@@ -80,12 +80,12 @@ class PopulationState:
     @property
     def quality(self) -> int:
         """Robots of the first milestone that are alive now."""
-        return self.now.tiers[next(iter(self.reached))]
+        return self.now.tiers[next(iter(self.milestones_reached))]
 
     @property
     def ever_quality(self) -> bool:
         """True if a robot of the first milestone has existed."""
-        return next(iter(self.reached.values()))
+        return next(iter(self.milestones_reached.values()))
 
 
 def trend(values: Sequence[float]) -> float:
@@ -125,7 +125,7 @@ def population_state(
     before = history[-2] if len(history) > 1 else now
     stage = [s for s in recent if s.stage == now.stage]
     last = stage[-2] if len(stage) > 1 else now
-    plateau = stagnant(history, settings.improvement)
+    plateau, counts = stagnant(history, settings.improvement), now.behaviour_counts
     return PopulationState(
         now=now,
         history=recent,
@@ -141,9 +141,11 @@ def population_state(
         stagnant_epochs=plateau / generations_per_epoch,
         crisis=crisis.reason(now.diversity, plateau / generations_per_epoch),
         diversity_warning=now.diversity < settings.low_diversity,
-        reached={name: any(s.tiers[name] for s in history) for name in classes.milestones},
+        milestones_reached={
+            name: any(s.tiers[name] for s in history) for name in classes.milestones
+        },
         dominant=max(now.specialists, key=lambda name: now.specialists[name]),
-        rarest_behaviours=tuple(sorted(now.doing, key=lambda name: now.doing[name])),
+        rarest_behaviours=tuple(sorted(counts, key=lambda name: counts[name])),
         targets=classes.targets,
         mutation_rate=now.rate,
         crossover_rate=crossover_rate,

@@ -1,7 +1,7 @@
 """The control without inheritance: each individual is a new random tree.
 
 What a search earns beyond this control is what selection and variation add. Random search is the
-usual yardstick of genetic programming; e.g. Langdon and Poli 2002, Foundations of Genetic
+usual baseline of genetic programming; e.g. Langdon and Poli 2002, Foundations of Genetic
 Programming, compare both.
 """
 

@@ -29,16 +29,16 @@ from islandgp.study import library
 from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
 
-YARDSTICK_WORLDS: Final = 100
-"""How many worlds a yardstick meets at least: it is one tree, so more of them cost little."""
+REFERENCE_WORLDS: Final = 100
+"""How many worlds a reference tree meets at least: it is one tree, so more of them cost little."""
 
 
 @dataclass(frozen=True, slots=True)
 class Generalisation:
     """One tree on the unseen worlds."""
 
-    arm: str  # or what a yardstick is called
-    seed: int | None  # of the run whose champion it is; None: a yardstick, a tree from elsewhere
+    arm: str  # or what a reference tree is called
+    seed: int | None  # of the run whose champion it is; None: a reference tree
     trained: float | None  # points, its fitness in the generation in which it lived
     points: tuple[float, ...]  # in each unseen world, in an order that all trees share
     reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
@@ -76,13 +76,13 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     return validation_seeds(0, frozenset(used), n, Stream.UNSEEN)
 
 
-def yardsticks(study: Comparison) -> dict[str, str]:
-    """The library's yardsticks, and the library tree that was injected most often, if any.
+def reference_trees(study: Comparison) -> dict[str, str]:
+    """The library's reference trees, and the library tree that was injected most often, if any.
 
     Their canonical texts by names that hold a colon, so that no arm can have the same one.
     """
     config = study.arms[0].runs[0].config
-    texts = {f"library: {name}": text for name, text in library.yardsticks(config).items()}
+    texts = {f"library: {name}": text for name, text in library.reference_trees(config).items()}
     often = most_injected(study.arms)
     if often is not None:
         name, text, times = often
@@ -95,21 +95,21 @@ def generalise(
     make: Callable[[Problem], Evaluator],
     *,
     worlds: int,
-    yardsticks: Mapping[str, str],
-    yardstick_worlds: int = YARDSTICK_WORLDS,
+    reference_trees: Mapping[str, str],
+    reference_worlds: int = REFERENCE_WORLDS,
 ) -> tuple[Generalisation, ...]:
     """Each run's champion, and trees from elsewhere, on the same unseen worlds.
 
-    `yardsticks` are those trees' canonical texts by what they are called. Every arm's trees
+    `reference_trees` are those trees' canonical texts by what they are called. Every arm's trees
     meet the first arm's world, so that they can be compared even where the worlds of arms
-    differ. A yardstick meets `yardstick_worlds` of them, the champions' `worlds` among them.
+    differ. A reference tree meets `reference_worlds` of them, the champions' `worlds` among them.
 
     Raises:
         EvaluationError: an episode cannot be run.
         StudyError: the domain's class cannot be imported.
     """
     problem = problem_of(study.arms[0].runs[0])
-    seeds = unseen_worlds(study, max(worlds, yardstick_worlds))
+    seeds = unseen_worlds(study, max(worlds, reference_worlds))
     stage = len(problem.curriculum.stages) - 1
     runs = [(arm.name, run) for arm in study.arms for run in arm.runs]
     champions = [(name, run.seed, run.champion.record) for name, run in runs]
@@ -118,7 +118,7 @@ def generalise(
         for name, seed, record in champions
     ] + [
         (name, None, None, [Job(text, stage, world) for world in seeds])
-        for name, text in yardsticks.items()
+        for name, text in reference_trees.items()
     ]
     outcomes = _outcomes(make(problem), (job for *_, mine in trees for job in mine))
     perturbed = _perturbed(study, make, [job for *_, mine in trees for job in mine])
@@ -181,12 +181,12 @@ class Control:
     """A tree that is not evolved, in the worlds of the runs."""
 
     name: str  # of the library's tree
-    given: bool  # it is one that supervisors inject, not only a yardstick
+    given: bool  # it is one that supervisors inject, not only a reference tree
     fitness: Mapping[int, tuple[float, ...]]  # points in each generation, by the runs' seed
 
 
 def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[Control, ...]:
-    """The library's trees and its yardsticks in the worlds of the first arm's runs.
+    """The library's trees and its reference trees in the worlds of the first arm's runs.
 
     Raises:
         EvaluationError: an episode cannot be run.
@@ -195,7 +195,7 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
     runs = study.arms[0].runs
     configs = [arm.runs[0].config for arm in study.arms]
     trees = {text: (name, True) for c in configs for name, text in library.given(c).items()}
-    for name, text in library.yardsticks(runs[0].config).items():
+    for name, text in library.reference_trees(runs[0].config).items():
         trees.setdefault(text, (name, False))
     places = {run.seed: [(r.snapshot.stage, r.worlds[0]) for r in run.records] for run in runs}
     jobs = {

@@ -60,9 +60,9 @@ def given(config: Mapping[str, Any]) -> dict[str, str]:
     return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))
 
 
-def yardsticks(config: Mapping[str, Any]) -> dict[str, str]:
-    """The canonical texts of the library's yardsticks, by name; those not found are left out."""
-    return _texts(config, LibrarySettings.model_validate(config["library"]).yardsticks)
+def reference_trees(config: Mapping[str, Any]) -> dict[str, str]:
+    """Canonical texts of the library's reference trees, by name; without those not found."""
+    return _texts(config, LibrarySettings.model_validate(config["library"]).reference_trees)
 
 
 def _texts(config: Mapping[str, Any], wanted: Iterable[str]) -> dict[str, str]:

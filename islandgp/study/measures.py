@@ -163,7 +163,7 @@ def examined(study: Comparison, requested: Collection[str]) -> tuple[Measure, ..
 
 def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
     """Table 13: individuals of a behaviour's exclusive class, or with its label if it has none."""
-    return (s.specialists if behaviour in classes.specialists.of else s.doing)[behaviour]
+    return (s.specialists if behaviour in classes.specialists.of else s.behaviour_counts)[behaviour]
 
 
 def _of_model(key: str) -> Callable[[Run], float]:

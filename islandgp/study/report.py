@@ -75,7 +75,7 @@ class ComparisonReport:
     comparability_warnings: tuple[str, ...]
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...]  # family by family
-    unseen: tuple[Generalisation, ...] = ()  # champions and yardsticks in unseen worlds
+    unseen: tuple[Generalisation, ...] = ()  # champions and reference trees in unseen worlds
     scores: tuple[ScoreRow, ...] = ()  # of the best robots; (): they have none
 
     @property

@@ -95,8 +95,8 @@ def runs_csv(study: Comparison) -> str:
 
 
 def champions_csv(champions: Sequence[Generalisation]) -> str:
-    """Each champion in unseen worlds, and its paired difference to each yardstick, in points."""
-    yardsticks = [g for g in champions if g.seed is None]
+    """Champions in unseen worlds, and paired differences to each reference tree, in points."""
+    reference_trees = [g for g in champions if g.seed is None]
     columns = [
         "arm",
         "seed",
@@ -106,14 +106,14 @@ def champions_csv(champions: Sequence[Generalisation]) -> str:
         "worst",
         *champions[0].reached,
     ]
-    for y in yardsticks:
+    for y in reference_trees:
         columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
     rows = []
     for g in champions:
         if g.seed is not None:
             plain = (g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst)
             row: list[object] = [*plain, *g.reached.values()]
-            for y in yardsticks:
+            for y in reference_trees:
                 d = g.minus(y)
                 row += map(_known, (d.estimate, d.low, d.high))
             rows.append(row)

@@ -106,8 +106,9 @@ def features(state: PopulationState, crisis: Crisis) -> dict[str, float]:
     `ahead.NAME` is the number of individuals with a behaviour minus that of the rarest behaviour.
     """
     numbers = dict(_numbers(state_json(state, crisis)))
-    rarest = min(state.now.doing.values())
-    return numbers | {f"ahead.{name}": float(n - rarest) for name, n in state.now.doing.items()}
+    counts = state.now.behaviour_counts
+    rarest = min(counts.values())
+    return numbers | {f"ahead.{name}": float(n - rarest) for name, n in counts.items()}
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:

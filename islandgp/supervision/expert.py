@@ -106,14 +106,14 @@ def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     the first milestone the rarest behaviour always counts as rare: evolution alone combines
     behaviours.
     """
-    doing = state.now.doing
-    order = [*(name for name in how.hardest or () if name in doing), *reversed(doing)]
-    rarest = min(order, key=lambda name: doing[name])
-    if not doing[rarest]:
+    counts = state.now.behaviour_counts
+    order = [*(name for name in how.hardest or () if name in counts), *reversed(counts)]
+    rarest = min(order, key=lambda name: counts[name])
+    if not counts[rarest]:
         return rarest
     if state.crisis:
         return EXPLORATION
-    if not state.ever_quality or doing[rarest] < how.rare * state.population:
+    if not state.ever_quality or counts[rarest] < how.rare * state.population:
         return rarest
     return RARE if state.now.diversity < how.collapse else INTEGRATION
 
@@ -171,7 +171,7 @@ class Expert:
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
         name = self.pick(target, state, rng)
-        goal = f"{title(next(iter(state.reached)))} {self.agent}s"
+        goal = f"{title(next(iter(state.milestones_reached)))} {self.agent}s"
         return Guidance(
             mutation_rate=wanted_rate(state, how),
             tree=self.library.trees[name],

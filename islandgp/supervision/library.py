@@ -26,7 +26,7 @@ class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
     """Names of trees by target; one of them is drawn. Each behaviour needs at least one."""
     shown: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Names of the example trees in each prompt (explore, exploit, poor)."""
-    yardsticks: tuple[str, ...] = ()
+    reference_trees: tuple[str, ...] = ()
     """Reference trees that `islandgp compare` evaluates with the champions in unseen worlds."""
 
 
@@ -73,7 +73,7 @@ def read_library(
         raise ConfigError(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
         )
-    named = [*settings.trees.values(), *settings.shown.values(), settings.yardsticks]
+    named = [*settings.trees.values(), *settings.shown.values(), settings.reference_trees]
     texts = {
         name: read_tree(folder, name) for name in sorted({n for names in named for n in names})
     }

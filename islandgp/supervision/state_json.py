@@ -85,9 +85,9 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "best_trend": rounded(state.best_trend),
             "mean_trend": rounded(state.mean_trend),
         },
-        "history": [_line(s, state.reached) for s in state.history],
+        "history": [_line(s, state.milestones_reached) for s in state.history],
         "specialists": dict(now.specialists),
-        "doing": dict(now.doing),
+        "doing": dict(now.behaviour_counts),
         "behaviours": {"dominant": state.dominant, "lacking": list(state.rarest_behaviours)},
         "diversity": {
             "now": _three(now.diversity),
@@ -96,7 +96,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         },
         "working_ratio": _three(now.working),
         "tiers": dict(now.tiers),
-        "milestones": {f"{name}_seen": seen for name, seen in state.reached.items()},
+        "milestones": {f"{name}_seen": seen for name, seen in state.milestones_reached.items()},
         "activity": {name: rounded(value) for name, value in now.counters.items()},
         "stagnation": {
             "generations": state.stagnant_generations,

@@ -112,7 +112,7 @@ def test_the_best_wins_and_luck_in_training_does_not() -> None:
     worlds = validation_seeds(0, frozenset(), 200)
     evaluator = Worlds({f"tree {i}\n": 10.0 * i for i in range(10)} | {"yardstick\n": 50.0})
     (winner, verdict), *_ = validate(
-        found, worlds, evaluator, 0, CLASSES, episodes=200, yardstick=("good", "yardstick\n")
+        found, worlds, evaluator, 0, CLASSES, episodes=200, reference_tree=("good", "yardstick\n")
     )
     assert winner.id == "0.9"
     assert verdict.low <= verdict.mean <= verdict.high

@@ -74,7 +74,7 @@ def snapshot(
         overlapping=0.4,
         working=0.6,
         specialists={"patrol_only": 12, "pickup": 9, "humanoid": 5, "balanced": 4},
-        doing={"pickup": 14, "humanoid": 8, "charging": 0, "clearing": 2},
+        behaviour_counts={"pickup": 14, "humanoid": 8, "charging": 0, "clearing": 2},
         tiers={
             "excellent": excellent,
             "complete": complete,
@@ -107,7 +107,7 @@ def state(
         stagnant_epochs=0.0,
         crisis="",
         diversity_warning=False,
-        reached={
+        milestones_reached={
             "complete": bool(complete) if ever is None else ever,
             "excellent": bool(excellent) if ever is None else ever,
         },

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, cast
@@ -14,6 +13,7 @@ from click.testing import CliRunner
 
 import islandgp as library
 from islandgp.cli import islandgp
+from islandgp.gp.record import record_values
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import RUNTIME_KEYS
 from islandgp.results import COLUMNS
@@ -167,7 +167,7 @@ def test_the_files_of_a_run_are_all_named() -> None:
 def test_every_section_of_charts_is_named() -> None:
     """The table of metrics has each section, and names metrics that exist."""
 
-    records = [asdict(step.record) for step in steps()]
+    records = [record_values(step.record) for step in steps()]
     found = {**metrics(records[0], COST), **dict(final_metrics(records))}
     table = TEXT.partition("| section of charts |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*?`) \| (.*) \|$", table, re.MULTILINE)

@@ -32,7 +32,7 @@ def _validated_once(path: Path, home: Path) -> RunFolder:
         0,
         composed().classes,
         episodes=1,
-        yardstick=("good", champion.record.tree),
+        reference_tree=("good", champion.record.tree),
     )
     best = Best(champion.generation, asdict(champion.record), validation)
     folder.finish(summary(folder, champion, best, MILESTONES))

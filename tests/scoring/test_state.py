@@ -80,7 +80,7 @@ def test_measure() -> None:
     assert found.diversity == 0.75
     assert found.working == 0.75
     assert found.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
-    assert found.doing == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
+    assert found.behaviour_counts == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
     assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
     means = found.counters
     assert (means["distance"], means["inactive"], means["pickups"], found.size) == (
@@ -116,24 +116,24 @@ def test_state_after_seven_generations() -> None:
     assert found.diversity_change == pytest.approx(-0.0625)
     assert found.diversity_trend == pytest.approx(-0.0625)
     assert (found.stagnant_generations, found.stagnant_epochs) == (6, 1.2)
-    assert found.reached == {"complete": True, "excellent": True}
+    assert found.milestones_reached == {"complete": True, "excellent": True}
     assert (found.quality, found.ever_quality) == (0, True)
     assert (found.dominant, found.mutation_rate) == ("patrol_only", 0.4)
 
 
 def test_milestones() -> None:
-    """`reached` is of the whole history, `quality` of the first milestone and the present."""
+    """Milestones are of the whole history, `quality` of the first one and the present."""
     found = state([snapshot(0, complete=1), snapshot(1, complete=3)])
-    assert found.reached == {"complete": True, "excellent": False}
+    assert found.milestones_reached == {"complete": True, "excellent": False}
     assert (found.quality, found.ever_quality) == (3, True)
     assert (state([snapshot(0)]).quality, state([snapshot(0)]).ever_quality) == (0, False)
     assert found.targets == CLASSES.targets
 
 
-def test_lacking_is_sorted() -> None:
+def test_rarest_behaviours_are_sorted() -> None:
     """Behaviours stand by rising number of individuals, equals in the order of configuration."""
-    doing = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
-    found = state([snapshot(0, doing=doing, diversity=0.29)])
+    counts = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
+    found = state([snapshot(0, behaviour_counts=counts, diversity=0.29)])
     assert found.rarest_behaviours == ("clearing", "humanoid", "charging", "pickup")
     assert found.diversity_warning is True
 

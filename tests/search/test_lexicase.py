@@ -1,4 +1,4 @@
-"""Epsilon-lexicase selection: DEAP's as a yardstick, cases by hand, and the cases' sources."""
+"""Epsilon-lexicase selection: DEAP's for comparison, cases by hand, and the cases' sources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NSGA-II: DEAP's as a yardstick, fronts by hand, and the objectives of configuration."""
+"""NSGA-II: DEAP's for comparison, fronts by hand, and the objectives of configuration."""
 
 from __future__ import annotations
 

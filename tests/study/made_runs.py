@@ -18,6 +18,7 @@ from islandgp.gp.record import (
     GenerationRecord,
     GuidanceRecord,
     IndividualRecord,
+    record_values,
 )
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
@@ -147,7 +148,7 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
     """The run's folder as `tracking.folder` writes it, as far as the study reads it."""
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(yaml.safe_dump(dict(run.config), sort_keys=False))
-    _lines(folder / "generations.jsonl", [asdict(r) for r in run.records])
+    _lines(folder / "generations.jsonl", [record_values(r) for r in run.records])
     _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
     if finished:
         mean = run.validation_mean or 0.0

@@ -58,7 +58,7 @@ def _maze_run(supervisor: str, seed: int) -> Run:
             record.snapshot,
             best=one.fitness,
             specialists={"idler": 0, "turning": 1, "odd": 0},
-            doing={"turning": 1},
+            behaviour_counts={"turning": 1},
             tiers={name: int(name in one.tiers) for name in TIERS},
             counters=dict(one.counters),
         )
@@ -114,7 +114,7 @@ def test_unseen_worlds_need_the_domain() -> None:
     with trusting():
         trust(["nowhere.maze:Maze"])
         with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
-            generalise(compare_arms(_arms()), Serial, worlds=1, yardsticks={})
+            generalise(compare_arms(_arms()), Serial, worlds=1, reference_trees={})
 
 
 def test_no_word_of_the_island_is_in_the_report(report: ComparisonReport) -> None:

@@ -12,7 +12,7 @@ from islandgp.errors import StudyError
 from islandgp.evaluation.base import Job, Problem
 from islandgp.seeding import Stream, stream
 from islandgp.study.comparable import compare_arms
-from islandgp.study.generalise import Generalisation, generalise, unseen_worlds, yardsticks
+from islandgp.study.generalise import Generalisation, generalise, reference_trees, unseen_worlds
 from islandgp.study.library import library_names
 from islandgp.study.select import parse_arm
 from islandgp.study.tables.champions import generalisation_table
@@ -55,7 +55,7 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 
 def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None:
-    """One summary a run and one a yardstick; equal trees are simulated once."""
+    """One summary a run and one a reference tree; equal trees are simulated once."""
     made: list[Recorder] = []
 
     def make(setting: Problem) -> Recorder:
@@ -63,7 +63,7 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
         return made[0]
 
     found = generalise(
-        _study(), make, worlds=3, yardsticks={"a tree": "PatrolWaypoint\n"}, yardstick_worlds=5
+        _study(), make, worlds=3, reference_trees={"a tree": "PatrolWaypoint\n"}, reference_worlds=5
     )
     assert [(g.arm, g.seed) for g in found] == [
         ("expert", 0),
@@ -105,9 +105,9 @@ def test_worlds_of_runs_are_passed_over() -> None:
     assert unseen_worlds(replace(study, arms=(study.arms[0], chosen)), 1) == (second,)
 
 
-def test_yardsticks_are_library_trees_by_name() -> None:
+def test_reference_trees_are_library_trees_by_name() -> None:
     """Those that the configuration names, and the library tree that was injected most often."""
-    assert list(yardsticks(_study())) == ["library: all_rounder", "library: multi_behaviour"]
+    assert list(reference_trees(_study())) == ["library: all_rounder", "library: multi_behaviour"]
     texts = {name: text for text, name in library_names(config()).items()}
     guided = [
         guidance(tree=texts[name], injected=injected)
@@ -120,13 +120,13 @@ def test_yardsticks_are_library_trees_by_name() -> None:
     ]
     runs = [made_run(seed=k, generations=4, guided=g) for k, g in enumerate(guided)]
     study = _study()
-    found = yardsticks(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
+    found = reference_trees(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
     assert found["injected 6 times: poor"] == texts["poor"]
     assert len(found) == 3
 
 
-def test_an_arm_may_have_a_yardstick_s_name() -> None:
-    """An arm called hand-written keeps its row, and the yardstick has its own."""
+def test_an_arm_may_have_a_reference_tree_s_name() -> None:
+    """An arm called hand-written keeps its row, and the reference tree has its own."""
     found = (
         Generalisation("hand-written", 0, 9_000.0, (5_000.0,) * 30, HALF),
         Generalisation("hand-written", 1, 9_000.0, (7_000.0,) * 30, HALF),

@@ -280,9 +280,9 @@ def test_a_run_that_is_cut_has_no_validated_mean() -> None:
     assert report.scores == ()
 
 
-def test_champions_stand_beside_the_yardsticks(written: tuple[ComparisonReport, Path]) -> None:
+def test_champions_stand_beside_the_reference_trees(written: tuple[ComparisonReport, Path]) -> None:
     """Run by run in champions.csv, over runs in the table: 9,000 and 21,000 + 20 x seed points
-    against 9,000 and 30,000 of the yardstick, whose third world no champion met."""
+    against 9,000 and 30,000 of the reference tree, whose third world no champion met."""
     report, folder = written
     with (folder / "champions.csv").open() as file:
         rows = list(csv.DictReader(file))

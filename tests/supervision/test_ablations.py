@@ -36,7 +36,9 @@ QUICK = (
 LACKS_CHARGING = state(complete=1)
 RICH = replace(
     state(complete=9),
-    now=replace(state(complete=9).now, doing=dict.fromkeys(state().now.doing, 30)),
+    now=replace(
+        state(complete=9).now, behaviour_counts=dict.fromkeys(state().now.behaviour_counts, 30)
+    ),
 )
 
 

@@ -141,15 +141,15 @@ def test_pattern(history: list[GenerationStats], pattern: Pattern) -> None:
 
 # A Complete Robot exists already; 3 of 30 individuals are not too few, 2 are.
 TARGETS = [
-    (past(1, complete=1, doing={"humanoid": 3}), "integration"),
-    (past(1, complete=1, doing={"humanoid": 2}), "humanoid"),
-    (past(1, complete=1, doing={"charging": 0}), "charging"),
-    (past(1, complete=1, doing={"clearing": 1}), "clearing"),
-    (past(1, complete=1, doing={"pickup": 2}), "pickup"),
+    (past(1, complete=1, behaviour_counts={"humanoid": 3}), "integration"),
+    (past(1, complete=1, behaviour_counts={"humanoid": 2}), "humanoid"),
+    (past(1, complete=1, behaviour_counts={"charging": 0}), "charging"),
+    (past(1, complete=1, behaviour_counts={"clearing": 1}), "clearing"),
+    (past(1, complete=1, behaviour_counts={"pickup": 2}), "pickup"),
     # the fewest first; of equals the one that is hardest to find
-    (past(1, complete=1, doing={"pickup": 0, "charging": 1}), "pickup"),
-    (past(1, complete=1, doing=dict.fromkeys(WORKERS, 0)), "charging"),
-    (past(1, complete=1, doing={"humanoid": 1, "clearing": 1}), "clearing"),
+    (past(1, complete=1, behaviour_counts={"pickup": 0, "charging": 1}), "pickup"),
+    (past(1, complete=1, behaviour_counts=dict.fromkeys(WORKERS, 0)), "charging"),
+    (past(1, complete=1, behaviour_counts={"humanoid": 1, "clearing": 1}), "clearing"),
     # nothing is missing
     (past(1, complete=1), "integration"),
     (past(8, complete=1), "integration"),
@@ -157,15 +157,15 @@ TARGETS = [
     # a crisis, of either kind, goes before what few do, and after what nobody does
     (past(9, complete=1), "exploration"),
     (past(9, complete=1, diversity=0.2), "exploration"),
-    (past(9, complete=1, doing={"clearing": 1}), "exploration"),
-    (past(9, complete=1, doing={"clearing": 0}), "clearing"),
+    (past(9, complete=1, behaviour_counts={"clearing": 1}), "exploration"),
+    (past(9, complete=1, behaviour_counts={"clearing": 0}), "clearing"),
     (past(1, complete=1, diversity=0.04), "exploration"),
     (past(9), "exploration"),
-    (past(1, diversity=0.0, doing=dict.fromkeys(WORKERS, 0)), "charging"),
+    (past(1, diversity=0.0, behaviour_counts=dict.fromkeys(WORKERS, 0)), "charging"),
     # before the first Complete Robot: always the rarest behaviour
-    (past(1, doing={"humanoid": 3}), "humanoid"),
-    (past(8, doing={"charging": 9}), "charging"),
-    (past(1, diversity=0.2, doing={"clearing": 4}), "clearing"),
+    (past(1, behaviour_counts={"humanoid": 3}), "humanoid"),
+    (past(8, behaviour_counts={"charging": 9}), "charging"),
+    (past(1, diversity=0.2, behaviour_counts={"clearing": 4}), "clearing"),
 ]
 
 
@@ -183,7 +183,7 @@ def lives() -> list[list[GenerationStats]]:
         {"complete": 1},
         {"complete": 9},
         {"complete": 9, "diversity": 0.2},
-        *({"complete": 1, "doing": {name: 0}} for name in QUIET.doing),
+        *({"complete": 1, "behaviour_counts": {name: 0}} for name in QUIET.behaviour_counts),
     ]
     flat = [[snapshot(g, stage=curriculum.stage(g), **kind) for g in range(41)] for kind in kinds]
     lost = [snapshot(g, complete=g == 0, diversity=0.2 if g > 20 else 0.6) for g in range(41)]
@@ -213,13 +213,13 @@ def test_trees_are_compact_until_a_complete_robot_has_existed() -> None:
     """Section 2.4.6: depth 4 and about 10 nodes, whatever lacks; later larger ones, too."""
     for behaviour in WORKERS:
         for n in (1, 9):
-            seen = state(past(n, doing={behaviour: 0}))
+            seen = state(past(n, behaviour_counts={behaviour: 0}))
             for seed in range(20):
                 found = expert().advise(seen, np.random.default_rng(seed))
                 assert found.tree is not None
                 assert depth(found.tree) <= 4
                 assert size(found.tree) <= 12
-    later = state(past(1, complete=1, doing={"clearing": 0}))
+    later = state(past(1, complete=1, behaviour_counts={"clearing": 0}))
     assert library().trees["paper_fig9"] in [
         expert().advise(later, np.random.default_rng(seed)).tree for seed in range(20)
     ]
@@ -235,7 +235,7 @@ def test_a_library_without_a_compact_tree_is_refused() -> None:
 def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
     """Only behaviours need a tree of their own."""
     few = Expert.make(how(), context("library.trees.exploration=[]"))
-    seen = state(past(9, doing={"humanoid": 1}))
+    seen = state(past(9, behaviour_counts={"humanoid": 1}))
     found = few.advise(seen, np.random.default_rng(0))
     assert found.target == "exploration"
     assert found.tree == library().trees["humanoid_focused"]
@@ -255,7 +255,7 @@ def test_the_hardest_behaviours_are_the_domain_s() -> None:
 
 def test_hardest_names_may_be_of_other_experiments() -> None:
     """They are passed over; behaviours that are not named follow, the last one first."""
-    all_alike = state(past(1, doing=dict.fromkeys(WORKERS, 0)))
+    all_alike = state(past(1, behaviour_counts=dict.fromkeys(WORKERS, 0)))
     some = how().model_copy(update={"hardest": ("flying", "humanoid")})
     none = how().model_copy(update={"hardest": ()})
     assert choose_target(all_alike, some) == "humanoid"
@@ -278,7 +278,7 @@ def states(draw: st.DrawFn) -> PopulationState:
                 best=draw(st.floats(-1e5, 1e5)),
                 diversity=draw(st.floats(0, 0.75)),
                 complete=draw(st.sampled_from([0, 0, 1, 2, 3, 10, 30])),
-                doing={name: draw(counts) for name in ("pickup", "humanoid")},
+                behaviour_counts={name: draw(counts) for name in ("pickup", "humanoid")},
             )
             for g in range(draw(st.integers(1, 12)))
         ]
@@ -327,7 +327,7 @@ def test_single_behaviours_serve_every_target(target: str) -> None:
     """The default library has trees for behaviours alone: the rarest one has its tree."""
     plain_expert = Expert.make(how(), context("library=single"))
     for behaviour in WORKERS:
-        seen = state(past(9, complete=1, doing={behaviour: 1}))
+        seen = state(past(9, complete=1, behaviour_counts={behaviour: 1}))
         name = plain_expert.pick(target, seen, np.random.default_rng(0))
         assert name == f"single_{behaviour}"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tracemalloc
-from dataclasses import asdict
 from pathlib import Path
 
+from islandgp.gp.record import record_values
 from islandgp.tracking.artifacts import TABLE, artifacts, table
 from tests.tracking.folders import begun, steps, written
 
@@ -17,7 +17,7 @@ COMMENT = 10_000  # characters of each tree
 def test_the_table_needs_no_individuals(tmp_path: Path) -> None:
     """The memory that it takes is a part of what the individuals of the run would take."""
     folder = begun(tmp_path / "run", tmp_path)
-    record = json.dumps(asdict(steps()[0].record) | {"guidance": None})
+    record = json.dumps(record_values(steps()[0].record) | {"guidance": None})
     line = json.loads(record)
     for individual in line["individuals"]:
         individual["tree"] += "#" + COMMENT * "x"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any
 
-from islandgp.gp.record import GuidanceRecord
+from islandgp.gp.record import GuidanceRecord, record_values
 from islandgp.tracking.metrics import final_metrics, metrics
 from tests.study.made_runs import guidance
 from tests.tracking.folders import steps
@@ -25,7 +25,7 @@ def test_metrics_are_the_records_numbers() -> None:
     step = steps()[2]
     s = step.record.snapshot
     best = max(step.record.individuals, key=lambda line: line.fitness)
-    found = metrics(asdict(step.record), COST)
+    found = metrics(record_values(step.record), COST)
     assert {name.partition("/")[0] for name in found} == {
         "archive",
         "behaviours",
@@ -46,7 +46,7 @@ def test_metrics_are_the_records_numbers() -> None:
     assert found["tiers/complete"] == s.tiers["complete"]
     assert found["specialists/patrol_only"] == s.specialists["patrol_only"]
     assert found["components/garbage"] == best.components["garbage"]
-    assert found["behaviours/charging"] == s.doing["charging"]
+    assert found["behaviours/charging"] == s.behaviour_counts["charging"]
     assert found["counters/distance"] == s.counters["distance"]
     assert found["size/best"] == best.nodes
     assert found["supervisor/mutation_rate"] == s.rate
@@ -56,13 +56,15 @@ def test_metrics_are_the_records_numbers() -> None:
 
 def test_costs_of_a_supervisor_have_a_section_of_their_own() -> None:
     """What a supervisor adds to the costs under its name becomes `llm/...`."""
-    found = metrics(asdict(steps()[0].record), {**COST, "llm": {"calls": 2, "cost_usd": 0.5}})
+    found = metrics(
+        record_values(steps()[0].record), {**COST, "llm": {"calls": 2, "cost_usd": 0.5}}
+    )
     assert (found["llm/calls"], found["llm/cost_usd"]) == (2, 0.5)
 
 
 def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
     """After the last generation nobody is asked; the names do not change."""
-    first, *_, last = (metrics(asdict(step.record), COST) for step in steps())
+    first, *_, last = (metrics(record_values(step.record), COST) for step in steps())
     assert first.keys() == last.keys()
     assert last["supervisor/crisis"] == 0
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from islandgp.gp.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
 from islandgp.viewer import ancestry
@@ -24,7 +23,7 @@ def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: 
     """A folder with these populations, all of one stage."""
     path.mkdir()
     made = made_run(populations=populations, best=[1.0] * len(populations), **changes)
-    lines = [asdict(record) for record in made.records]
+    lines = [record_values(record) for record in made.records]
     for line in lines:
         line["snapshot"]["stage"] = 0
     (path / "generations.jsonl").write_text("".join(f"{dump(line)}\n" for line in lines))

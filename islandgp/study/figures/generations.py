@@ -198,7 +198,7 @@ def classes(study: Comparison) -> drawing.Picture:
         shares = _shares(arm, study.generations, names, lambda s: s.specialists)
         idle = names.index(exclusive.idle)
         drawing.stack(axes, shares, list(map(title, names)), neutral=idle)
-        shares = _shares(arm, study.generations, labels, lambda s: s.doing)
+        shares = _shares(arm, study.generations, labels, lambda s: s.behaviour_counts)
         for k, (name, share) in enumerate(zip(labels, shares, strict=True)):
             line = drawing.LINES[k % len(drawing.LINES)]
             axes.plot(share, color="white", linewidth=3.4)

@@ -71,18 +71,20 @@ def components_table(study: Comparison) -> Table:
 
 
 def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
-    """Champions on unseen worlds, with trees from elsewhere as yardsticks."""
+    """Champions on unseen worlds, with trees from elsewhere as reference trees."""
     arms = list(dict.fromkeys(g.arm for g in results if g.seed is not None))
     champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
-    yardsticks = [g for g in results if g.seed is None]
+    reference_trees = [g for g in results if g.seed is None]
     rows = [
-        [*_in_unseen_worlds(arm, mine), *_minus(mine, yardsticks)]
+        [*_in_unseen_worlds(arm, mine), *_minus(mine, reference_trees)]
         for arm, mine in champions.items()
     ]
-    rows += [[*_in_unseen_worlds(g.arm, [g]), *_minus([], yardsticks)] for g in yardsticks]
+    rows += [
+        [*_in_unseen_worlds(g.arm, [g]), *_minus([], reference_trees)] for g in reference_trees
+    ]
     notes = [note("unseen", worlds=worlds)]
     if len(champions) < len(rows):
-        notes.append(note("yardsticks"))
+        notes.append(note("reference_trees"))
     several = [(arm, mine) for arm, mine in champions.items() if len(mine) > 1]
     for (a, first), (b, second) in combinations(several, 2):
         t = rank_test([g.unseen for g in first], [g.unseen for g in second])
@@ -109,9 +111,9 @@ def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
         yield f"{title(tier)} in", f"{share:.0%} of the worlds"
 
 
-def _minus(mine: Sequence[Generalisation], yardsticks: Sequence[Generalisation]) -> Row:
-    """Mean difference of the champions to each yardstick, with its interval over runs."""
-    for y in yardsticks:
+def _minus(mine: Sequence[Generalisation], reference_trees: Sequence[Generalisation]) -> Row:
+    """Mean difference of the champions to each reference tree, with its interval over runs."""
+    for y in reference_trees:
         over = [g.minus(y).estimate for g in mine]
         cell = signed_interval(mean_interval(over)) if over else NONE
         yield f"minus {y.arm} (points) [95 %]", cell
@@ -126,7 +128,7 @@ def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
         _highest("best of the library, not evolved", [best[seed] for seed in seeds]),
     ]
     for control in trees:
-        name = f"{'library' if control.given else 'yardstick'}: {control.name}"
+        name = f"{'library' if control.given else 'reference tree'}: {control.name}"
         rows.append(_highest(name, [control.fitness[seed] for seed in seeds]))
     return Table.of(
         "controls",

@@ -324,7 +324,7 @@ class Adviser:
     def _tree_phase(self, state: PopulationState) -> tuple[str, TreeSize]:
         """Section 2.4.6: exploration until the milestone `exploit_from`, then exploitation."""
         how = self.settings
-        exploiting = state.reached[self.exploit_from]
+        exploiting = state.milestones_reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if exploiting else ("tree_explore", how.explore)
 
     def request(

@@ -238,7 +238,7 @@ def urgency(state: PopulationState, rare: float) -> str:
     """
     lines = []
     for name in state.rarest_behaviours:
-        count = state.now.doing[name]
+        count = state.now.behaviour_counts[name]
         word = "MISSING" if not count else "rare" if count < rare * state.population else "present"
         lines.append(f"- {name}: {count} of {state.population} individuals do it: {word}")
     return "\n".join(lines)
