@@ -67,7 +67,7 @@ COMMANDS: Final = {
         "runs/default/llm-seed0 --generation 3",
     ),
     "distill": CommandInfo(
-        "fit a small offline policy to the decisions of past runs", "runs/default -o policy.json"
+        "fit a small offline policy to the decisions of past runs", "runs/default -o policy"
     ),
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
     "sync": CommandInfo("send missing records to the tracking server", "runs/default"),

@@ -30,8 +30,8 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @click.option("--strict", is_flag=True, help="Exit code 1 for warnings as well.")
-@click.option("--max-depth", type=click.IntRange(1), help="Most levels; default: any.")
-@click.option("--max-nodes", type=click.IntRange(1), help="Most nodes; default: any.")
+@click.option("--max-depth", type=click.IntRange(1), help="Maximum depth; default: unlimited.")
+@click.option("--max-nodes", type=click.IntRange(1), help="Maximum size; default: unlimited.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print files without findings.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
 @with_rerun_option

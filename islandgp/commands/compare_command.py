@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from islandgp.tracking.store import Place
 
 EPILOG = """\b
-A selection is made of KEY=VALUE parts over the configuration, apart by spaces:
+A selection is a list of KEY=VALUE of the configuration, separated by spaces:
   --arm expert="supervisor=expert" --arm baseline="supervisor=baseline"
   --arm a="name=study seed=range(30) supervisor=llm" --arm b="my_sweep"
   --arm a="mlflow:params.\\`supervisor.name\\` = 'expert'"

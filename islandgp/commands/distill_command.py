@@ -22,14 +22,22 @@ from islandgp.trust import must_trust_code
 @click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--out", type=FOLDER, required=True, help="Folder for the policy.")
 @click.option(
-    "--depth", type=click.IntRange(1, 20), default=6, show_default=True, help="Questions in a row."
+    "--depth",
+    type=click.IntRange(1, 20),
+    default=6,
+    show_default=True,
+    help="Maximum depth of a tree.",
 )
 @click.option(
-    "--cases", type=click.IntRange(1), default=4, show_default=True, help="Decisions of an answer."
+    "--cases",
+    type=click.IntRange(1),
+    default=4,
+    show_default=True,
+    help="Least decisions in a leaf.",
 )
 @with_trust_options
 def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
-    """Fit a decision tree to the decisions in RUNS, which are run folders or folders of them.
+    """Fit a decision tree to the decisions in RUNS, folders with finished runs.
 
     States and decisions are read from the records. Use the policy with supervisor=distilled
     supervisor.policy.folder=FOLDER. The command needs islandgp[distill].

@@ -16,7 +16,7 @@ from islandgp.resources import resource
 def command(name: str | None) -> None:
     """List the example trees, or print the one called NAME.
 
-    islandgp examples all_rounder > mine.bt gives one to change.
+    `islandgp examples all_rounder > mine.bt` makes a copy to edit.
     """
     files = {file.stem: file for file in sorted(resource("grammar").glob("examples/*.bt"))}
     if name is None:

@@ -22,7 +22,7 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.argument("file", type=FILE, required=False)
 @click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
 @click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
-@click.option("--plain", is_flag=True, help="Only nodes of the library itself, with losses.")
+@click.option("--plain", is_flag=True, help="Only nodes of the library; the meaning may differ.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @click.option(
     "--step",
@@ -41,9 +41,9 @@ def command(
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4, with the nodes of
-    --header where the library's own do something else. pytrees: a Python module
-    that builds a py_trees tree. With --plain, differences in meaning are printed on
+    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4; where a node of
+    the library has another meaning, a node of --header replaces it. pytrees: a Python
+    module that builds a py_trees tree. With --plain, differences in meaning are printed on
     the standard error, and explained in docs/exports.md.
     """
     if header:

@@ -24,9 +24,8 @@ from islandgp.errors import ConfigError
 def command(chosen: Chosen) -> None:
     """Serve an editor over standard input and output (Language Server Protocol).
 
-    Errors and warnings of `islandgp check` with corrections, completion and meanings of actions and
-    keys, format, and definition, uses and rename of subtrees, constants and parameters, for the
-    domain that a file names. docs/language.md has the lines for editors.
+    It supports diagnostics, quick fixes, completion, hover, formatting, definitions, references and
+    renaming, for the domain that a file names. docs/language.md describes the setup of editors.
     """
     if find_spec("pygls") is None:
         raise ConfigError("Expected pygls, found it not installed; pip install 'islandgp[lsp]'")

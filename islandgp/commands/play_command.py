@@ -50,7 +50,11 @@ MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
 @click.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option(
-    "--seeds", type=click.IntRange(1, 100_000), default=30, show_default=True, help="Worlds."
+    "--seeds",
+    type=click.IntRange(1, 100_000),
+    default=30,
+    show_default=True,
+    help="Number of worlds.",
 )
 @click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
 @click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch; default: 0.")
@@ -78,11 +82,11 @@ def command(
 ) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
-    For one tree: what it achieved in each world, where its fitness came from, and its
-    quality tiers (Table 4). Several are compared in the same worlds, by the
-    paired differences to the first. Worlds of evolution have other seeds. Where the
-    configuration has perturbed worlds (--set 'perturb=...'), the fitness in each of
-    these worlds after its perturbation is printed as well.
+    For one tree, the output has the counters of each world, the components of the
+    fitness, and the quality tiers (Table 4). Several trees are compared in the same
+    worlds, by the paired differences to the first. Evolution uses other seeds. If the
+    configuration perturbs worlds (--set 'perturb=...'), the fitness in the perturbed
+    worlds is printed as well.
     """
     if watch and len(files) > 1:
         raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")

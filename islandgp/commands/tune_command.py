@@ -42,7 +42,7 @@ MOST: Final = 100  # numbers of a file that are tuned at a time
     type=click.IntRange(1, 1_000_000),
     default=9_600,
     show_default=True,
-    help="Most episodes, in all: four fifths search, the rest chooses and compares.",
+    help="Maximum number of episodes: four fifths for the search, the rest to compare.",
 )
 @click.option(
     "--worlds",
@@ -65,7 +65,7 @@ def command(
     chosen: Chosen,
     stage: int | None,
 ) -> None:
-    """Tune the thresholds of the tree in FILE by CMA-ES, from the numbers that are written.
+    """Tune the thresholds of the tree in FILE with CMA-ES, starting at its numbers.
 
     Everything else stays as it is written: names of constants, comments, subtrees, counts of
     repeaters, what `==` and `!=` compare, and included files. New numbers are written only if

@@ -12,7 +12,7 @@ LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist"
 
 
 def write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
-    """Writes the table, from the lines of generations.jsonl; lists are apart by spaces."""
+    """Writes the table, from the lines of generations.jsonl; lists are separated by spaces."""
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
         out.writerow(("generation", *LINEAGE))

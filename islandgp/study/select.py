@@ -142,7 +142,7 @@ def parse_arm(text: str) -> tuple[str, str]:
 
 
 def parse_selection(text: str) -> Selection:
-    """`supervisor=expert gp.population=30`, parts apart by spaces; a bare word is a sweep's name.
+    """`supervisor=expert gp.population=30`, separated by spaces; a bare word is a sweep's name.
 
     A value is read as YAML; `range(30)` and `range(100, 130)` take each number in them.
     """
