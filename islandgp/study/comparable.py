@@ -74,7 +74,7 @@ def compare_arms(
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
             + "\n  ".join(warnings)
-            + "\nSelect other runs, or say --force: the report then lists these differences."
+            + "\nSelect other runs, or use --force: the report then lists these differences."
         )
     papers = [paper_of(run.config) for arm in arms for run in arm.runs]
     horizon = min(arm.generations for arm in arms)

@@ -116,9 +116,9 @@ def test_an_arm_is_of_one_kind() -> None:
     """Runs of two configurations, or two runs of one seed, are no arm."""
     mixed = made_arm(
         "expert",
-        [made_run(seed=0, path="a"), made_run(seed=1, path="b", gp__tournament=2)],
+        [made_run(seed=0, path="a"), made_run(seed=1, path="b", gp__tournament_size=2)],
     )
-    with pytest.raises(StudyError, match=r"within expert: gp\.tournament is 2 and 3"):
+    with pytest.raises(StudyError, match=r"within expert: gp\.tournament_size is 2 and 3"):
         compare_arms([mixed, _arm("baseline", range(2))])
     runs = [
         made_run(seed=s, path=str(s), supervisor__name=f"s{s}", supervisor__lag=s) for s in (0, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 
 from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
+from islandgp.gp.record import record_values
 from islandgp.records.checkpoint import dump
 from islandgp.resources import resource
 from islandgp.running.app import main
@@ -118,7 +119,7 @@ def led(folder: Path) -> list[dict[str, object]]:
     """The guidance in another run's record, which is written to a folder."""
     steps = run(plan("supervisor.inject=true"), make_supervisor(composed(), None), seed=8)
     folder.mkdir(parents=True)
-    lines = [dump(asdict(record)) for record in records(steps)]
+    lines = [dump(record_values(record)) for record in records(steps)]
     (folder / "generations.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     return [json.loads(line)["guidance"] for line in lines]
 
