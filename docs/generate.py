@@ -18,18 +18,12 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from islandgp.bt.core.builder import (
-    MAX_INSTANCES,
-    MAX_LEVELS,
-    MAX_NESTED,
-    MAX_NODES,
-    MAX_NUMBER,
-    MAX_TERMS,
-)
+from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS, SECONDS, TIMED
-from islandgp.bt.core.language import MAX_CHARACTERS, parse, to_text
+from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER, parse, to_text
 from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY

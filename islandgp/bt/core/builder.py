@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from textwrap import shorten
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
-from islandgp.bt.core.diagnosis import unknown_argument, unknown_key, unknown_node, unknown_word
+from islandgp.bt.core.condition import ConditionExpr
+from islandgp.bt.core.condition_builder import built_condition
+from islandgp.bt.core.diagnosis import unknown_argument, unknown_node
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Used, Value, sequence
 from islandgp.bt.core.parameters import fits, value_range
-from islandgp.bt.core.printer import Named, use_text
+from islandgp.bt.core.printer import use_text
+from islandgp.bt.core.scope import Scope
 from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
 MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
-MAX_NUMBER: Final = 1_000_000  # largest magnitude of a threshold
-MAX_TERMS: Final = 16  # comparisons and flags of a condition
 MAX_INSTANCES: Final = 1_000  # different arguments with which subtrees are used
-MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, at places determined by the grammar.
 _Tree: TypeAlias = Any
@@ -32,9 +30,6 @@ _Token: TypeAlias = Any
 
 NO_TREE: Final = sequence()
 """Result for a file that only has definitions: a sequence without children."""
-
-_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
-
 
 _Places: TypeAlias = list[Any]
 """Places of nodes, in document order: a word, or (a subtree, its use)."""
@@ -93,27 +88,23 @@ class Builder:
         """
         self._errors = errors
         self._marked = marked
-        self._named = named
-        self._source = source
+        self._scope = Scope(source, named=named)
         self._vocabulary = vocabulary
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
         self._templates: dict[str, _Template] = {}
         self._instances: dict[tuple[str, tuple[float, ...]], _BuiltSubtree] = {}
-        self._constants: dict[str, float] = {}
-        self._values: dict[str, float] = {}  # of parameters of the subtree that is being built
         self._defining = False  # whether each parameter has the value 1 until the subtree is used
         self._open = 0  # subtrees with parameters that are being built
         self._base = 1  # level of the root of what is being built
         self._name = ""  # of the subtree that is being built
-        self._terms = 0  # of the condition that is being built
         self._places: _Places = []  # of the tree that is being built
 
     def build(self, parts: Sequence[ParsedFile]) -> Node:
         """The root of the last part's tree. Raises TreeError for any error in the text."""
         for part in parts:
-            self._source = part.source
+            self._scope = replace(self._scope, source=part.source)
             definitions = [each for each in part.tree.children if _is(each, "subtree", "constant")]
             self._later = {str(each.children[0]) for each in definitions if _is(each, "subtree")}
             for definition in definitions:
@@ -128,80 +119,81 @@ class Builder:
 
     def condition(self, tree: _Tree) -> ConditionExpr:
         """Builds a condition that is not part of a tree."""
-        self._terms = 0
-        return self._asked(tree, 1)
+        return built_condition(tree, self._scope, self._vocabulary)
 
     def _constant(self, name: _Token, value: _Token) -> None:
-        if name in self._constants:
-            raise self._source.error_at(
+        if name in self._scope.constants:
+            raise self._scope.source.error_at(
                 name, f"constant {shown(name)} is defined twice", expected="a new name"
             )
-        self._constants[str(name)] = self._number(value)
+        self._scope.constants[str(name)] = self._scope.number(value)
 
     def _define(self, name: _Token, parts: Sequence[_Tree]) -> None:
         if name in self._templates:
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 name, f"subtree {shown(name)} is defined twice", expected="a new name"
             )
         *before, body = parts
         parameters = before[0].children if before else []
         for index, parameter in enumerate(parameters):
             if parameter in parameters[:index]:
-                raise self._source.error_at(
+                raise self._scope.source.error_at(
                     parameter,
                     f"parameter {shown(parameter)} is defined twice",
                     expected="a new name",
                 )
         # Built once with numbers that are valid everywhere, to find errors in the definition.
-        self._values, self._defining = dict.fromkeys(map(str, parameters), 1.0), True
+        outside = self._scope
+        self._scope = replace(outside, values=dict.fromkeys(map(str, parameters), 1.0))
+        self._defining = True
         whole = self._finished(self._whole(body, name))
         self._defining = False
-        self._templates[str(name)] = _Template(tuple(self._values), body, whole)
-        self._values = {}
+        self._templates[str(name)] = _Template(tuple(self._scope.values), body, whole)
+        self._scope = outside
         self._later.discard(str(name))
 
     def _instance(self, name: _Token, arguments: Sequence[_Token], level: int) -> _BuiltSubtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
         if arguments and not template.parameters:
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
             )
         if len(arguments) != len(template.parameters):
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 name,
                 f"subtree {name} takes {_numbers(template.parameters)}, found {len(arguments)}",
                 expected=f"`use {name}({', '.join(template.parameters)})`",
             )
         if not arguments:
             return template.whole
-        values = tuple(map(self._number, arguments))
+        values = tuple(map(self._scope.number, arguments))
         key = (str(name), values)
         if key in self._instances:
             return self._instances[key]
         if len(self._instances) >= MAX_INSTANCES or self._open >= MAX_LEVELS:
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 name,
                 "subtrees are used with too many arguments",
                 expected=f"at most {MAX_INSTANCES} different ones, {MAX_LEVELS} in each other",
                 kind=LimitError,
             )
-        kept = self._source, self._values, self._name, self._base
+        kept = self._scope, self._name, self._base
         outside = self.nodes, self.levels, self._places
         kept_defining, self._defining = self._defining, False
-        self._source = template.whole.source
-        self._values = dict(zip(template.parameters, values, strict=True))
+        own_values = dict(zip(template.parameters, values, strict=True))
+        self._scope = replace(self._scope, source=template.whole.source, values=own_values)
         self._open += 1
         node = self._whole(template.body, str(name), self._base + level - 1)
         self._open -= 1
         subtree = self._instances[key] = self._finished(node)
         self._defining = kept_defining
-        self._source, self._values, self._name, self._base = kept
+        self._scope, self._name, self._base = kept
         self.nodes, self.levels, self._places = outside
         return subtree
 
     def _finished(self, node: Node) -> _BuiltSubtree:
-        return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._source)
+        return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._scope.source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
         """A tree whose root is on the level `base` of all that is being built."""
@@ -221,7 +213,7 @@ class Builder:
             for each in rest:
                 if isinstance(each, tuple):
                     subtree, use = each
-                    own = subtree.source is self._source
+                    own = subtree.source is self._scope.source
                     here = at or (None if own else (use.meta.line, use.meta.column))
                     inside.append((iter(subtree.places), here))
                     break
@@ -265,33 +257,33 @@ class Builder:
         """A leaf from the names and values of its arguments."""
         words, values = self._vocabulary, dict[str, Value]()
         if words is not None and name not in words.actions:
-            raise unknown_node(self._source, name, self._templates, words)
+            raise unknown_node(self._scope.source, name, self._templates, words)
         for key, value in arguments:
             if key in values:
-                raise self._source.error_at(
+                raise self._scope.source.error_at(
                     key, f"argument {shown(key)} is given twice", expected="each argument once"
                 )
             values[str(key)] = self._value(name, key, value)
-        if words is None or self._named:
+        if words is None or self._scope.named:
             return Node("action", ActionArgs(str(name), tuple(values.items())))
         return words.leaf(str(name), values)
 
     def _value(self, action: _Token, key: _Token, token: _Token) -> Value:
         """The value of an argument; without a vocabulary any word is one."""
-        words, known = self._vocabulary, token in self._values or token in self._constants
+        words, known = self._vocabulary, self._scope.knows(token)
         written = str(token).strip('"')
         if words is None:
             numeric = token.type == "NUMBER" or (token.type == "NAME" and known)
-            return self._number(token) if numeric else written
+            return self._scope.number(token) if numeric else written
         parameters = words.actions[action].arguments
         if key not in parameters:
-            raise unknown_argument(self._source, key, action, parameters)
+            raise unknown_argument(self._scope.source, key, action, parameters)
         parameter = parameters[key]
-        value = self._number(token) if parameter.numeric else written
-        if parameter.numeric and self._defining and token in self._values:
+        value = self._scope.number(token) if parameter.numeric else written
+        if parameter.numeric and self._defining and token in self._scope.values:
             return value  # checked where the subtree is used
         if not fits(parameter, value):
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 token,
                 f"{shown(token)} is not a value of {key}",
                 expected=value_range(parameter),
@@ -304,12 +296,12 @@ class Builder:
         if argument.sort is Sort.CONDITION:
             return self.condition(tree)
         if argument.sort is Sort.SECONDS:
-            return self._seconds(kind, argument, tree)
+            return self._scope.seconds(kind, argument, tree)
         if argument.sort is Sort.COUNT:
-            return self._count_of(argument, tree, f"a {kind} can't repeat {{}} times")
+            return self._scope.count_of(argument, tree, f"a {kind} can't repeat {{}} times")
         word = tree.children[0]
-        if word.type == "NAME" and word not in self._values and word not in self._constants:
-            raise self._source.error_at(
+        if word.type == "NAME" and not self._scope.knows(word):
+            raise self._scope.source.error_at(
                 word,
                 f"unexpected {shown(word)}",
                 expected=f"one of: {' '.join(sorted(argument.words))}, or a whole number",
@@ -317,7 +309,7 @@ class Builder:
                 kind=UnknownNameError,
             )
         if word.type in ("NAME", "NUMBER"):
-            return self._count_of(
+            return self._scope.count_of(
                 argument, word, f"{{}} is not a number of children for {argument.name}"
             )
         return str(word)
@@ -328,12 +320,12 @@ class Builder:
         The number of a constant or a parameter is a `Named`, and a `use` is a node of the kind
         "use" with the subtree's name and numbers.
         """
-        self._named, self._values = True, dict.fromkeys(parameters, 1.0)
+        self._scope = replace(self._scope, named=True, values=dict.fromkeys(parameters, 1.0))
         if tree.data != "use":
             node, below = self._head(tree)
             return node._replace(children=tuple([self.written(each, parameters) for each in below]))
         name, *arguments = tree.children
-        numbers = [self._number(each) for part in arguments for each in part.children]
+        numbers = [self._scope.number(each) for part in arguments for each in part.children]
         return Node("use", UseArgs(str(name), tuple(numbers)))
 
     def _use(self, tree: _Tree, name: _Token, arguments: Sequence[_Token], level: int) -> Node:
@@ -345,7 +337,7 @@ class Builder:
         if not self._marked:
             return subtree.node
         return Used.of(
-            subtree.node, use_text(str(name), [self._number(each) for each in arguments])
+            subtree.node, use_text(str(name), [self._scope.number(each) for each in arguments])
         )
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
@@ -353,168 +345,12 @@ class Builder:
         self.levels = max(self.levels, deepest)
         too_deep = self._base + self.levels - 1 > MAX_LEVELS
         if too_deep or self.nodes > MAX_NODES:
-            raise self._source.error_at(
+            raise self._scope.source.error_at(
                 token,
                 "the tree is too deep" if too_deep else "the tree is too large",
                 expected=f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded",
                 kind=LimitError,
             )
-
-    def _asked(self, tree: _Tree, level: int) -> ConditionExpr:
-        form, parts = str(tree.data), tree.children
-        if form in ("comparison", "flag"):
-            self._terms += 1
-            self._bounded(parts[0], level)
-            if self._vocabulary is not None:
-                self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
-            if form == "flag":
-                return Condition(str(parts[0]), "is", 0.0)
-            return self._comparison(*parts)
-        self._bounded(_first_word(tree), level)
-        inside = [self._asked(part, level + 1) for part in parts]
-        if form == "negation":
-            return negate(inside[0])
-        if form == "brackets":
-            return inside[0]
-        return conjoin("and" if form == "conjunction" else "or", inside)
-
-    def _comparison(self, name: _Token, operator: _Token, right: _Token) -> Condition:
-        key = None if self._vocabulary is None else self._vocabulary.keys[name]
-        if key is not None and operator not in key.operators:
-            raise self._source.error_at(
-                operator,
-                f"{name} is {key.kind} and can't be compared by {shown(operator)}",
-                expected=f"one of: {' '.join(key.operators)}",
-            )
-        if key is not None and right in key.words:
-            return Condition(str(name), str(operator), key.number_of(right))
-        known = right in self._values or right in self._constants
-        if right.type == "NAME" and (not known or (key is not None and key.words)):
-            self._check_other(name, key, right)
-            return Condition(str(name), str(operator), 0.0, str(right))
-        if key is not None and key.words:
-            raise unknown_word(self._source, right, name, key, self._comparable(name))
-        value = self._number(right)
-        if key is not None and key.whole and value != int(value):
-            raise self._source.error_at(
-                right,
-                f"{name} is a whole number and can't be compared with {shown(right)}",
-                expected="a number without decimals",
-            )
-        return Condition(str(name), str(operator), value)
-
-    def _comparable(self, name: str) -> list[str]:
-        return [] if self._vocabulary is None else self._vocabulary.comparable(name)
-
-    def _check_other(self, name: _Token, key: Key | None, right: _Token) -> None:
-        """Raises TreeError unless a key can be compared with the word on the right, a key."""
-        if right == name:
-            raise self._source.error_at(
-                right, f"{name} is compared with itself", expected="another key, or a value"
-            )
-        if key is None or self._vocabulary is None:
-            return
-        keys = self._vocabulary.keys
-        alike = self._comparable(name)
-        if right in alike:
-            return
-        if right in keys:
-            raise self._source.error_at(
-                right,
-                f"{name} is {key.kind} and {right} is {keys[right].kind}; they can't be compared",
-                expected=key.kind
-                + f", or a key of the same kind: {', '.join(alike)}" * bool(alike),
-            )
-        if key.words:
-            raise unknown_word(self._source, right, name, key, alike)
-        raise self._unknown_number(right, alike)
-
-    def _bounded(self, at: _Token, level: int) -> None:
-        if self._terms > MAX_TERMS or level > MAX_NESTED:
-            raise self._source.error_at(
-                at,
-                "the condition is too long" if level <= MAX_NESTED else "the condition is too deep",
-                expected=f"at most {MAX_TERMS} comparisons and flags, {MAX_NESTED} levels",
-                kind=LimitError,
-            )
-
-    def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
-        key = words.keys.get(name)
-        if key is None:
-            raise unknown_key(self._source, name, words)
-        if key.flag and compared:
-            raise self._source.error_at(
-                name,
-                f"{name} is a flag and can't be compared with a number",
-                expected=f"`when {name}` or `when not {name}`",
-            )
-        if not key.flag and not compared:
-            raise self._source.error_at(
-                name,
-                f"{name} is {key.kind} and must be compared with one",
-                expected=f"`when {key.example(name)}`, with one of {' '.join(key.operators)}",
-            )
-
-    def _number(self, token: _Token) -> float:
-        """A number, or the value of the constant or parameter of that name."""
-        if token.type == "NAME":
-            value = self._values.get(token, self._constants.get(token))
-            if value is None:
-                raise self._unknown_number(token)
-            return Named(str(token), value) if self._named else value
-        if not _NUMBER.fullmatch(token):
-            raise self._source.error_at(
-                token,
-                f"{shown(token)} is not a plain number",
-                expected="digits with an optional decimal point and no unit: 25, 12.5 or -3",
-            )
-        value = float(token) + 0.0  # turns -0.0 into 0.0
-        if abs(value) > MAX_NUMBER:
-            raise self._source.error_at(
-                token,
-                f"{shown(token)} is out of range",
-                expected=f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
-            )
-        return value
-
-    def _seconds(self, kind: str, argument: Argument, token: _Token) -> float:
-        least, most = argument.range
-        seconds = self._number(token)
-        if not least <= seconds <= most:
-            raise self._source.error_at(
-                token,
-                f"a {kind} can't last {shown(token)} seconds",
-                expected=f"seconds from {least:g} to {most:,}",
-            )
-        return seconds
-
-    def _count_of(self, argument: Argument, token: _Token, message: str) -> float:
-        fewest, most = argument.range
-        count = 0.0
-        if token.type == "NAME":
-            count = self._number(token)
-        elif token.isdecimal() and len(token) < 10:
-            count = int(token)
-        if count != int(count) or not fewest <= count <= most:
-            raise self._source.error_at(
-                token,
-                message.format(shown(token)),
-                expected=f"a whole number from {fewest} to {most}",
-            )
-        return count if isinstance(count, Named) else int(count)
-
-    def _unknown_number(self, name: _Token, keys: Sequence[str] = ()) -> TreeError:
-        names = {**self._values, **self._constants}
-        known = shorten(", ".join(names), 200, placeholder=" ...")
-        others = f"; or a key: {', '.join(keys)}" if keys else ""
-        return self._source.error_at(
-            name,
-            f"unknown constant {'or key ' * bool(keys)}{shown(name)}",
-            expected=f"a number, or a constant that is defined above: {known or 'none so far'}"
-            f"{others}",
-            guess=closest(name, [*names, *keys]),
-            kind=UnknownNameError,
-        )
 
     def _unknown_subtree(self, name: _Token) -> TreeError:
         names = self._templates
@@ -528,7 +364,7 @@ class Builder:
         guess = closest(name, names)
         if not guess and self._vocabulary is not None and name in self._vocabulary.actions:
             guess = f"{name}, without use"
-        return self._source.error_at(
+        return self._scope.source.error_at(
             name,
             message,
             expected=f"a subtree that is defined above: {known or 'none so far'}",
@@ -543,9 +379,3 @@ def _is(tree: _Tree, *rules: str) -> bool:
 
 def _numbers(parameters: Sequence[str]) -> str:
     return f"{len(parameters)} number{'s' * (len(parameters) != 1)}"
-
-
-def _first_word(tree: _Tree) -> _Token:
-    while hasattr(tree, "children"):
-        tree = tree.children[0]
-    return tree

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
-from islandgp.bt.core.builder import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.builder import Builder, NodePlace
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.diagnosis import syntax_error
 from islandgp.bt.core.includes import ParsedFile, gathered
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import to_text as to_text
+from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.source import Source, shown
 from islandgp.bt.core.source import plain as plain
 from islandgp.bt.core.vocabulary import Vocabulary

@@ -17,11 +17,11 @@ from typing import Final, Literal
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from islandgp.bt.core import parameters
-from islandgp.bt.core.builder import MAX_NUMBER
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, asked_in
 from islandgp.bt.core.parameters import Parameter, real, switch, whole
+from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import (
     RESERVED,

@@ -11,7 +11,6 @@ import json
 from collections.abc import Iterable
 from typing import Any, Final, NoReturn
 
-from islandgp.bt.core.builder import MAX_NESTED
 from islandgp.bt.core.condition import (
     FLAG_OPERATORS,
     OPERATORS,
@@ -21,6 +20,7 @@ from islandgp.bt.core.condition import (
     conjoin,
     negate,
 )
+from islandgp.bt.core.condition_builder import MAX_NESTED
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, MAX_NUMBER, parse, to_text
 from islandgp.bt.core.node import Node, Value

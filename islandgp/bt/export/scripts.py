@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import Final, NoReturn
 
-from islandgp.bt.core.builder import MAX_NESTED, MAX_NUMBER, MAX_TERMS
 from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
+from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 
