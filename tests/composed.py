@@ -13,7 +13,9 @@ from tempfile import gettempdir
 from typing import Any
 
 from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from omegaconf import DictConfig, OmegaConf
 
 from islandgp.config.settings import Settings, read_settings
 from islandgp.gp.plan import Plan
@@ -28,18 +30,32 @@ def plain(*overrides: str) -> dict[str, Any]:
 
 @cache
 def _plain(*overrides: str) -> dict[str, Any]:
-    make = partial(_composed, overrides)
+    make = partial(_with_values, overrides)
     keep = all(gettempdir() not in word for word in overrides)  # folders of one run of the tests
     found: dict[str, Any] = made_once(("plain", overrides), make, keep=keep)
     return found
 
 
-def _composed(overrides: Sequence[str]) -> dict[str, Any]:
-    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
-        config = compose("config", ["tracking=off", *overrides])
+def _with_values(overrides: Sequence[str]) -> dict[str, Any]:
+    """Hydra merges the files once for each choice of options; it adds the values to a copy."""
+    options = tuple(word for word in overrides if _is_option(word))
+    config = made_once(("options", options), partial(_composed, options), keep=True)
+    values = [word for word in overrides if word not in options]
+    parsed = OverridesParser.create().parse_overrides(values)
+    ConfigLoaderImpl._apply_overrides_to_config(parsed, config)
     found = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     assert isinstance(found, dict)
     return {str(key): value for key, value in found.items()}
+
+
+def _is_option(word: str) -> bool:
+    group, _, value = word.lstrip("+~").partition("=")
+    return (resource("conf") / group).is_dir() and not value.startswith("{")
+
+
+def _composed(options: Sequence[str]) -> DictConfig:
+    with initialize_config_dir(str(resource("conf")), version_base="1.3"):
+        return compose("config", ["tracking=off", *options])
 
 
 @cache

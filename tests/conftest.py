@@ -24,6 +24,7 @@ hypothesis.settings.load_profile("quick")
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 once.install()
+os.fsync = lambda _: None  # files of tests need not survive a power cut
 
 gc.disable()  # while tests are collected, which makes millions of objects that stay
 

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import Phase, settings
 
 BASE: Final = 100  # examples a test, if neither it nor the profile says another number
-LEAST: Final = 10
+LEAST: Final = 5
 
 settings.register_profile(
-    "quick", deadline=None, derandomize=True, database=None, max_examples=BASE // 5
+    "quick", deadline=None, derandomize=True, database=None, max_examples=BASE // 10
 )
 settings.register_profile(
     "mutants", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate)
@@ -38,7 +38,7 @@ def cases(number: int) -> int:
     """How many of a test's random cases the profile takes.
 
     Args:
-        number: Number of cases where the profile's is 100; else in proportion, at least 10.
+        number: Number of cases where the profile's is 100; else in proportion, at least 5.
     """
     return max(LEAST, round(settings().max_examples / BASE * number))
 

@@ -39,6 +39,8 @@ class TestPickPlace(DomainSuite):
     """The domain of the tutorial."""
 
     texts = ((EXAMPLES / "pick_place" / "carry.bt").read_text(encoding="utf-8"),)
+    random_trees = 4
+    grown_trees = 20
 
     def make_domain(self) -> Domain:
         return pick_place()

@@ -30,6 +30,7 @@ from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake
 from tests.evolution.runs import SMALL, Says, lines, plan, records, run
 from tests.made import CLASSES, evaluated, outcome
+from tests.profiles import sweep
 
 GRID = ArchiveSettings(cells={"pickups": (0, 1, 3)})
 TREES = ("PatrolWaypoint", "SeekCharger", "PickupGarbage", "MoveToGarbage")
@@ -281,7 +282,7 @@ def test_worlds_and_costs_of_challenges() -> None:
     assert challenged > 1
 
 
-@pytest.mark.parametrize("overrides", [(), ("search=racing", "archive.again=2")])
+@sweep("overrides", [("search=racing", "archive.again=2"), ()], quick=1)
 def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
     """A run that goes on from any of its states keeps the same archive."""
     settings = composed(*SMALL, *overrides)

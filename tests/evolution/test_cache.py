@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-import pytest
-
 from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import Step
@@ -13,6 +11,7 @@ from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_evaluator, make_supervisor
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of
+from tests.profiles import sweep
 
 RUN = (
     "evaluator=serial",
@@ -34,7 +33,7 @@ def steps(*overrides: str) -> list[Step]:
         evaluator.close()
 
 
-@pytest.mark.parametrize("reseed_every", ["generation", "never"])
+@sweep("reseed_every", ["never", "generation"], quick=1)
 def test_records_are_the_same_with_and_without(reseed_every: str) -> None:
     """Off switch and on switch give the same bytes; only on saves episodes, and says how many."""
     worlds = f"gp.reseed_every={reseed_every}"

@@ -21,6 +21,7 @@ from islandgp.supervision.llm.prompts import SETS, render
 from islandgp.testing.demo import demo
 from tests.composed import composed
 from tests.llm.made import advise, answering, context, settings, supervisor
+from tests.profiles import sweep
 
 DOCS = resource("conf").parent / "docs"
 PAGES = [DOCS / "llm.md", *sorted((DOCS / "llm").glob("*.md")), DOCS / "distilling.md"]
@@ -37,7 +38,7 @@ def overrides(line: str) -> list[str]:
     return [word.replace("range(5)", "0") for word in words if word != "-m"]
 
 
-@pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("python -m islandgp ")])
+@sweep("line", [c for c in COMMANDS if c.startswith("python -m islandgp ")], quick=4)
 def test_every_run_of_the_document_composes(line: str) -> None:
     """Each command names options and keys that exist."""
     assert composed(*overrides(line)).supervisor.name in line or "ablation" in line

@@ -34,6 +34,7 @@ from tests.llm.made import settings, state
 from tests.llm.test_prompts import CAPABILITIES, whole
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES
+from tests.profiles import sweep
 
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=40")
 INFORMED = "supervisor.policy.prompts=informed"
@@ -111,7 +112,7 @@ def test_golden_informed_tree_prompt() -> None:
     check_golden("prompt_informed_tree_explore.md", found)
 
 
-@pytest.mark.parametrize("key", PARTS)
+@sweep("key", PARTS, quick=3)
 def test_each_part_can_be_left_out(key: str) -> None:
     """One key takes away its part and no other one."""
     found = both(adviser(f"informed.{key}"))

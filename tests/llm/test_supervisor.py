@@ -35,6 +35,7 @@ from tests.llm.made import (
     state,
     supervisor,
 )
+from tests.profiles import sweep
 
 
 def expert_says() -> Guidance:
@@ -393,7 +394,7 @@ def test_a_server_that_speaks_only_openai_s_language(
     assert len(client.requests) == 1
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("address", "found"),
     [
         ("http://here:1/v1/chat/completions", "such as http://here:1, found /v1/chat/completions"),
@@ -407,6 +408,7 @@ def test_a_server_that_speaks_only_openai_s_language(
         ("ftp://here", "an address such as"),
         ("http://me:word@here", "expected no user name and password"),
     ],
+    quick=4,
 )
 @pytest.mark.parametrize("place", ["configuration", "environment"])
 def test_an_address_that_cannot_be_one(
@@ -553,7 +555,7 @@ def test_a_useless_model_can_stop_the_run() -> None:
 PAID = [FailureKind.TIMEOUT, FailureKind.LATE, FailureKind.CUT, FailureKind.MALFORMED]
 
 
-@pytest.mark.parametrize("kind", PAID)
+@sweep("kind", PAID, quick=2)
 def test_answers_that_never_arrive_are_not_paid_to_the_end(
     kind: FailureKind, tmp_path: Path
 ) -> None:
@@ -647,7 +649,7 @@ def test_an_older_transcript_counts_as_it_did(tmp_path: Path) -> None:
     assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == given
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("overrides", "seconds"),
     [
         ((), 30),
@@ -659,6 +661,7 @@ def test_an_older_transcript_counts_as_it_did(tmp_path: Path) -> None:
         (("model=mine", "thinking_tokens=1000"), 50),
         (("thinking={type: enabled, budget_tokens: 4000}", "thinking_seconds=7.5"), 37.5),
     ],
+    quick=3,
 )
 def test_a_model_that_thinks_has_a_longer_deadline(
     overrides: tuple[str, ...], seconds: float

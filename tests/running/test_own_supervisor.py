@@ -9,6 +9,7 @@ import pytest
 
 from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
+from tests.profiles import sweep
 from tests.running.commands import TINY, fake
 
 WELL = """\
@@ -54,7 +55,7 @@ def command(here: Path, source: str, *words: str) -> int:
     return main([*TINY, "tracking=off", *fake("Instant"), *mine, *words])
 
 
-@pytest.mark.parametrize(("source", "what"), TOLD, ids=[what[:14] for _, what in TOLD])
+@sweep(("source", "what"), TOLD, ids=[what[:14] for _, what in TOLD], quick=4)
 def test_a_fault_of_the_user_s_own_class_is_told_as_that(
     here: Path, source: str, what: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

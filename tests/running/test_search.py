@@ -53,7 +53,7 @@ def results(folder: Path) -> dict[str, Any]:
     return found
 
 
-def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
+def test_two_keys_of_the_smoke_experiment_are_tuned_in_three_trials(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Optuna chooses them, and the best run's validated mean is what it finds."""
@@ -61,10 +61,10 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
     words += ["gp.population=6", "gp.generations=3"]
     words.append("gp.trees.kinds.parallel=0.5")  # fewer: with made-up outcomes they do everything
     space = ["gp.mutation_rate=interval(0.05,0.9)", "gp.tournament_size=range(2,6)"]
-    trials = "hydra.sweeper.n_trials=6"
+    trials = "hydra.sweeper.n_trials=3"
     assert main([*words, *fake("Instant"), *space, trials, *OPTUNA]) == 0
     file = file_in(here / "runs/smoke")
-    assert len(file.jobs) == 6
+    assert len(file.jobs) == 3
     runs = [RunFolder(here / "runs/smoke" / job.folder) for job in file.jobs]
     for run in runs:
         gp = run.configuration()["gp"]
@@ -80,7 +80,7 @@ def test_two_keys_of_the_smoke_experiment_are_tuned_in_six_trials(
     said = capsys.readouterr().out
     rate = best["mutation_rate"]
     assert f"\nBest:\n  validation_mean {max(means):,.6g} with gp.mutation_rate={rate}" in said
-    assert "Search: 6 different runs, 0 pruned, 0 failed" in said
+    assert "Search: 3 different runs, 0 pruned, 0 failed" in said
 
 
 def test_the_same_command_goes_on_with_a_search(here: Path) -> None:

@@ -55,7 +55,7 @@ def test_every_search_has_its_row() -> None:
     assert set(NAMES) - cited == {"random", "compose"}
 
 
-@pytest.mark.parametrize("words", RUNS, ids=" ".join)
+@sweep("words", RUNS, ids=" ".join, quick=3)
 def test_every_command_composes(words: list[str], mine: Path) -> None:
     """Without running it."""
     config_dir = mine / "mine" if "--config-dir" in words else None
@@ -163,7 +163,7 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
         assert all(names.issuperset(i["parents"]) for i in children)
 
 
-@pytest.mark.parametrize(
+@sweep(
     ("name", "word", "line"),
     [
         (
@@ -180,6 +180,7 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
         ("racing", "caution=inf", "input should be a finite number"),
         ("racing", "parsimony=inf", "input should be a finite number"),
     ],
+    quick=3,
 )
 def test_a_setting_that_says_nothing_is_refused(name: str, word: str, line: str) -> None:
     """In one line, before anything runs: a counter twice, or an infinite weight."""

@@ -208,6 +208,7 @@ def test_without_a_leader_nothing_starts(
             led(tmp_path / "runs" / "paper" / "expert-seed1")
 
 
+@pytest.mark.slow
 def test_a_leader_of_the_same_command_may_still_be_to_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

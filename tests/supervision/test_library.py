@@ -183,6 +183,7 @@ def test_another_world_has_a_library_of_its_own(
     assert len(files(tmp_path)) == 2
 
 
+@pytest.mark.slow
 def test_nothing_found_is_told(automatic: Callable[..., Library]) -> None:
     """Without any tree no supervisor could inject one."""
     none = [f"classes.behaviours.{name}=collisions" for name in CLASSES.behaviours]

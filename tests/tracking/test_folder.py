@@ -11,6 +11,7 @@ from islandgp.errors import EvaluationError, RunError
 from islandgp.records.checkpoint import save_state
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked
+from tests.profiles import sweep
 from tests.tracking.folders import about, begun, steps, written
 
 
@@ -222,7 +223,7 @@ def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:
         assert file.read_bytes() == whole
 
 
-@pytest.mark.parametrize("generation", range(4))
+@sweep("generation", (0, 1, 3, 2), quick=2)
 def test_every_edited_digit_of_a_record_is_noticed(generation: int, tmp_path: Path) -> None:
     """One in the last record costs a generation; one before that is an error which names it."""
     folder = written(tmp_path / "one", tmp_path, 4)

@@ -263,6 +263,7 @@ PARTLY = {  # % of the ticks
 }
 
 
+@pytest.mark.slow
 @sweep(
     "name",
     [pytest.param(name, marks=() if name in QUICK else pytest.mark.slow) for name in EXAMPLES],

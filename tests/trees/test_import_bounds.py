@@ -22,7 +22,7 @@ from islandgp.cli import main
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
 from tests.bt.stage import short_tree
-from tests.profiles import examples
+from tests.profiles import examples, sweep
 from tests.strategies import nodes
 from tests.trees.shell import Cli
 from tests.trees.targets import main_tree
@@ -373,8 +373,8 @@ def guarded(levels: int, actions: Sequence[str]) -> str:
     return " ".join([*lines, "sequence {", *actions, "}", "}" * levels])
 
 
-@pytest.mark.parametrize(
-    ("levels", "count"), [(1, 6000), (95, 300), (20, 1500)], ids=["wide", "deep", "both"]
+@sweep(
+    ("levels", "count"), [(20, 1500), (1, 6000), (95, 300)], ids=["both", "wide", "deep"], quick=1
 )
 def test_check_of_large_trees(levels: int, count: int) -> None:
     """check takes a second or two for the largest trees that there are."""

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from islandgp.bt.analysis.board_outcomes import Outcomes, judged, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
-from islandgp.bt.analysis.machine import Machine, Outcomes, judged, repeated, turned
+from islandgp.bt.analysis.machine import Machine
 from islandgp.bt.analysis.outcomes import hands_over
 from islandgp.bt.core.kinds import count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs

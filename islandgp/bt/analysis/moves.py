@@ -11,6 +11,7 @@ from functools import partial
 from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
+from islandgp.bt.analysis.board_outcomes import judgement
 from islandgp.bt.analysis.machine import (
     ActionMemory,
     BranchMemory,
@@ -19,7 +20,6 @@ from islandgp.bt.analysis.machine import (
     ParallelMemory,
     RepeaterMemory,
     TickTarget,
-    judgement,
 )
 from islandgp.bt.analysis.outcomes import hands_over
 from islandgp.bt.core.condition import condition

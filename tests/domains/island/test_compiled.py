@@ -15,6 +15,7 @@ from islandgp.domains.island.state import build_island
 from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.days import points, world
 from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
+from tests.profiles import sweep
 
 WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
 
@@ -29,7 +30,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     compiling.cache_clear()
 
 
-@pytest.mark.parametrize("island", [busy(), world()], ids=["busy", "usual"])
+@sweep("island", [busy(), world()], ids=["busy", "usual"], quick=1)
 @pytest.mark.usefixtures("at_once")
 def test_outcomes_are_the_same(island: IslandWorld, monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit, and with as many ticks: full, waiting and random trees."""

@@ -20,6 +20,7 @@ from islandgp.domains.island import compiled, sensing
 from islandgp.domains.island.episode import Episode, run_episode
 from islandgp.resources import resource
 from tests.domains.island.days import points, world
+from tests.profiles import sweep
 
 TICKS = 270  # of the tree
 ALL_ROUNDER = {
@@ -73,7 +74,7 @@ def counted(text: str, *, stepwise: bool = False) -> tuple[Episode, Counter[str]
     return episode, found
 
 
-@pytest.mark.parametrize("stepwise", [False, True])
+@sweep("stepwise", [False, True], quick=1)
 def test_each_step_is_one_step_of_the_engine(
     stepwise: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -151,7 +151,7 @@ def on_the_way(**places: list[list[float]]) -> IslandWorld:
     )
 
 
-@pytest.mark.parametrize("seeds", [(0,), pytest.param((1, 2, 3, 4, 5), marks=pytest.mark.slow)])
+@sweep("seeds", [(0,), pytest.param((1, 2, 3, 4, 5), marks=pytest.mark.slow)], quick=2)
 @sweep("branches", ENDING_WHILE_DRIVING, quick=6)
 def test_stepwise_is_the_same_where_ticks_end_while_the_robot_drives(
     branches: str, seeds: Sequence[int]

@@ -1,0 +1,82 @@
+"""How nodes end a tick, by blackboard: from the outcomes of their children to their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
+
+Outcomes: TypeAlias = tuple[Boards, Boards, Boards]
+"""On which blackboards a node can end a tick with FAILURE, SUCCESS, RUNNING; AGAIN is RUNNING."""
+
+
+def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
+    """The outcomes of a node that counts, from those of its child; `last`: one more end decides."""
+    counted = kind_of(node).counts
+    if last or counted is None:
+        return child
+    outcomes = list(child)
+    outcomes[counted] = NO_BOARD
+    return outcomes[0], outcomes[1], sets.either(child[counted], child[RUNNING])
+
+
+def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
+    """The outcomes of a decorator that changes how its child ends, from those of its child."""
+    outcomes = [NO_BOARD, NO_BOARD, child[RUNNING]]
+    for status, end in enumerate(kind_of(decorator).ends):
+        outcomes[end] = sets.either(outcomes[end], child[status])
+    return ANY_BOARD if kind_of(decorator).may_fail else outcomes[0], outcomes[1], outcomes[2]
+
+
+def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
+    """The outcomes of a parallel, from those of its children, as `judgement` gives them."""
+
+    def some(status: int) -> Boards:
+        return sets.either(*(outcomes[status] for outcomes in each))
+
+    def only(*statuses: int) -> Boards:
+        return sets.both(*(sets.either(*(its[s] for s in statuses)) for its in each))
+
+    success, failure = parallel
+    if not isinstance(success, str) or not isinstance(failure, str):
+        return _judged_by_counts(sets, parallel.needed(len(each)), each)
+    if failure == "one":
+        fails = some(FAILURE)
+        if success == "one":
+            return fails, sets.both(only(SUCCESS, RUNNING), some(SUCCESS)), only(RUNNING)
+        return fails, only(SUCCESS), sets.both(only(SUCCESS, RUNNING), some(RUNNING))
+    if success == "one":
+        return only(FAILURE), some(SUCCESS), sets.both(only(FAILURE, RUNNING), some(RUNNING))
+    return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
+
+
+def _judged_by_counts(
+    sets: BoardSets, needed: tuple[int, int], each: Sequence[Outcomes]
+) -> Outcomes:
+    """The same where numbers of successes and failures decide."""
+    counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
+    for outcomes in each:
+        more: dict[tuple[int, ...], Boards] = {}
+        for count, boards in counts.items():
+            for status, ends in enumerate(outcomes):
+                key = tuple(number + (at == status) for at, number in enumerate(count))
+                more[key] = sets.either(more.get(key, NO_BOARD), sets.both(boards, ends))
+        counts = more
+    result = [NO_BOARD] * 3
+    for (failed, succeeded, running), boards in counts.items():
+        decided = SUCCESS if succeeded >= needed[0] else RUNNING if running else FAILURE
+        status = FAILURE if failed >= needed[1] else decided
+        result[status] = sets.either(result[status], boards)
+    return result[0], result[1], result[2]
+
+
+def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:
+    """The status of a parallel whose children have these; as in `closures.parallel`."""
+    success, failure = parallel.needed(len(statuses))
+    succeeded, failed = statuses.count(SUCCESS), statuses.count(FAILURE)
+    if failed < failure and succeeded < success and succeeded + failed < len(statuses):
+        return RUNNING
+    return SUCCESS if failed < failure and succeeded >= success else FAILURE
