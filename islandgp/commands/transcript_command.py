@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 import click
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.adviser import kind_of
 from islandgp.supervision.llm.answers import DecisionAnswer, EditsAnswer, find_object
 from islandgp.supervision.llm.message import Failure, Reply, clean
+from islandgp.supervision.llm.models import kind_of
 from islandgp.supervision.llm.transcript import (
     Attempt,
     Conclusion,

@@ -19,10 +19,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from islandgp.errors import StudyError, brief
+from islandgp.errors import StudyError
 from islandgp.seeding import Stream, stream
 from islandgp.statistics import (
-    DECIMALS,
     ENUMERATED,
     EXACT,
     FEWEST,
@@ -35,15 +34,11 @@ from islandgp.statistics import (
     sums_of_subsets,
     two_sided,
 )
-
-Strata = Sequence[Sequence[float]]
-"""An arm's scores, one sequence a world."""
+from islandgp.study.strata import Strata, arrays_of, first_values, in_worlds
 
 EXACT_PAIRS: Final = "exact, exchanges of the pairs enumerated"
 NORMAL: Final = "asymptotic, corrected for ties"
 FEWEST_A_WORLD: Final = 5  # of several worlds; with 3 runs in each of 5, intervals cover 83 to 86 %
-MOST_SCORES: Final = 10_000  # of an arm in a world
-LARGEST: Final = 1e100  # of a score in size, so that sums are finite
 MOST_THRESHOLDS: Final = 400  # of a profile
 BLOCK: Final = 1_000_000  # numbers that are drawn at a time
 LONGEST: Final = 100_000  # sums up to which an exact test counts
@@ -102,7 +97,7 @@ def probability_of_improvement(first: Strata, second: Strata) -> float:
     Raises:
         StudyError: scores are missing or not finite, or the arms' worlds are not as many.
     """
-    worlds = _in_worlds(first, second)
+    worlds = in_worlds(first, second)
     return float(np.mean([_wins(x, y) / (len(x) * len(y)) for x, y in worlds]))
 
 
@@ -128,7 +123,7 @@ def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Int
     Raises:
         StudyError: scores are missing or not finite.
     """
-    arrays = [np.sort(each) for each in _arrays(strata)]
+    arrays = [np.sort(each) for each in arrays_of(strata)]
     estimate = float(statistic(np.concatenate(arrays)))
     if not _enough(arrays):
         return Interval(estimate, nan, nan)
@@ -154,7 +149,7 @@ def improvement_interval(first: Strata, second: Strata, *, paired: bool = False)
     Raises:
         StudyError: as `probability_of_improvement`, or pairs are not as many in both arms.
     """
-    worlds = _in_worlds(first, second, paired=paired)
+    worlds = in_worlds(first, second, paired=paired)
     estimate = probability_of_improvement(first, second)
     if not all(_enough(arm) for arm in zip(*worlds, strict=True)):
         return Interval(estimate, nan, nan)
@@ -208,9 +203,9 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
     if not 0 < len(steps) <= MOST_THRESHOLDS or not np.all(np.isfinite(steps)):
         raise StudyError(
             f"Expected 1 to {MOST_THRESHOLDS} finite thresholds of a performance profile, found"
-            f" {len(steps)}, {_brief(steps)}; `thresholds` chooses some."
+            f" {len(steps)}, {first_values(steps)}; `thresholds` chooses some."
         )
-    arrays = [np.sort(each) for each in _arrays(strata)]
+    arrays = [np.sort(each) for each in arrays_of(strata)]
     exceeded = [np.searchsorted(steps, each, side="left") for each in arrays]  # steps below each
     n = sum(map(len, arrays))
 
@@ -234,7 +229,7 @@ def thresholds(*arms: Strata) -> tuple[float, ...]:
 
     Where these are more than MOST_THRESHOLDS, as many places that are evenly spread.
     """
-    values = np.unique(np.concatenate([each for strata in arms for each in _arrays(strata)]))
+    values = np.unique(np.concatenate([each for strata in arms for each in arrays_of(strata)]))
     if len(values) > MOST_THRESHOLDS:
         values = np.linspace(values[0], values[-1], MOST_THRESHOLDS)
     return tuple(map(float, values))
@@ -257,7 +252,7 @@ def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> 
     Raises:
         StudyError: as `improvement_interval`.
     """
-    worlds = _in_worlds(first, second, paired=paired)
+    worlds = in_worlds(first, second, paired=paired)
     if len(worlds) == 1 and not paired:
         test = rank_test(*worlds[0])
         return ImprovementTest(test.p, test.kind)
@@ -345,58 +340,3 @@ def _enough(samples: Sequence[Any]) -> bool:
     """True if an arm has enough runs for an interval."""
     sizes = [len(each) for each in samples]
     return sum(sizes) >= FEWEST and (len(sizes) == 1 or min(sizes) >= FEWEST_A_WORLD)
-
-
-def _in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tuple[Any, Any]]:
-    """Both arms' scores in each world, sorted: by pairs where `paired`, else each by itself.
-
-    They are rounded to DECIMALS, as `rank_test` rounds them.
-    """
-    mine, theirs = _arrays(first), _arrays(second)
-    if len(mine) != len(theirs):
-        raise StudyError(
-            f"Expected scores of both arms in the same worlds, found {len(mine)} worlds and"
-            f" {len(theirs)}; leave out worlds that one of them lacks."
-        )
-    worlds = []
-    for a, b in zip(mine, theirs, strict=True):
-        x, y = np.round(a, DECIMALS), np.round(b, DECIMALS)
-        if paired and len(x) != len(y):
-            raise StudyError(
-                f"Expected as many scores of both arms where they are paired, found {len(x)} and"
-                f" {len(y)}; give those of the same seeds, or compare without pairs."
-            )
-        order = np.lexsort((y, x)) if paired else None
-        worlds.append((np.sort(x), np.sort(y)) if order is None else (x[order], y[order]))
-    return worlds
-
-
-def _arrays(strata: Strata) -> list[Any]:
-    """The scores as arrays. Raises StudyError where they are none."""
-    try:
-        arrays = [np.asarray(each, float) for each in strata]
-    except (TypeError, ValueError) as error:
-        raise StudyError(
-            f"Expected scores as lists of numbers, found others ({brief(error)}); give one number a"
-            " run."
-        ) from error
-    if not arrays:
-        raise StudyError("Expected scores of at least one world, found none; give some.")
-    for values in arrays:
-        if values.ndim != 1 or not 0 < len(values) <= MOST_SCORES:
-            raise StudyError(
-                f"Expected 1 to {MOST_SCORES:,} scores of an arm in a world, found an array of"
-                f" shape {values.shape}; give one number a run."
-            )
-        wrong = ~(np.abs(values) <= LARGEST)
-        if np.any(wrong):
-            raise StudyError(
-                f"Expected finite scores of at most {LARGEST:g}, found {_brief(values[wrong])};"
-                " a run that failed needs a score, or must be left out in all arms."
-            )
-    return arrays
-
-
-def _brief(values: Any) -> str:
-    """The first three numbers."""
-    return ", ".join(f"{value:g}" for value in values[:3]) + (", ..." if len(values) > 3 else "")

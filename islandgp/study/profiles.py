@@ -22,7 +22,6 @@ from islandgp.errors import StudyError
 from islandgp.statistics import Interval, benjamini_hochberg
 from islandgp.study.aggregates import (
     ImprovementTest,
-    Strata,
     improvement_interval,
     improvement_test,
     interquartile_mean,
@@ -30,6 +29,7 @@ from islandgp.study.aggregates import (
     median,
     stratified_bootstrap,
 )
+from islandgp.study.strata import Strata
 
 Scores = Mapping[str, Mapping[str, Sequence[float]]]
 """Scores by world and arm, one a seed; higher is better."""

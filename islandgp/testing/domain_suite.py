@@ -12,41 +12,39 @@ pytest finds the tests in the subclass; `islandgp domain --check` runs them with
 from __future__ import annotations
 
 import pickle
-from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from itertools import count, islice, pairwise
 from math import isclose, isfinite
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 import yaml
 
-from islandgp.bt.core.engine import ABORTED
-from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
-    AGAIN,
-    FAILURE,
     STATUS_NAMES,
-    SUCCESS,
     Limits,
     Node,
     leaf,
     sequence,
-    size,
-    walk,
 )
-from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
-from islandgp.errors import IslandError, TimeLimitError
+from islandgp.domain import Domain, Observer, Outcome
+from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
-from islandgp.plugin import raised_in
 from islandgp.resources import resource
-from islandgp.ticking import Stepped
+from islandgp.testing.survey import (
+    EpisodeRecorder,
+    FrameChecker,
+    ObservedRun,
+    Survey,
+    fault_text,
+    tree_line,
+    unreached,
+)
 from islandgp.time_limit import TimeLimit
 
 SEEDS = (0, 1, 2**32 - 1)
-SHOWN: Final = 200  # characters of a tree in a message
 MOST_FAULTS: Final = 10  # failed episodes that are reported
 
 
@@ -62,7 +60,7 @@ class DomainSuite:
     more_episodes = 30  # most further episodes of `own_trees`, until everything is reached
     texts: Sequence[str] = ()  # further trees, in the language
     episode_timeout = 30.0  # s, time limit of an episode; 0: none
-    _cached_survey: ClassVar[_Survey]  # of each subclass
+    _cached_survey: ClassVar[Survey]  # of each subclass
 
     def make_domain(self) -> Domain:
         """Makes the domain under test: a new but equal instance at each call.
@@ -104,7 +102,7 @@ class DomainSuite:
         for slot in range(self.random_trees):
             yield random_tree(np.random.default_rng(slot), space)
 
-    def watched(self) -> Iterator[tuple[Domain, Node, Outcome, _Seen]]:
+    def watched(self) -> Iterator[tuple[Domain, Node, Outcome, EpisodeRecorder]]:
         """The domain and each tree that runs, with the outcome and observations of one episode."""
         survey = self._survey
         assert survey.runs, "Expected a tree whose episode runs, found none."
@@ -113,7 +111,7 @@ class DomainSuite:
 
     def unseen(self) -> Iterator[str]:
         """A line for each event, action and key of the schema that no tree has reached."""
-        yield from _unseen(self._survey)
+        yield from unreached(self._survey)
 
     @property
     def trees_run(self) -> int:
@@ -121,7 +119,7 @@ class DomainSuite:
         return len(self._survey.runs)
 
     @property
-    def _survey(self) -> _Survey:
+    def _survey(self) -> Survey:
         """The episodes of all trees with each seed; run once per class.
 
         pytest makes an instance for each test, so the result is an attribute of the class.
@@ -131,8 +129,8 @@ class DomainSuite:
             kind._cached_survey = self._new_survey()
         return kind._cached_survey
 
-    def _new_survey(self) -> _Survey:
-        survey = _Survey(self.make_domain())
+    def _new_survey(self) -> Survey:
+        survey = Survey(self.make_domain())
         try:
             for tree in self.trees(survey.domain):
                 self._look(survey, tree)
@@ -142,14 +140,14 @@ class DomainSuite:
             pass
         return survey
 
-    def _look(self, survey: _Survey, tree: Node) -> _Run | None:
+    def _look(self, survey: Survey, tree: Node) -> ObservedRun | None:
         """Runs a tree with each seed and keeps the results; None if it raised an exception.
 
         Raises:
             TimeLimitError: an episode took too long; the error is kept as well.
         """
         domain, seed = survey.domain, SEEDS[0]
-        seen = _Seen(tree, domain.schema)
+        seen = EpisodeRecorder(tree, domain.schema)
         try:
             watched = self._run(domain, tree, seed, {}, seen)
             plain = []
@@ -160,11 +158,11 @@ class DomainSuite:
             if isinstance(error, TimeLimitError):
                 raise
             return None
-        run = _Run(tree, watched, tuple(plain), seen)
+        run = ObservedRun(tree, watched, tuple(plain), seen)
         survey.runs.append(run)
         return run
 
-    def _grow(self, survey: _Survey) -> None:
+    def _grow(self, survey: Survey) -> None:
         """Runs sequences of actions and extends those that reached something new."""
         actions = [leaf(name) for name in survey.domain.schema.vocabulary.actions]
         reached: set[Hashable] = set()
@@ -187,15 +185,15 @@ class DomainSuite:
                     # Those with something that no sequence had shown come first, then the longest.
                     heappush(waiting, (0 if firsts else 1, -len(longer), next(number), longer))
 
-    def _visit(self, survey: _Survey) -> None:
+    def _visit(self, survey: Survey) -> None:
         """Runs `own_trees` in further worlds until everything is reached."""
         domain, own = survey.domain, [*self.own_trees(survey.domain)]
         trees = [run.tree for run in survey.runs if run.tree in own]
         for n in range(self.more_episodes if trees else 0):
             seed, tree = SEEDS[0] + 1 + n // len(trees), trees[n % len(trees)]
-            if not any(_unseen(survey)):
+            if not any(unreached(survey)):
                 return
-            seen = _Seen(tree, domain.schema)
+            seen = EpisodeRecorder(tree, domain.schema)
             try:
                 outcome = self._run(domain, tree, seed, {}, seen)
             except (Exception, SystemExit) as error:
@@ -203,7 +201,7 @@ class DomainSuite:
                 if isinstance(error, TimeLimitError):
                     raise
             else:
-                survey.visits.append(_Run(tree, outcome, (outcome,), seen))
+                survey.visits.append(ObservedRun(tree, outcome, (outcome,), seen))
 
     def _run(
         self,
@@ -222,7 +220,7 @@ class DomainSuite:
     def test_every_episode_runs(self) -> None:
         """No tree makes an episode raise an exception or run forever."""
         faults = [
-            f"{fault.text} (world seed {fault.seed}, tree {_line(fault.tree)})"
+            f"{fault.text} (world seed {fault.seed}, tree {tree_line(fault.tree)})"
             for fault in self._survey.faults.values()
         ]
         assert not faults, "\n".join(faults[:MOST_FAULTS])
@@ -233,7 +231,8 @@ class DomainSuite:
         for run in reversed(runs):
             for seed, before in zip(reversed(SEEDS), reversed(run.plain), strict=True):
                 assert before == self._run(other, run.tree, seed), (
-                    f"Expected equal outcomes of equal episodes, found others of {_line(run.tree)}"
+                    "Expected equal outcomes of equal episodes, found others of"
+                    f" {tree_line(run.tree)}"
                 )
 
     def test_it_can_be_sent_to_workers(self) -> None:
@@ -242,7 +241,7 @@ class DomainSuite:
         sent: Domain = pickle.loads(pickle.dumps(domain))
         for run in islice(self._survey.runs, 10):
             assert run.plain[0] == self._run(sent, run.tree, SEEDS[0]), (
-                f"Expected the same outcome after pickling, found another of {_line(run.tree)}"
+                f"Expected the same outcome after pickling, found another of {tree_line(run.tree)}"
             )
 
     def test_outcomes_have_what_the_schema_declares(self) -> None:
@@ -325,203 +324,7 @@ class DomainSuite:
     def test_frames_are_pictures(self) -> None:
         """A simulator's own frame is a PNG."""
         for domain, tree, _, _ in islice(self.watched(), 1):
-            self._run(domain, tree, SEEDS[0], {}, _Pictures(tree, domain.schema))
-
-
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """A tree's episodes."""
-
-    tree: Node
-    watched: Outcome  # in the world of the first of SEEDS
-    plain: tuple[Outcome, ...]  # not watched, of each of SEEDS
-    seen: _Seen
-
-
-@dataclass(frozen=True, slots=True)
-class _Survey:
-    """Results of all trees in one domain."""
-
-    domain: Domain
-    runs: list[_Run] = field(default_factory=list)  # of the trees that raised no exception
-    visits: list[_Run] = field(default_factory=list)  # some of them in further worlds
-    faults: dict[tuple[str, str], _Fault] = field(default_factory=dict)  # by type and place
-
-    def keep(self, error: BaseException, seed: int, tree: Node) -> None:
-        """Keeps an exception; of several with one type and place, that of the smallest tree."""
-        key = type(error).__name__, raised_in(error) or _fault(error)
-        before = self.faults.get(key)
-        if before is None or size(tree) < size(before.tree):
-            self.faults[key] = _Fault(_fault(error), seed, tree)
-
-
-@dataclass(frozen=True, slots=True)
-class _Fault:
-    """An exception of an episode."""
-
-    text: str
-    seed: int  # of the world
-    tree: Node
-
-
-def _fault(error: BaseException) -> str:
-    """The text of an exception, with the place in the author's code."""
-    place = raised_in(error)
-    if isinstance(error, IslandError | AssertionError):
-        text = str(error).rstrip(".")
-        return text if place in text else f"{text}{place}"
-    return f"Expected no error, found {type(error).__name__}: {error}{place}"
-
-
-def _line(tree: Node) -> str:
-    """A tree on one line, cut after SHOWN characters."""
-    text = " ".join(to_text(tree).split())
-    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
-
-
-def _unseen(survey: _Survey) -> Iterator[str]:
-    domain, runs = survey.domain, (*survey.runs, *survey.visits)
-    schema, words = domain.schema, domain.schema.vocabulary
-    seens = [run.seen for run in runs]
-    logged = {event for seen in seens for event in seen.events}
-    logged |= {event for seen in seens for event in seen.credited}
-    outcomes = [outcome for run in runs for outcome in run.plain]
-    counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
-    observable = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
-    events = [n for n in schema.events if n in observable and n not in logged | counted]
-    if events:
-        yield f"events never logged: {', '.join(events)}"
-    done = {name for seen in seens for name, status in seen.statuses if status == SUCCESS}
-    able = [n for n, action in words.actions.items() if SUCCESS in action.statuses]
-    if never := [name for name in able if name not in done]:
-        yield f"actions that never succeeded: {', '.join(never)}"
-    ranges = [seen.ranges() for seen in seens]
-    same = []
-    for name in words.keys:
-        values = {value for r in ranges if name in r for value in r[name]}
-        if len(values) == 1:
-            same.append(f"{name} (always {min(values):g})")
-    if same:
-        yield f"keys that never changed: {', '.join(same)}"
-    if zero := [n for n in schema.counters if n not in counted and n not in schema.events]:
-        yield f"counters that stayed 0: {', '.join(zero)}"
-
-
-def _rewarded(domain: Domain) -> Mapping[str, object]:
-    """The events that earn points, of which every observer is notified."""
-    events: Mapping[str, object] = getattr(getattr(domain, "rewards", None), "events", {})
-    return events
-
-
-class _Seen(Observer):
-    """Summary of an observed episode."""
-
-    def __init__(self, tree: Node, schema: Schema) -> None:
-        self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
-        self.states: set[Hashable] = set()  # values of all flags together
-        self.ticks = 0
-        self.movers: set[int] = set()  # their numbers; one if it is constant
-        self.points = dict.fromkeys(schema.components, 0.0)
-        self.credited: Counter[str] = Counter()
-        self.events: set[str] = set()
-        self.wrong_board = self.wrong_credit = self.wrong_scene = ""
-        self._schema = schema
-        self._actions = [n.action for n in walk(tree)]
-        self._board: tuple[float, ...] | None = None  # of the last tick
-        self._low: list[float] = []  # by key
-        self._high: list[float] = []
-        self._flags = [i for i, key in enumerate(schema.vocabulary.keys.values()) if key.flag]
-
-    def node(self, place: int, status: int) -> None:
-        assert FAILURE <= status <= ABORTED, f"Expected a status, found {status}"
-        name = self._actions[place]
-        if name and status not in (AGAIN, ABORTED):
-            self.statuses.add((name, status))
-
-    def logged(self, event: str) -> None:
-        """Called for each event of a stepped domain, with or without points."""
-        self.events.add(event)
-
-    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
-        self.ticks += 1
-        if (now := tuple(board)) != self._board:
-            self._board = now
-            self.wrong_board = self.wrong_board or self._wrong(now)
-            if len(now) == len(self._schema.vocabulary.keys):
-                self.states.add(tuple(now[i] for i in self._flags))
-                self._low = [*map(min, self._low or now, now)]
-                self._high = [*map(max, self._high or now, now)]
-        if scene is not None and not self.wrong_scene:
-            self.wrong_scene = self._wrong_in(scene)
-
-    def credit(self, component: str, points: float, event: str, action: str) -> None:
-        if component not in self.points:
-            self.wrong_credit = f"Expected a component of the schema, found {component!r}"
-        elif event not in self._schema.events:
-            self.wrong_credit = f"Expected an event of the schema, found {event!r}"
-        elif action and action not in self._schema.vocabulary.actions:
-            self.wrong_credit = f"Expected an action of the schema, found {action!r}"
-        else:
-            self.points[component] += points
-            self.credited[event] += 1
-
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """The least and the greatest value of each key."""
-        pairs = zip(self._low, self._high, strict=True)
-        return dict(zip(self._schema.vocabulary.keys, pairs, strict=False))
-
-    def firsts(self) -> set[Hashable]:
-        """Everything reached: events, successes of actions, ends of the keys' ranges."""
-        done = {name for name, status in self.statuses if status == SUCCESS}
-        ends = {
-            (name, where)
-            for name, (low, high) in self.ranges().items()
-            for where, far in self._ends(name, low, high)
-            if far
-        }
-        return {*self.events, *self.credited, *(("success", name) for name in done), *ends}
-
-    def _ends(self, name: str, low: float, high: float) -> Iterator[tuple[str, bool]]:
-        key = self._schema.vocabulary.keys[name]
-        yield "low", low <= key.low
-        yield "above", high > key.low
-        yield "high", high >= key.high
-
-    def _wrong(self, board: tuple[float, ...]) -> str:
-        """The first error in a blackboard, or ""."""
-        keys = self._schema.vocabulary.keys
-        if len(board) != len(keys):
-            return f"Expected a value for each of the {len(keys)} keys, found {len(board)}"
-        for (name, key), value in zip(keys.items(), board, strict=True):
-            if key.flag and value not in (0, 1):
-                return f"Expected 0 or 1 of the flag {name}, found {value}"
-            if key.whole and value != int(value):
-                return f"Expected a whole number of {name}, found {value}"
-            if not key.flag and not value >= key.low:
-                return f"Expected {name} >= {key.low}, found {value}"
-            if not key.flag and key.most is not None and not value <= key.most:
-                return f"Expected {name} <= {key.most}, found {value}"
-        return ""
-
-    def _wrong_in(self, scene: Any) -> str:
-        """The first error in a scene, or ""."""
-        if not isinstance(scene, Scene):
-            return f"Expected a Scene, found {scene!r:.80}"
-        for thing in (*scene.fixed, *scene.items, *scene.movers):
-            if thing.form not in self._schema.forms:
-                return f"Expected a form of the schema, found {thing}"
-        self.movers.add(len(scene.movers))
-        return ""
-
-
-class _Pictures(_Seen):
-    """Checks the first frames as well."""
-
-    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
-        super().tick(board, scene)
-        if isinstance(scene, Scene) and scene.frame is not None and self.ticks <= 3:
-            begin = scene.frame()[:8]
-            assert begin == b"\x89PNG\r\n\x1a\n", f"Expected a PNG, found {begin!r}..."
+            self._run(domain, tree, SEEDS[0], {}, FrameChecker(tree, domain.schema))
 
 
 def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
@@ -545,7 +348,7 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
         except AssertionError as error:
             fault = str(error) or "it does not hold"
         except Exception as error:  # any exception of a domain is a failed test
-            fault = _fault(error)
+            fault = fault_text(error)
         yield _words(name), fault
         if fault and not _has_run(suite):
             return

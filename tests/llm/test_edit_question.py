@@ -21,6 +21,7 @@ from islandgp.supervision.llm.answers import Rejection, RejectionStage
 from islandgp.supervision.llm.checks import Accepted, EditProposal, check_edits, check_proposal
 from islandgp.supervision.llm.history import RunHistory, listing
 from islandgp.supervision.llm.message import Reply
+from islandgp.supervision.llm.models import drawn_models
 from islandgp.testing.faults import no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
@@ -173,15 +174,12 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
 
 def test_models_are_drawn_by_weight_or_by_what_their_edits_gained() -> None:
     """A model of twice the weight is asked twice as often; the bandit prefers who gained."""
-    given, rng = context(None, "supervisor.edits=2"), np.random.default_rng(0)
-    models = "models={small: 1, large: 2}"
-    by_weight = Adviser(settings(models), given)
-    drawn = Counter(by_weight._choose_models(rng)["edits"] for _ in range(300))
-    assert 160 < drawn["large"] < 240
-    bandit = Adviser(settings(models, "choice=bandit"), given)
-    bandit._history = RunHistory(gains={"small": (30, 0), "large": (0, 30)})
-    assert {bandit._choose_models(rng)["edits"] for _ in range(30)} == {"small"}
-    assert Adviser(settings(), given)._choose_models(rng) == {}
+    rng, models, parts = np.random.default_rng(0), "models={small: 1, large: 2}", ["tree", "edits"]
+    draws = [drawn_models(settings(models), {}, parts, rng) for _ in range(300)]
+    assert 160 < Counter(drawn["edits"] for drawn in draws)["large"] < 240
+    gains, bandit = {"small": (30, 0), "large": (0, 30)}, settings(models, "choice=bandit")
+    assert all(drawn_models(bandit, gains, parts, rng) == {"edits": "small"} for _ in range(30))
+    assert drawn_models(settings(), {}, parts, rng) == {}
 
 
 def test_the_history_counts_the_edits_of_each_model() -> None:

@@ -17,7 +17,6 @@ from islandgp.errors import StudyError
 from islandgp.statistics import EXACT, UNTESTED, Interval, rank_test
 from islandgp.study.aggregates import (
     EXACT_PAIRS,
-    MOST_SCORES,
     MOST_THRESHOLDS,
     NORMAL,
     improvement_interval,
@@ -30,6 +29,7 @@ from islandgp.study.aggregates import (
     stratified_bootstrap,
     thresholds,
 )
+from islandgp.study.strata import MOST_SCORES
 from tests.profiles import examples
 
 # Two arms with two peaks, 10 runs (rows) in 3 worlds (columns).

@@ -7,9 +7,10 @@ from math import isnan
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.statistics import FEWEST
-from islandgp.study.aggregates import Strata, performance_profile, thresholds
+from islandgp.study.aggregates import performance_profile, thresholds
 from islandgp.study.figures import drawing
 from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names
+from islandgp.study.strata import Strata
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -59,6 +59,7 @@ from islandgp.supervision.llm.message import (
     Request,
     ServerCapabilities,
 )
+from islandgp.supervision.llm.models import drawn_models, kind_of
 from islandgp.supervision.llm.prompts import (
     fixed_edit_values,
     fixed_values,
@@ -174,7 +175,7 @@ class Adviser:
             SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
         """
         generation = state.now.generation
-        models = self._choose_models(rng)
+        models = drawn_models(self.settings, self._history.gains, self.parts, rng)
         how = self._given_up(calls, generation) or capabilities(generation)
         if isinstance(how, Failure):
             conversations = {part: unasked(calls, generation, part, how) for part in self.parts}
@@ -236,25 +237,6 @@ class Adviser:
             *["tree"] * self.context.inject,
             *(f"edits {k}" if k > 1 else "edits" for k in samples),
         ]
-
-    def _choose_models(self, rng: np.random.Generator) -> dict[str, str]:
-        """Draws a model for each part that asks for edits; {} if only `model` is configured.
-
-        With choice=bandit by Thompson sampling on the share of each model's successful edits.
-        """
-        weights, gains = self.settings.edit_models, self._history.gains
-        if not weights:
-            return {}
-        names, total = [*weights], sum(weights.values())
-        chosen = {}
-        for part in [part for part in self.parts if kind_of(part) == "edits"]:
-            if self.settings.choice == "bandit":
-                results = [gains.get(name, (0, 0)) for name in names]
-                k = int(np.argmax([rng.beta(1 + won, 1 + lost) for won, lost in results]))
-            else:
-                k = int(rng.choice(len(names), p=[weights[name] / total for name in names]))
-            chosen[part] = names[k]
-        return chosen
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """The failure if the model is no longer asked, because of unusable answers; else None."""
@@ -387,11 +369,6 @@ class Adviser:
     def _repair(self, rejection: Rejection) -> str:
         values = {"stage": rejection.stage.value, "error": rejection.error}
         return render(self.prompts["repair"], {**self.values, **values})[1]
-
-
-def kind_of(part: str) -> str:
-    """The question of a part: `edits 2` is the second answer to `edits`."""
-    return part.partition(" ")[0]
 
 
 def _source(missing: int, requests: int) -> str:

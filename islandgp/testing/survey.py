@@ -1,0 +1,221 @@
+"""What episodes of a domain under test show: outcomes, ranges, statuses, credits and faults."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import (
+    AGAIN,
+    FAILURE,
+    SUCCESS,
+    Node,
+    size,
+    walk,
+)
+from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
+from islandgp.errors import IslandError
+from islandgp.plugin import raised_in
+from islandgp.ticking import Stepped
+
+SHOWN: Final = 200  # characters of a tree in a message
+
+
+@dataclass(frozen=True, slots=True)
+class ObservedRun:
+    """A tree's episodes."""
+
+    tree: Node
+    watched: Outcome  # in the world of the first of SEEDS
+    plain: tuple[Outcome, ...]  # not watched, of each of SEEDS
+    seen: EpisodeRecorder
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Results of all trees in one domain."""
+
+    domain: Domain
+    runs: list[ObservedRun] = field(default_factory=list)  # of the trees that raised no exception
+    visits: list[ObservedRun] = field(default_factory=list)  # some of them in further worlds
+    faults: dict[tuple[str, str], EpisodeFault] = field(default_factory=dict)  # by type and place
+
+    def keep(self, error: BaseException, seed: int, tree: Node) -> None:
+        """Keeps an exception; of several with one type and place, that of the smallest tree."""
+        key = type(error).__name__, raised_in(error) or fault_text(error)
+        before = self.faults.get(key)
+        if before is None or size(tree) < size(before.tree):
+            self.faults[key] = EpisodeFault(fault_text(error), seed, tree)
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeFault:
+    """An exception of an episode."""
+
+    text: str
+    seed: int  # of the world
+    tree: Node
+
+
+def fault_text(error: BaseException) -> str:
+    """The text of an exception, with the place in the author's code."""
+    place = raised_in(error)
+    if isinstance(error, IslandError | AssertionError):
+        text = str(error).rstrip(".")
+        return text if place in text else f"{text}{place}"
+    return f"Expected no error, found {type(error).__name__}: {error}{place}"
+
+
+def tree_line(tree: Node) -> str:
+    """A tree on one line, cut after SHOWN characters."""
+    text = " ".join(to_text(tree).split())
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}..."
+
+
+def unreached(survey: Survey) -> Iterator[str]:
+    domain, runs = survey.domain, (*survey.runs, *survey.visits)
+    schema, words = domain.schema, domain.schema.vocabulary
+    seens = [run.seen for run in runs]
+    logged = {event for seen in seens for event in seen.events}
+    logged |= {event for seen in seens for event in seen.credited}
+    outcomes = [outcome for run in runs for outcome in run.plain]
+    counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
+    observable = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
+    events = [n for n in schema.events if n in observable and n not in logged | counted]
+    if events:
+        yield f"events never logged: {', '.join(events)}"
+    done = {name for seen in seens for name, status in seen.statuses if status == SUCCESS}
+    able = [n for n, action in words.actions.items() if SUCCESS in action.statuses]
+    if never := [name for name in able if name not in done]:
+        yield f"actions that never succeeded: {', '.join(never)}"
+    ranges = [seen.ranges() for seen in seens]
+    same = []
+    for name in words.keys:
+        values = {value for r in ranges if name in r for value in r[name]}
+        if len(values) == 1:
+            same.append(f"{name} (always {min(values):g})")
+    if same:
+        yield f"keys that never changed: {', '.join(same)}"
+    if zero := [n for n in schema.counters if n not in counted and n not in schema.events]:
+        yield f"counters that stayed 0: {', '.join(zero)}"
+
+
+def _rewarded(domain: Domain) -> Mapping[str, object]:
+    """The events that earn points, of which every observer is notified."""
+    events: Mapping[str, object] = getattr(getattr(domain, "rewards", None), "events", {})
+    return events
+
+
+class EpisodeRecorder(Observer):
+    """Summary of an observed episode."""
+
+    def __init__(self, tree: Node, schema: Schema) -> None:
+        self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
+        self.states: set[Hashable] = set()  # values of all flags together
+        self.ticks = 0
+        self.movers: set[int] = set()  # their numbers; one if it is constant
+        self.points = dict.fromkeys(schema.components, 0.0)
+        self.credited: Counter[str] = Counter()
+        self.events: set[str] = set()
+        self.wrong_board = self.wrong_credit = self.wrong_scene = ""
+        self._schema = schema
+        self._actions = [n.action for n in walk(tree)]
+        self._board: tuple[float, ...] | None = None  # of the last tick
+        self._low: list[float] = []  # by key
+        self._high: list[float] = []
+        self._flags = [i for i, key in enumerate(schema.vocabulary.keys.values()) if key.flag]
+
+    def node(self, place: int, status: int) -> None:
+        assert FAILURE <= status <= ABORTED, f"Expected a status, found {status}"
+        name = self._actions[place]
+        if name and status not in (AGAIN, ABORTED):
+            self.statuses.add((name, status))
+
+    def logged(self, event: str) -> None:
+        """Called for each event of a stepped domain, with or without points."""
+        self.events.add(event)
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        self.ticks += 1
+        if (now := tuple(board)) != self._board:
+            self._board = now
+            self.wrong_board = self.wrong_board or self._wrong(now)
+            if len(now) == len(self._schema.vocabulary.keys):
+                self.states.add(tuple(now[i] for i in self._flags))
+                self._low = [*map(min, self._low or now, now)]
+                self._high = [*map(max, self._high or now, now)]
+        if scene is not None and not self.wrong_scene:
+            self.wrong_scene = self._wrong_in(scene)
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        if component not in self.points:
+            self.wrong_credit = f"Expected a component of the schema, found {component!r}"
+        elif event not in self._schema.events:
+            self.wrong_credit = f"Expected an event of the schema, found {event!r}"
+        elif action and action not in self._schema.vocabulary.actions:
+            self.wrong_credit = f"Expected an action of the schema, found {action!r}"
+        else:
+            self.points[component] += points
+            self.credited[event] += 1
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """The least and the greatest value of each key."""
+        pairs = zip(self._low, self._high, strict=True)
+        return dict(zip(self._schema.vocabulary.keys, pairs, strict=False))
+
+    def firsts(self) -> set[Hashable]:
+        """Everything reached: events, successes of actions, ends of the keys' ranges."""
+        done = {name for name, status in self.statuses if status == SUCCESS}
+        ends = {
+            (name, where)
+            for name, (low, high) in self.ranges().items()
+            for where, far in self._ends(name, low, high)
+            if far
+        }
+        return {*self.events, *self.credited, *(("success", name) for name in done), *ends}
+
+    def _ends(self, name: str, low: float, high: float) -> Iterator[tuple[str, bool]]:
+        key = self._schema.vocabulary.keys[name]
+        yield "low", low <= key.low
+        yield "above", high > key.low
+        yield "high", high >= key.high
+
+    def _wrong(self, board: tuple[float, ...]) -> str:
+        """The first error in a blackboard, or ""."""
+        keys = self._schema.vocabulary.keys
+        if len(board) != len(keys):
+            return f"Expected a value for each of the {len(keys)} keys, found {len(board)}"
+        for (name, key), value in zip(keys.items(), board, strict=True):
+            if key.flag and value not in (0, 1):
+                return f"Expected 0 or 1 of the flag {name}, found {value}"
+            if key.whole and value != int(value):
+                return f"Expected a whole number of {name}, found {value}"
+            if not key.flag and not value >= key.low:
+                return f"Expected {name} >= {key.low}, found {value}"
+            if not key.flag and key.most is not None and not value <= key.most:
+                return f"Expected {name} <= {key.most}, found {value}"
+        return ""
+
+    def _wrong_in(self, scene: Any) -> str:
+        """The first error in a scene, or ""."""
+        if not isinstance(scene, Scene):
+            return f"Expected a Scene, found {scene!r:.80}"
+        for thing in (*scene.fixed, *scene.items, *scene.movers):
+            if thing.form not in self._schema.forms:
+                return f"Expected a form of the schema, found {thing}"
+        self.movers.add(len(scene.movers))
+        return ""
+
+
+class FrameChecker(EpisodeRecorder):
+    """Checks the first frames as well."""
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        super().tick(board, scene)
+        if isinstance(scene, Scene) and scene.frame is not None and self.ticks <= 3:
+            begin = scene.frame()[:8]
+            assert begin == b"\x89PNG\r\n\x1a\n", f"Expected a PNG, found {begin!r}..."
