@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from hypothesis import HealthCheck, Phase, assume, given
+from hypothesis import HealthCheck, Phase, assume, example, given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.language import parse
@@ -55,6 +55,11 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BehaviorTreeCpp]:
 
 @MANY
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
+@example(
+    tree=parse("parallel success 1 { PatrolWaypoint ExecuteCharge }"),
+    boards=[[0.0] * len(PLACES)],
+    results=[SUCCESS, RUNNING],
+)
 def test_py_trees(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """The exported module starts, resumes and halts the same leaves in the same order."""
     tree = named(tree)

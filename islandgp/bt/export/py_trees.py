@@ -181,7 +181,8 @@ def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
                 f"JudgedParallel('parallel', {args.success!r}, {args.failure!r}, children=[",
                 "])",
             )
-        policy = "SuccessOnOne()" if args.success == "one" else "SuccessOnAll(synchronise=True)"
+        one = args.success in ("one", 1)
+        policy = "SuccessOnOne()" if one else "SuccessOnAll(synchronise=True)"
         name = head(Node("parallel", args))
         return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
     if isinstance(args, SecondsArgs):
