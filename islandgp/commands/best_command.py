@@ -126,10 +126,10 @@ def _finished(path: Path) -> list[RunFolder]:
 
 def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
     """Raises RunError where points are not worth the same in two runs."""
-    from islandgp.study.comparable import YARDSTICK
+    from islandgp.study.comparable import TASK
 
     a, b = first.configuration(), other.configuration()
-    groups = sorted({*YARDSTICK, "constraints", "perturb"})
+    groups = sorted({*TASK, "constraints", "perturb"})
     if differ := [group for group in groups if (a.get(group) or {}) != (b.get(group) or {})]:
         raise RunError(
             f"Expected runs with one {differ[0]}, found that {first.path.name} and"

@@ -166,7 +166,7 @@ def rename(server: Server, params: types.RenameParams) -> types.WorkspaceEdit:
 
 
 def definition(server: Server, params: types.DefinitionParams) -> types.Location | None:
-    """Where the name at a place is defined, in its file or in one that it includes."""
+    """The definition of the name at a place, in its file or in a file that it includes."""
     document, at = server.place(params)
     symbol = symbol_at(document.source, at)
     if symbol is None:
@@ -178,7 +178,7 @@ def definition(server: Server, params: types.DefinitionParams) -> types.Location
 
 
 def uses(server: Server, params: types.ReferenceParams) -> list[types.Location]:
-    """Where the name at a place stands in its file and in those that it includes."""
+    """The uses of the name at a place, in its file and in the files that it includes."""
     document, at = server.place(params)
     symbol = symbol_at(document.source, at)
     if symbol is None:

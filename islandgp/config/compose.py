@@ -328,7 +328,7 @@ def _must_leave_folders(hydra: DictConfig) -> None:
 
 
 def _resolved(config: DictConfig) -> dict[str, Any]:
-    """As plain values. Raises ConfigError when an interpolation cannot be resolved."""
+    """The plain values. Raises ConfigError if an interpolation cannot be resolved."""
     try:
         plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:

@@ -34,7 +34,7 @@ MISTAKES: Final = (
     OSError,
     RecursionError,
 )
-"""What composing raises for a user's error."""
+"""Exceptions of composing for a user's error."""
 
 LEVELS: Final = 50  # of brackets in a value
 LONGEST: Final = 200  # characters of a key, which Hydra takes for the name of a file

@@ -52,7 +52,7 @@ OWN_TAGS: Final = frozenset(
 
 
 MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
-"""How the names of tags begin that MLflow and the mirror need."""
+"""Prefixes of tags that MLflow and the mirror need."""
 
 
 class DomainSettings(ImportedClass, frozen=True, extra="forbid"):

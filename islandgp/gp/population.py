@@ -86,7 +86,7 @@ class Evaluated:
 
     @property
     def merit(self) -> Merit:
-        """What individuals are ordered by: feasible before fit."""
+        """The sort key of individuals: feasible before fit."""
         return merit(self.fitness, self.violation)
 
 
@@ -102,7 +102,7 @@ class BehaviourBest:
 
     @property
     def merit(self) -> Merit:
-        """What individuals are ordered by: feasible before fit."""
+        """The sort key of individuals: feasible before fit."""
         return merit(self.fitness, self.violation)
 
 

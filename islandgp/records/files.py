@@ -148,7 +148,9 @@ NOT_VALIDATED: Final = (
 
 
 def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float, ...]:
-    """The values that a search compares runs by; a robot that never came came after the end.
+    """The values by which a sweep's optimiser compares runs.
+
+    A milestone that was never reached has the number of the run's generations.
 
     Raises:
         RunError: the run was not validated, and `validation_mean` is one of the names.
@@ -160,12 +162,12 @@ def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float,
 
 
 def pretty(value: dict[str, Any]) -> bytes:
-    """JSON for people."""
+    """Indented JSON, with a line break at its end."""
     return (json.dumps(value, indent=1) + "\n").encode()
 
 
 def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """The guidances that were due, and how many of them came from the fallback, and in part."""
+    """Numbers of decisions: in total, by the fallback, and of the latter those `in_part`."""
     guidance = [r["guidance"] for r in records if r["guidance"] is not None]
     sources = Counter(g["source"] for g in guidance if g["asked_at"] is not None)
     fallback = sum(n for source, n in sources.items() if "fallback" in source)
@@ -177,13 +179,13 @@ def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
 
 
 def fallback_share(sources: Mapping[str, int]) -> float:
-    """The share of the fallback in what `answers` counts; an answer in part counts half."""
+    """The fallback's share of the decisions that `answers` counts; a part counts half."""
     total = sources.get("total", 0)
     return (sources["fallback"] - sources["in_part"] / 2) / total if total else 0.0
 
 
 def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
-    """The same over some runs in words, "" where no answer was the fallback's."""
+    """The fallback's share of several runs' decisions, as text; "" if it made none."""
     counts: Counter[str] = Counter()
     for summary in summaries:
         counts.update(summary.get("answers", {}))  # a run of an older version lacks them

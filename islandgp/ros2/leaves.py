@@ -14,7 +14,7 @@ RosLeaf = Callable[..., Generator[None, None, bool]]
 
 
 _ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
-"""What became of a goal, by action_msgs/msg/GoalStatus."""
+"""Results of goals, by action_msgs/msg/GoalStatus."""
 
 
 class RosLeaves:

@@ -34,7 +34,7 @@ RARE: Final = "rare"  # a behaviour that has almost died out
 INTEGRATION: Final = "integration"  # several behaviours in one tree
 EXPLORATION: Final = "exploration"  # something very different
 AIMS: Final = (RARE, INTEGRATION, EXPLORATION)
-"""What a tree can be for beside a single behaviour: rows of Table 7."""
+"""Targets of trees beside single behaviours: rows of Table 7."""
 
 
 class Specialists(BaseModel, frozen=True, extra="forbid"):

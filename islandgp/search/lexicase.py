@@ -61,7 +61,7 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
 
     @classmethod
     def make(cls, settings: LexicaseSettings, context: SearchContext) -> Self:
-        """See `Search`. Raises ConfigError where there would be one case alone."""
+        """See `Search`. Raises ConfigError if there is only one case."""
         if settings.cases == "episodes" and context.plan.gp.episodes == 1:
             raise ConfigError(
                 "search.policy.cases: expected several episodes an individual, found"

@@ -94,7 +94,10 @@ def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:
     Args:
         places: at least one.
         archive: further places that are neighbours.
-        neighbours: how many of the nearest count, >= 1; fewer where there are no more.
+        neighbours: number of nearest places that count, >= 1; fewer if there are no more.
+
+    Returns:
+        A distance for each of `places`, >= 0.
     """
     pool = np.array([*places, *archive])
     novelties = []

@@ -91,7 +91,7 @@ class NumberSettings:
         """The division of the episodes for a number of thresholds.
 
         Raises:
-            ConfigError: they are too few for one generation, the race and the comparison.
+            ConfigError: too few episodes for one generation, the race and the comparison.
         """
         population = max(self.population, 4 + int(3 * log(dimensions)))
         generation = population * self.worlds
@@ -135,7 +135,7 @@ class EpisodeCosts:
 
     @property
     def total(self) -> int:
-        """All of them."""
+        """Number of all episodes."""
         return self.search + self.race + self.comparison
 
 

@@ -82,5 +82,5 @@ class RandomSearch:
         evaluated: Sequence[Evaluated],  # noqa: ARG002 -- the protocol's
         advice: Advice,  # noqa: ARG002 -- the protocol's
     ) -> SearchState:
-        """See `Search`; neither outcomes nor advice change anything."""
+        """See `Search`. Outcomes and advice have no effect."""
         return SearchState(state.generation + 1)

@@ -19,20 +19,20 @@ from islandgp.study.texts import note
 STUDIED: Final = frozenset({"supervisor"})
 """The group in which arms may differ without further ado (section 3.1)."""
 
-YARDSTICK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
+TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
 """Groups that decide what fitness and a tier mean: they are never what is studied."""
 
 WHOLE: Final = frozenset({"library", "search"})
 """Groups that are chosen as one: where every selection names a key of it, all of it may differ."""
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.shared_seed"})
-"""What a run may spend: never studied either."""
+"""Keys of the budget, which are never studied."""
 
 START: Final = (BUDGET - {"gp.generations"}) | {"gp.reseed_every", "gp.max_depth", "gp.max_nodes"}
-"""What a run's initial population and worlds depend on, beside its seed, YARDSTICK and TREES."""
+"""What a run's initial population and worlds depend on, beside its seed, TASK and TREES."""
 
 TREES: Final = "gp.trees."
-"""How the keys of random trees begin."""
+"""Prefix of the keys of random trees."""
 
 SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
 
@@ -122,7 +122,7 @@ def _start(run: Run) -> dict[str, Any]:
     return {
         key: value
         for key, value in run.flat.items()
-        if _group(key) in YARDSTICK or key in START or key.startswith(TREES)
+        if _group(key) in TASK or key in START or key.startswith(TREES)
     }
 
 
@@ -225,7 +225,7 @@ def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:
     if _group(key) in STUDIED:
         return True
-    if _group(key) in YARDSTICK or key in BUDGET:
+    if _group(key) in TASK or key in BUDGET:
         return False
     if _group(key) in WHOLE:
         return all(_group(key) in map(_group, s.keys) for s in selections)

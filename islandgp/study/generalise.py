@@ -30,7 +30,7 @@ from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
 
 REFERENCE_WORLDS: Final = 100
-"""How many worlds a reference tree meets at least: it is one tree, so more of them cost little."""
+"""Minimum number of worlds of a reference tree; for a single tree they cost little."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -140,7 +140,7 @@ OVERLAPPING: Final = _mean(
     attrgetter("overlapping"),
 )
 FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
-"""What the paper compares without a test: a family of its own here."""
+"""Measures that the paper compares without a test; they are a family of tests here."""
 
 
 def main_family(milestones: Sequence[str], agent: str = "Robot") -> tuple[Measure, ...]:
@@ -187,4 +187,4 @@ OVERHEAD: Final[dict[str, Callable[[Run], float | None]]] = {
     # US dollars; None: the model has no known price.
     "dollars": lambda r: r.costs[-1].llm.get("cost_usd") if r.costs[-1].llm else 0.0,
 }
-"""What supervision took in one run, by the columns of runs.csv."""
+"""Costs of supervision in one run, by the columns of runs.csv."""

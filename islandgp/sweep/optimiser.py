@@ -41,7 +41,7 @@ from islandgp.sweep.run import Launch, end_ray, finish_sweep, jobs_in, launched
 from islandgp.trust import names_in, trust
 
 RESULTS: Final = "optimization_results.yaml"
-"""What Hydra's sweepers that search call the file of their results."""
+"""File name for the results of Hydra's optimising sweepers."""
 
 OURS: Final = "hydra_plugins.islandgp_optuna.OptunaSweeper"
 

@@ -36,7 +36,7 @@ from islandgp.sweep.progress import Start, Watch
 from islandgp.tracking.summary import arm_lines, arms
 
 Job = Callable[[DictConfig], Any]
-"""What Hydra calls for each job."""
+"""The function that Hydra calls for each job."""
 
 Launch = Callable[[Job, list[str]], None]
 """Hands a job function to Hydra, with overrides besides the command's own."""

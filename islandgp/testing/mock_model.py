@@ -2,7 +2,7 @@
 
 It reads nothing but the prompt, as a model does, so that the whole path can be measured
 without one. Rules of Tables 7 and 8 choose a phase and a target; where informed prompts tell
-fates and traces, it goes by them. It says nothing of what a real model would achieve.
+fates and traces, it goes by them. Its results do not predict those of a real model.
 """
 
 from __future__ import annotations

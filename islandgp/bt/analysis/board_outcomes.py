@@ -32,7 +32,7 @@ def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
 
 
 def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
-    """The outcomes of a parallel, from those of its children, as `judgement` gives them."""
+    """The outcomes of a parallel by the outcomes of its children."""
 
     def some(status: int) -> Boards:
         return sets.either(*(outcomes[status] for outcomes in each))
@@ -56,7 +56,7 @@ def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) ->
 def _judged_by_counts(
     sets: BoardSets, needed: tuple[int, int], each: Sequence[Outcomes]
 ) -> Outcomes:
-    """The same where numbers of successes and failures decide."""
+    """The outcomes of a parallel that numbers of successes and failures decide."""
     counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
     for outcomes in each:
         more: dict[tuple[int, ...], Boards] = {}

@@ -62,7 +62,7 @@ class ParallelMemory(NamedTuple):
 
 
 Memory: TypeAlias = ActionMemory | BranchMemory | RepeaterMemory | ParallelMemory
-"""What a running node remembers. A decorator that does not count has the memory of its child."""
+"""The state of a running node. A decorator that does not count has the memory of its child."""
 
 
 class TickTarget(NamedTuple):
@@ -306,7 +306,7 @@ class Machine:
         return inside
 
     def way(self, place: int, at: int, target: TickTarget) -> Outcomes:
-        """The same of a selector or sequence whose child of index `at` starts now."""
+        """Outcomes of a selector or sequence whose child of index `at` starts now."""
         key = (place, target.place, target.kept)
         if key not in self._ways:
             handing, branch = hands_over(self.nodes[place]), target.branches[place]

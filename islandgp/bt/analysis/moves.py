@@ -286,7 +286,7 @@ class _Tick:
         known: Sequence[bool | None],
         checked: Set[int],
     ) -> tuple[bool | None, ...]:
-        """What a composite knows of its guards behind a tick that began with the branch `first`."""
+        """The known guards of a composite after a tick that began with the branch `first`."""
         values: list[bool | None] = []
         for before, (branch, guard) in zip(known, self._machine.observed[place], strict=True):
             now = before

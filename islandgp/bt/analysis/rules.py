@@ -94,7 +94,10 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         tree: in the words of the vocabulary.
         rule: to be proven or refuted.
         vocabulary: whose keys have ranges, and whose actions have statuses.
-        steps: of work at most, >= 0; each is some microseconds.
+        steps: maximum steps of the search, >= 0; a step takes some microseconds.
+
+    Returns:
+        Proven, refuted with blackboards that break the rule, or unknown after `steps`.
     """
     sets = BoardSets(vocabulary.keys)
     machine = Machine(tree, vocabulary, sets)

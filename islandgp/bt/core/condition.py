@@ -58,7 +58,7 @@ MIRRORED: Final = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=":
 
 
 def ordered(expr: Condition) -> Condition:
-    """The same comparison; of two keys, the alphabetically first one is on the left."""
+    """The comparison in normal form: of two keys, the alphabetically first is on the left."""
     if not expr.other or expr.key <= expr.other:
         return expr
     return Condition(expr.other, MIRRORED[expr.operator], 0.0, expr.key)

@@ -281,7 +281,7 @@ _MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = 
     "force_failure": _Compiler._forced,
     "when": _Compiler._when,
 }
-"""How the closure of each kind of inner node is made."""
+"""The function that makes the closure of each kind of inner node."""
 
 
 def thresholds(tree: Node, key: str) -> tuple[float, ...]:

@@ -140,7 +140,7 @@ ABORTS: Final = {
 }
 """The abort rules of a `when`, with their meanings."""
 POLICIES: Final = {"one": "one child", "all": "all children"}
-"""How many children of a parallel decide."""
+"""Numbers of children that decide a parallel."""
 REPEATS: Final = (1, 100)
 """Fewest and most repetitions."""
 SECONDS: Final = (0.001, 100_000)

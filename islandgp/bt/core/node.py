@@ -69,7 +69,7 @@ class SecondsArgs(NamedTuple):
 
 
 Policy: TypeAlias = str | float
-"""How many children of a parallel decide: a key of POLICIES, or a whole number >= 1."""
+"""Number of children that decide a parallel: a key of POLICIES, or a whole number >= 1."""
 
 
 class ParallelArgs(NamedTuple):
