@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Final, Protocol, Self
 
@@ -231,15 +231,16 @@ KEPT: Final = " The run keeps what it has; this is the tree:\n"
 """Before the tree in the message of an error that names its job."""
 
 
-class Cached:
-    """Evaluator that runs the jobs of its last batch only once.
+MOST_KEPT: Final = 2000
+"""Outcomes that `Cached` keeps: those of a usual run."""
 
-    Seeds change with each generation, so older outcomes are not kept.
-    """
+
+class Cached:
+    """Evaluator that keeps the outcomes of the last episodes, and runs none of these again."""
 
     def __init__(self, inner: Evaluator) -> None:
         self.inner = inner
-        self._recent: dict[Job, Outcome] = {}
+        self._known: dict[Job, Outcome] = {}
 
     @property
     def simulated(self) -> int:
@@ -248,11 +249,13 @@ class Cached:
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        new = [job for job in dict.fromkeys(jobs) if job not in self._recent]
-        fresh = dict(zip(new, self.inner.evaluate(new), strict=True))
-        known = {job: fresh.get(job) or self._recent[job] for job in jobs}
-        self._recent = known
-        return [known[job] for job in jobs]
+        new = [job for job in dict.fromkeys(jobs) if job not in self._known]
+        for job, outcome in zip(new, self.inner.evaluate(new), strict=True):
+            self._known[replace(job, node=None)] = outcome
+        outcomes = [self._known[job] for job in jobs]
+        for job in [*self._known][: -max(MOST_KEPT, len(new))]:
+            del self._known[job]
+        return outcomes
 
     def close(self) -> None:
         """See `Evaluator`."""

@@ -87,6 +87,7 @@ def report(target: RunFolder) -> str:
             f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
             f" {s['fittest']['generation']}",
             first[:1].upper() + first[1:],
+            *_known_episodes(target),
             *_supervision(target, s.get("answers", {})),
             f"Results: {target.path}",
             "",
@@ -99,6 +100,14 @@ def report(target: RunFolder) -> str:
 def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     """True if the fallback's share of a finished run exceeds `most_fallback`."""
     return bool(summary.get("mostly_fallback"))  # a run of an older version lacks it
+
+
+def _known_episodes(target: RunFolder) -> Iterator[str]:
+    """A line on the episodes that were not simulated, as their outcomes were known."""
+    costs = [*target.costs()]
+    own = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
+    if known := own - sum(cost["simulated"] for cost in costs):
+        yield f"Episodes in training: {own:,}, {known:,} of them known from before"
 
 
 def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:

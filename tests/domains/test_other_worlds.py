@@ -263,6 +263,14 @@ def test_threads_have_environments_of_their_own(world: str) -> None:
     assert env() is not there
 
 
+def test_actions_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not in each step, where Gymnasium's check takes as long as the rest of CartPole's step."""
+    spaces = pytest.importorskip("gymnasium").spaces
+    monkeypatch.setattr(spaces.Discrete, "contains", lambda *_: pytest.fail("checked"))
+    outcome = short("cartpole").run_episode(parse("PushLeft"), 0, {})
+    assert outcome.counters["return"] > 0
+
+
 def test_random_search_inherits_nothing() -> None:
     """Each individual of each generation is a new random tree, and none is mutated."""
     steps = steps_of("cartpole", "experiment=random_search", "supervisor=fixed")

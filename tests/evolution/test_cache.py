@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
+import pytest
+
+from islandgp.evaluation import base
 from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import Step
 from islandgp.records.checkpoint import dump
-from islandgp.running.run import make_evaluator, make_supervisor
+from islandgp.running.run import make_evaluator, make_search, make_supervisor
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of
 from tests.profiles import sweep
@@ -60,3 +63,32 @@ def test_what_makes_an_episode_another_one() -> None:
     assert cached.evaluate([job, others[0]]) == [outcome_of(job), outcome_of(others[0])]
     assert inner.asked[1:] == [[]]
     assert cached.simulated == 4
+
+
+def test_outcomes_outlast_other_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as the archive's between two generations; the oldest ones go where there are many."""
+    monkeypatch.setattr(base, "MOST_KEPT", 3)
+    cached = Cached(Fake())
+    jobs = [Job("PatrolWaypoint\n", 0, seed) for seed in range(4)]
+    for batch in (jobs[:2], jobs[2:3], jobs[:2]):
+        cached.evaluate(batch)
+    assert cached.simulated == 3
+    cached.evaluate(jobs[3:])
+    cached.evaluate(jobs[1:])
+    assert cached.simulated == 4
+    cached.evaluate(jobs[:1])
+    assert cached.simulated == 5
+
+
+def test_no_search_simulates_an_episode_twice() -> None:
+    """Also with an archive, whose elites meet other worlds between two generations."""
+    settings = composed(*RUN, "search=racing", "gp.reseed_every=never")
+    fake = Fake()
+    plan = composed_plan(*RUN, "search=racing", "gp.reseed_every=never")
+    supervisor = make_supervisor(settings, None)
+    search = make_search(settings, plan)
+    run = evolve(plan, settings.seed, supervisor, Cached(fake), search=search)
+    costs = [step.cost for step in run]
+    simulated = [job for batch in fake.asked for job in batch]
+    assert len(simulated) == len({*simulated}) == sum(each.simulated for each in costs)
+    assert len(simulated) < sum(each.episodes for each in costs)

@@ -6,6 +6,8 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+import pytest
+
 from islandgp.evolution.validation import Best, Candidate, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
@@ -61,6 +63,18 @@ def test_the_end_of_such_a_run_says_why(tmp_path: Path) -> None:
     assert said[0].endswith("points on 1 unseen worlds of the last stage (no interval: one world)")
     (line,) = (line for line in said if line.startswith("Against the tree good"))
     assert line.endswith("+0 points (no interval: one world)")
+
+
+def test_the_end_of_a_run_has_its_known_episodes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Episodes of the training that were not simulated again; no line where there are none."""
+    folder = _validated_once(tmp_path / "run", tmp_path)
+    assert "known from before" not in report(folder)
+    costs = [{**cost, "episodes": 30, "simulated": 28, "elsewhere": 0} for cost in folder.costs()]
+    monkeypatch.setattr(RunFolder, "costs", lambda _: iter(costs))
+    n = len(costs)
+    assert f"Episodes in training: {30 * n}, {2 * n} of them known from before" in report(folder)
 
 
 def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:

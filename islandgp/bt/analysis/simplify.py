@@ -13,6 +13,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.outcomes import dead_end, ends, hands_over, idle
 from islandgp.bt.analysis.truth import (
+    Conditions,
     NodeContext,
     below,
     exposes,
@@ -228,6 +229,13 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
+Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
+"""A node with its context, but for the vocabulary."""
+
+MOST_SHORT: Final = 20_000
+_short: tuple[Vocabulary, set[Place]] = (NOTHING, set())
+"""The last vocabulary, and what no rule shortened; the trees of a search share most branches."""
+
 
 class Simplified(NamedTuple):
     """A shorter tree, and what was done to get it."""
@@ -241,24 +249,34 @@ def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
 
     The declarations of actions and keys in `vocabulary` allow more rewrites.
     """
-    reasons: list[str] = []
+    global _short
+    if _short[0] is not vocabulary or len(_short[1]) > MOST_SHORT:
+        _short = vocabulary, set()
+    short, reasons = _short[1], list[str]()
     while True:
         before = len(reasons)
-        tree = _visit(tree, root_of(vocabulary), reasons)
+        tree = _visit(tree, root_of(vocabulary), reasons, short)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 
 
-def _visit(node: Node, context: NodeContext, reasons: list[str]) -> Node:
+def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
     """From the root down, so that what is known of a node's place stays true."""
+    before, place = len(reasons), (node, *context[:3])
+    if place in short:
+        return node
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
     for index, child in enumerate(node.children):
-        shorter_child = _visit(child, below(node, context, index), reasons)
+        if not child.children:
+            continue  # no rule shortens a leaf
+        shorter_child = _visit(child, below(node, context, index), reasons, short)
         if shorter_child is not child:
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
             node = node._replace(children=children)
+    if len(reasons) == before:
+        short.add(place)
     return node
 
 
