@@ -26,7 +26,7 @@ from tests.evolution.runs import Says, lines, plan, records, run
 from tests.flatten import version_1
 from tests.goldens import FOLDER, check_golden
 from tests.made import outcome
-from tests.profiles import examples
+from tests.profiles import examples, sweep
 
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
 
@@ -291,7 +291,7 @@ class Probe:
         return Guidance(float(rng.random()), None, self.name, reasoning=str(state.best_trend))
 
 
-@pytest.mark.parametrize("lag", [0, 1, 3])
+@sweep("lag", [0, 1, 3], quick=1)
 def test_resume_from_any_state(lag: int) -> None:
     """A run that goes on from any of its states ends in the same records as one in one go."""
     how = plan(f"supervisor.lag={lag}")

@@ -1,10 +1,12 @@
-"""Figures without ink, for tests of what reports say in words and numbers."""
+"""Reports without figures, for tests of what they state in words and numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import pytest
+
+from islandgp.study.figures import drawing
 
 
 @pytest.fixture(scope="module")
@@ -17,5 +19,12 @@ def blank_module() -> Iterator[None]:
 
 @pytest.fixture
 def blank(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As `blank_module`, in one test."""
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+    """Figures have their titles and captions, but are not drawn."""
+
+    def undrawn(
+        key: str, draw: object, *, layout: object = None, **values: object
+    ) -> drawing.Picture:  # as `drawing.picture`
+        del draw, layout
+        return drawing.Picture(key, *drawing.title_and_caption(key, **values), "", b"")
+
+    monkeypatch.setattr(drawing, "picture", undrawn)

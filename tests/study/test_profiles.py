@@ -171,15 +171,8 @@ def test_wrong_bounds_are_refused(bounds: dict[str, tuple[float, float]]) -> Non
 
 
 def test_a_picture_of_profiles(tmp_path: Path) -> None:
-    """SVG and PNG under its name; the same scores in another order give the same bytes."""
-    scores = _made()
-    picture = profile_picture(scores, pool=True, key="mine")
-    again = profile_picture(
-        {w: {a: values[::-1] for a, values in arms.items()} for w, arms in scores.items()},
-        pool=True,
-        key="mine",
-    )
-    assert picture == again
+    """SVG and PNG under its name."""
+    picture = profile_picture(_made(), pool=True, key="mine")
     assert [file.name for file in picture.save(tmp_path / "new")] == ["mine.svg", "mine.png"]
     assert (tmp_path / "new" / "mine.png").read_bytes().startswith(b"\x89PNG")
     assert int.from_bytes(picture.png[16:20], "big") == int(WIDTH * DPI)

@@ -18,6 +18,7 @@ from islandgp.supervision.base import Guidance, Phase
 from tests.evolution.runs import plan, run
 from tests.llm.made import answering, supervisor
 from tests.made import snapshot, state
+from tests.profiles import sweep
 from tests.running.commands import TINY, fake
 from tests.running.supervisors import Answers
 
@@ -111,7 +112,7 @@ def test_a_fallback_is_asked_alike() -> None:
         llm.advise(state([snapshot(0)]), np.random.default_rng(0))
 
 
-@pytest.mark.parametrize("words", [(), ("seed=3", "-m")])
+@sweep("words", [(), ("seed=3", "-m")], quick=1)
 def test_the_command_says_it_in_one_line(
     words: tuple[str, ...],
     tmp_path: Path,

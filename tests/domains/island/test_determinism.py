@@ -86,7 +86,7 @@ def gp_tree(seed: int) -> Node:
     return random_tree(np.random.default_rng(seed), replace(composed_plan().space, limits=LIMITS))
 
 
-@pytest.mark.parametrize("seed", range(8))
+@sweep("seed", range(8), quick=3)
 def test_stepwise_is_the_same_for_random_trees(seed: int) -> None:
     """Skipping the steps at which nothing can change gives the same episode to the last bit."""
     quick, slow = both_ways(gp_tree(seed), busy(), seed)
