@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from time import time
 from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
-from islandgp.gp.record import IndividualRecord
+from islandgp.gp.record import Cost, IndividualRecord
+from islandgp.records.checkpoint import dump
+from islandgp.records.lines import Lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,3 +200,51 @@ def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
         return ""
     part = f", {counts['in_part']:,} of them in part" if counts["in_part"] else ""
     return f"{counts['fallback']:,} of {counts['total']:,}{part}"
+
+
+def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None]) -> None:
+    """Truncates the costs file; replaces damaged lines by 0 s and a share of the episodes.
+
+    Args:
+        costs: the file.
+        done: number of generations to keep.
+        spent: their episodes, as in the checkpoint.
+        warn: called with one line if costs were lost.
+    """
+    rows: list[dict[str, Any] | None] = []
+    for i, line in enumerate(islice(costs.whole(), done)):
+        try:
+            rows.append(costs.value(line, i))
+        except RunError:
+            rows.append(None)
+    rows += [None] * (done - len(rows))
+    lost = [i for i, cost in enumerate(rows) if cost is None]
+    if not lost:
+        costs.cut(done)
+        return
+    rest = max(0, spent - sum(cost["episodes"] for cost in rows if cost is not None))
+    at, llm = int(1000 * time()), dict[str, float]()
+    lines = []
+    for i, cost in enumerate(rows):
+        if cost is None:
+            share = rest // len(lost) + (i == lost[-1]) * (rest % len(lost))
+            cost = {**asdict(Cost(0.0, 0.0, 0.0, share, 0, llm)), "at": at}
+        at, llm = cost["at"], cost["llm"]
+        lines.append(dump(cost).encode() + b"\n")
+    write_atomic(costs.path, b"".join(lines))
+    warn(f"{costs.path}: the seconds of {len(lost)} generations are lost.")
+
+
+LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
+"""The columns of lineage.csv behind the generation."""
+
+
+def write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
+    """Writes the table, from the lines of generations.jsonl; lists are separated by spaces."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        out = csv.writer(file)
+        out.writerow(("generation", *LINEAGE))
+        for record in records:
+            for i in record["individuals"]:
+                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
+                out.writerow([record["snapshot"]["generation"], *(row[name] for name in LINEAGE)])

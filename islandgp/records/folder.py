@@ -25,10 +25,16 @@ from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_va
 from islandgp.plain import from_plain, validate_json
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.checkpoint import generation_of, read_checkpoint, save_state
-from islandgp.records.costs import mend_costs
-from islandgp.records.files import OWN, PAGE, RunMetadata, RunSummary, pretty
-from islandgp.records.lineage_file import write_lineage
+from islandgp.records.checkpoint import generation_of, save_state
+from islandgp.records.files import (
+    OWN,
+    PAGE,
+    RunMetadata,
+    RunSummary,
+    mend_costs,
+    pretty,
+    write_lineage,
+)
 from islandgp.records.lines import (
     Lines,
     Stamp,
@@ -53,7 +59,7 @@ from islandgp.records.manifest import (
 )
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import with_todays_names, without_credentials
-from islandgp.scoring.generation_stats import GenerationStats
+from islandgp.records.resume import sound_state
 from islandgp.trust import must_have_no_links
 
 
@@ -228,7 +234,8 @@ class RunFolder:
                 " for a new folder beside it."
             )
         with usable(self.path):
-            state = self._state(warn)
+            checkpoints = (self._checkpoint, self._previous)
+            state = sound_state(checkpoints, self._generations, self._sums, warn)
             done = state.generation if state else 0
             self._generations.cut(done)
             mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
@@ -240,51 +247,6 @@ class RunFolder:
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
-
-    def _state(self, warn: Callable[[str], None]) -> RunState | None:
-        files = [file for file in (self._checkpoint, self._previous) if file.exists()]
-        if not files:
-            self._must_be_new(warn)
-            return None
-        damage = [] if files[0] == self._checkpoint else [f"There is no {self._checkpoint}."]
-        for file in files:
-            try:
-                state, checked = self._checked(file)
-            except RunError as error:
-                damage.append(str(error))
-                continue
-            if damage:
-                why = damage[0].partition(";")[0].rstrip(".")
-                warn(f"{why}; going on from the checkpoint of generation {state.generation}.")
-                file.replace(self._checkpoint)
-            if not checked:
-                warn(f"{self._generations.path}: not verified: written by an older version.")
-            return state
-        raise RunError(damage[0])
-
-    def _must_be_new(self, warn: Callable[[str], None]) -> None:
-        """Raises RunError if there are records of several generations but no checkpoint."""
-        n = sum(1 for _ in self._generations.whole())
-        if n > 1:
-            raise RunError(
-                f"Expected a checkpoint beside {n} generations in {self._checkpoint}, found none;"
-                " restore it, or use resume=never for a new folder beside this one."
-            )
-        if n:
-            warn(f"There is no {self._checkpoint}: the run begins again at generation 0.")
-
-    def _checked(self, file: Path) -> tuple[RunState, bool]:
-        """A checkpoint's state, and True if the checksum of the records before it was compared.
-
-        Raises RunError if the checkpoint or a record before it is damaged or missing.
-        """
-        state, expected = read_checkpoint(file)
-        lines = self._generations.head(state.generation)
-        if expected and (why := wrong_record(lines, expected, self._sums)):
-            raise damaged(self._generations.what, self._generations.path, why)
-        history = [self._generations.value(line, i) for i, line in enumerate(lines)]
-        snapshots = tuple(from_plain(GenerationStats, record["snapshot"]) for record in history)
-        return replace(state, history=snapshots), bool(expected)
 
     def restore(self) -> None:
         """Writes missing files of a finished run that can be made from others."""

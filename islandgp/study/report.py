@@ -16,10 +16,18 @@ from islandgp.study.figures.episodes import by_episodes
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import FURTHER, TABLE_9, TABLE_10, Measure, all_measures, examined
+from islandgp.study.measures import (
+    FURTHER,
+    MEAN_MAX,
+    TABLE_9,
+    TABLE_10,
+    Measure,
+    all_measures,
+    emergence,
+    examined,
+)
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, in_sentences
 from islandgp.study.profiles import ScoreRow, Scores
-from islandgp.study.result import result
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
 from islandgp.study.tables.archives import archive_table, one_grid
@@ -30,7 +38,14 @@ from islandgp.study.tables.champions import (
     generalisation_table,
     specialists_table,
 )
-from islandgp.study.tables.claims import claims_table, primary_table, questions_table
+from islandgp.study.tables.claims import (
+    claims_table,
+    estimate_cells,
+    found,
+    primary_table,
+    questions_table,
+    test_name,
+)
 from islandgp.study.tables.comparisons import (
     diversity_table,
     emergence_table,
@@ -274,3 +289,26 @@ def _statistics(study: Comparison, plan: AnalysisPlan, findings: Findings) -> It
     heading = "Medians, intervals and paired tests"
     yield from _for_pairs(study, findings, median_table, "medians", heading, all_measures(study))
     yield power_table(study, findings[0].size)
+
+
+def result(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[str]:
+    """A sentence for each pair of arms and measure.
+
+    The measure is the plan's primary endpoint; without one these are the mean over generations of
+    the highest fitness, and the first robot of the easiest milestone.
+    """
+    without_plan = [MEAN_MAX.key, *(emergence(tier).key for tier in study.milestones[:1])]
+    for key in without_plan if plan.primary is None else [plan.primary]:
+        for a, b in study.pairs:
+            f = finding(findings, key, (a.name, b.name))
+            p = f.test.p if plan.primary == key and (a, b) == study.pairs[0] else None
+            yield _sentence(f, found(f, plan.margins.get(key), p))
+
+
+def _sentence(f: Finding, verdict: str) -> str:
+    cells = dict(estimate_cells(f))
+    a, b = f.arms
+    if f.never or f.equal:
+        return f"{f.measure.label}, {a} minus {b}: {verdict}."
+    difference = f"{cells['difference [95 %]']} {cells['unit']}"
+    return f"{f.measure.label}, {a} minus {b}: {difference} ({test_name(f)}); {verdict}."
