@@ -79,10 +79,10 @@ class Schema:
 
     def __post_init__(self) -> None:
         """Checks the declarations; without counters, declares one per event."""
-        for what, names in (("action", self.vocabulary.actions), ("component", self.components)):
+        for kind, names in (("action", self.vocabulary.actions), ("component", self.components)):
             if not names:
                 raise DomainError(
-                    f"Expected at least one {what} in the domain {self.vocabulary.domain}, found"
+                    f"Expected at least one {kind} in the domain {self.vocabulary.domain}, found"
                     f" none; declare it in its Schema."
                 )
         of_domain = f"of the domain {self.vocabulary.domain}"

@@ -205,12 +205,12 @@ def _lines(table: Table) -> Iterator[str]:
     for cells in table.rows:
         row = dict(zip(table.columns, cells, strict=True))
         if table.key == "primary":
-            what, p = row["unit"], f"p {row['p, not adjusted']}"
+            question, p = row["unit"], f"p {row['p, not adjusted']}"
         else:
-            what = row.get("Claim") or f"{row['Arms']}: {row['measure']}"
+            question = row.get("Claim") or f"{row['Arms']}: {row['measure']}"
             p = f"p BH {row['p BH']}"
         difference = f"{row['difference [95 %]']}"
-        yield f"  {what:<47} {difference:>28}  {p:<13} {row['verdict']}"
+        yield f"  {question:<47} {difference:>28}  {p:<13} {row['verdict']}"
 
 
 def _tests(report: ComparisonReport) -> Iterator[str]:

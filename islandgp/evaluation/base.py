@@ -206,23 +206,23 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     except TimeLimitError as late:
         raise EvaluationError(blame(job, f"{late.found}; {LONGER}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
-        what = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
-        raise EvaluationError(blame(job, what)) from error
+        fault = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
+        raise EvaluationError(blame(job, fault)) from error
     if not isinstance(outcome, Outcome):
         raise EvaluationError(blame(job, f"{outcome!r:.200}; return an Outcome from run_episode"))
     if not abs(outcome.fitness) < MOST_POINTS:
-        what = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
-        raise EvaluationError(blame(job, what))
+        fault = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
+        raise EvaluationError(blame(job, fault))
     return outcome
 
 
 MOST_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite
 
 
-def blame(job: Job, what: str) -> str:
+def blame(job: Job, fault: str) -> str:
     """The message of an error that names its job."""
     return (
-        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {what}."
+        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {fault}."
         f"{KEPT}{job.tree}"
     )
 

@@ -182,18 +182,18 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
     i, old, args = guards[rng.integers(len(guards))]
     expr = args.condition
     parts = list(terms(expr))
-    at, what = int(rng.integers(len(parts))), rng.random()
-    if what < 0.25:
+    at, draw = int(rng.integers(len(parts))), rng.random()
+    if draw < 0.25:
         others = [abort for abort in ABORTS if abort != args.abort]
         return replace_at(
             tree, i, old._replace(args=args._replace(abort=others[rng.integers(len(others))]))
         )
     new: ConditionExpr | None = random_term(rng, space)
-    if what < 0.5 and len(parts) < space.settings.conditions.terms:
+    if draw < 0.5 and len(parts) < space.settings.conditions.terms:
         word = "or" if rng.random() < 0.3 else "and"
         assert new is not None
         new = conjoin(word, [parts[at], new])
-    elif what < 0.65:
+    elif draw < 0.65:
         new = None
     changed = with_term(expr, at, new)
     if changed is None:  # the only term is gone, and the guard with it

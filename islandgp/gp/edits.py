@@ -56,8 +56,8 @@ class Edit:
         }
         for name, is_given in fields.items():
             if is_given != (name == needs):
-                wanted, found = ("a", "none") if name == needs else ("no", "one")
-                raise ValueError(f"expected {wanted} {name} in an edit {self.kind}, found {found}")
+                wanted, actual = ("a", "none") if name == needs else ("no", "one")
+                raise ValueError(f"expected {wanted} {name} in an edit {self.kind}, found {actual}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,8 +117,8 @@ class TreeNode:
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
         nodes = [
-            {"node": head(node), "status": None if found is None else found.name}
-            for node, found in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
+            {"node": head(node), "status": None if ended is None else ended.name}
+            for node, ended in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
         ]
         root = None if status is None else status.name
         state = {"tree": tree.name, "status": root, "waits_for": self._missing, "nodes": nodes}

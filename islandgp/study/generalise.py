@@ -181,7 +181,7 @@ class Control:
     """A tree that is not evolved, in the worlds of the runs."""
 
     name: str  # of the library's tree
-    given: bool  # it is one that supervisors inject, not only a reference tree
+    injectable: bool  # supervisors can inject it; else it is only a reference tree
     fitness: Mapping[int, tuple[float, ...]]  # points in each generation, by the runs' seed
 
 
@@ -194,7 +194,9 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
     """
     runs = study.arms[0].runs
     configs = [arm.runs[0].config for arm in study.arms]
-    trees = {text: (name, True) for c in configs for name, text in library.given(c).items()}
+    trees = {
+        text: (name, True) for c in configs for name, text in library.trees_for_targets(c).items()
+    }
     for name, text in library.reference_trees(runs[0].config).items():
         trees.setdefault(text, (name, False))
     places = {run.seed: [(r.snapshot.stage, r.worlds[0]) for r in run.records] for run in runs}
@@ -216,4 +218,4 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
 
 def best_of(trees: Sequence[Control], seed: int) -> tuple[float, ...]:
     """The highest fitness of the library's trees in each generation of a seed's runs, points."""
-    return tuple(map(max, zip(*(c.fitness[seed] for c in trees if c.given), strict=True)))
+    return tuple(map(max, zip(*(c.fitness[seed] for c in trees if c.injectable), strict=True)))

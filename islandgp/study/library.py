@@ -54,7 +54,7 @@ def _names(folder: Path) -> Mapping[str, str]:
     return names
 
 
-def given(config: Mapping[str, Any]) -> dict[str, str]:
+def trees_for_targets(config: Mapping[str, Any]) -> dict[str, str]:
     """The canonical texts of the library's trees for targets, by name, as above."""
     targets = LibrarySettings.model_validate(config["library"]).trees
     return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))

@@ -205,7 +205,7 @@ def most_injected(arms: Iterable[Arm]) -> tuple[str, str, int] | None:
     from_library = [(n, names[text], text) for text, n in counts.items() if text in names]
     if not from_library:
         return None
-    times, name, text = min(from_library, key=lambda found: (-found[0], found[1]))
+    times, name, text = min(from_library, key=lambda count: (-count[0], count[1]))
     return name, text, times
 
 

@@ -115,7 +115,7 @@ def build(
     wanted = {*plan.margins, *([] if plan.primary is None else [plan.primary])}
     findings = examine_all(study, families(study, plan), examined(study, wanted))
     robots = " and ".join(map(title, study.milestones))
-    with_library = any(control.given for control in controls)
+    with_library = any(control.injectable for control in controls)
     scores = champion_scores(study, unseen)
     rows = champion_rows(study, scores)
     chapters: dict[str, Iterable[Item]] = {

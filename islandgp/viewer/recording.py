@@ -197,7 +197,7 @@ class Camera:
         self._bounds: set[Bounds] = set()
         self._fixed: tuple[Thing, ...] = ()
         self._items: tuple[Thing, ...] = ()  # of the last scene
-        self._there: dict[tuple[Thing, int], int] = {}  # since when; equal things are numbered
+        self._present: dict[tuple[Thing, int], int] = {}  # since when; equal things are numbered
         self._gone: list[ItemSpan] = []
         self._movers: list[tuple[Thing, ...]] = []  # per tick
         self._frames: list[tuple[int, bytes]] = []
@@ -218,17 +218,17 @@ class Camera:
     def _see_items(self, items: tuple[Thing, ...], tick: int) -> None:
         self._items = items
         seen: dict[Thing, int] = {}
-        there: dict[tuple[Thing, int], int] = {}
+        present: dict[tuple[Thing, int], int] = {}
         for item in items:
             number = seen[item] = seen.get(item, 0) + 1
-            there[item, number] = self._there.get((item, number), tick)
-        for key in self._there.keys() - there.keys():
-            self._gone.append(ItemSpan(key[0], self._there[key], tick))
-        self._there = there
+            present[item, number] = self._present.get((item, number), tick)
+        for key in self._present.keys() - present.keys():
+            self._gone.append(ItemSpan(key[0], self._present[key], tick))
+        self._present = present
 
     def film(self, ticks: int, schema: Schema) -> SceneTrack:
         """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
-        left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._there.items()]
+        left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._present.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         film = SceneTrack(
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),

@@ -9,12 +9,12 @@ from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Problem
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import best_of, controls
-from islandgp.study.library import given
+from islandgp.study.library import trees_for_targets
 from islandgp.study.tables.champions import controls_table
 from tests.made import outcome
 from tests.study.made_runs import config, made_arm, made_run
 
-TREES = given(config())
+TREES = trees_for_targets(config())
 
 
 class Known:
@@ -53,8 +53,8 @@ def test_each_tree_of_the_library_lives_in_the_runs_worlds_and_stages() -> None:
         return made[0]
 
     found = controls(study, make)
-    assert [c.name for c in found if c.given] == list(TREES)
-    assert "all_rounder" in [c.name for c in found if not c.given]
+    assert [c.name for c in found if c.injectable] == list(TREES)
+    assert "all_rounder" in [c.name for c in found if not c.injectable]
     own = {(j.stage, j.seed) for j in made[0].jobs if j.tree == TREES["single_pickup"]}
     runs = study.arms[0].runs
     assert own == {(r.snapshot.stage, r.worlds[0]) for run in runs for r in run.records}

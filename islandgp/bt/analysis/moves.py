@@ -38,7 +38,7 @@ class Move(NamedTuple):
     status: int
     memory: Memory | None  # None: it has ended
     calls: ActionCalls = ()
-    asked: tuple[int, ...] = ()  # the guards of a branch that were asked for a start
+    checked: tuple[int, ...] = ()  # guards of the branch that were evaluated at its start
 
 
 def moves(
@@ -129,10 +129,10 @@ class _Tick:
         checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
             if FAILURE in wanted and target is None:
-                yield Move(FAILURE, None, asked=checked)
+                yield Move(FAILURE, None, checked=checked)
             return
         for move in self.moves(self._machine.children[place][0], memory, wanted, target):
-            yield move._replace(asked=(*checked, *move.asked))
+            yield move._replace(checked=(*checked, *move.checked))
 
     def _repeater(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
@@ -221,7 +221,7 @@ class _Tick:
                 continue
             after = None
             if move.memory is not None:
-                checked = {guard for each in done for guard in each.asked}
+                checked = {guard for each in done for guard in each.checked}
                 now = self._known(place, first, branch, known, checked)
                 after = BranchMemory(branch, move.memory, now)
             yield Move(move.status, after, tuple(call for each in done for call in each.calls))

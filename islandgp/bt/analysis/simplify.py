@@ -64,8 +64,8 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        found = idle(child, below(node, context, index)) == hands_over(node)
-        (idling if found else busy).append(child)
+        idles = idle(child, below(node, context, index)) == hands_over(node)
+        (idling if idles else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
     rest = tuple(busy or idling[-1:])

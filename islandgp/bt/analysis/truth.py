@@ -118,11 +118,11 @@ def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     while at < len(parts) > 1:
         others = parts[:at] + parts[at + 1 :]
         # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
-        given = (*known, *(others if expr.word == "and" else map(opposite, others)))
-        if not _possible(given, opposite(parts[at]) if expr.word == "and" else parts[at]):
+        assumed = (*known, *(others if expr.word == "and" else map(opposite, others)))
+        if not _possible(assumed, opposite(parts[at]) if expr.word == "and" else parts[at]):
             parts = others
         else:
-            parts[at] = _without_needless(parts[at], given)
+            parts[at] = _without_needless(parts[at], assumed)
             at += 1
     return conjoin(expr.word, parts)
 

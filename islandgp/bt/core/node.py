@@ -237,12 +237,12 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError for a tree that is too deep or too large."""
-    for what, value, most in (
+    for unit, value, most in (
         ("levels", depth(node), limits.max_depth),
         ("nodes", size(node), limits.max_nodes),
     ):
         if value > most:
             raise LimitError(
-                f"Expected a tree of at most {most} {what}, found {value};"
+                f"Expected a tree of at most {most} {unit}, found {value};"
                 " shorten it or raise the limit."
             )

@@ -205,11 +205,13 @@ class _Key(BaseModel, extra="forbid"):
     words: list[str] = []
 
     def key(self) -> Key:
-        given = self.model_fields_set
-        if "words" in given:
+        declared = self.model_fields_set
+        if "words" in declared:
             return enumeration(self.meaning, self.words)
         values = {**dict(self), "words": ()}
-        return Key(**{**values, "flag": self.flag if "flag" in given else given <= {"meaning"}})
+        return Key(
+            **{**values, "flag": self.flag if "flag" in declared else declared <= {"meaning"}}
+        )
 
 
 class _Words(BaseModel):
@@ -222,12 +224,12 @@ class _Words(BaseModel):
 
 def _schema(text: str, name: str) -> Vocabulary:
     try:
-        found = read_json(text.removeprefix("\ufeff"))
-        words = found.get("vocabulary", found) if isinstance(found, dict) else found
-        given = _Words.model_validate_json(json.dumps(words), strict=True)
-        keys = {name: entry.key() for name, entry in given.keys.items()}
-        actions = {action: entry.action(keys) for action, entry in given.actions.items()}
-        return Vocabulary(given.domain, actions, keys)
+        plain = read_json(text.removeprefix("\ufeff"))
+        words = plain.get("vocabulary", plain) if isinstance(plain, dict) else plain
+        declared = _Words.model_validate_json(json.dumps(words), strict=True)
+        keys = {name: entry.key() for name, entry in declared.keys.items()}
+        actions = {action: entry.action(keys) for action, entry in declared.actions.items()}
+        return Vocabulary(declared.domain, actions, keys)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at, why = ".".join(map(str, first["loc"])) or "the file", first["msg"]

@@ -61,12 +61,12 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
     """A function that reads an observation, and the paths of its numbers ("" if they have none)."""
     kind = type(space).__name__
     if kind == "Discrete":
-        return lambda found: [float(found)], [""]
+        return lambda value: [float(value)], [""]
     if kind in ("MultiDiscrete", "MultiBinary") or (kind == "Box" and len(space.shape) == 1):
         if space.dtype.kind == "f":
             read: Read = methodcaller("tolist")
         else:
-            read = lambda found: found.ravel().astype(float).tolist()  # noqa: E731
+            read = lambda values: values.ravel().astype(float).tolist()  # noqa: E731
         count = 1
         for length in space.shape:
             count *= length

@@ -67,14 +67,14 @@ def _free_points(
 ) -> list[complex]:
     """`n` points of free ground, at least `clear` metres from obstacles and walls."""
     rocks = np.array(obstacles(world)).reshape(-1, 3)
-    found: list[complex] = []
+    places: list[complex] = []
     for _ in range(1000):
-        if len(found) >= n:
-            return found[:n]
+        if len(places) >= n:
+            return places[:n]
         points = rng.uniform(clear, world.side - clear, (n + 8, 2))
         gaps = np.hypot(points[:, :1] - rocks[:, 0], points[:, 1:] - rocks[:, 1])
         free = (gaps > rocks[:, 2] + clear).all(axis=1)
-        found += [complex(x, y) for x, y in points[free]]
+        places += [complex(x, y) for x, y in points[free]]
     raise ConfigError(
         f"world: expected free ground for {n} things, found almost none; lower obstacles.count."
     )

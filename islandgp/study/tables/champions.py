@@ -128,7 +128,7 @@ def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
         _highest("best of the library, not evolved", [best[seed] for seed in seeds]),
     ]
     for control in trees:
-        name = f"{'library' if control.given else 'reference tree'}: {control.name}"
+        name = f"{'library' if control.injectable else 'reference tree'}: {control.name}"
         rows.append(_highest(name, [control.fitness[seed] for seed in seeds]))
     return Table.of(
         "controls",

@@ -265,7 +265,7 @@ class Adviser:
         requests = {
             part: self.request(part, state, capabilities, models.get(part)) for part in self.parts
         }
-        work = {p: partial(self._ask, p, state, calls, asked) for p, asked in requests.items()}
+        work = {p: partial(self._ask, p, state, calls, request) for p, request in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
         # The first is asked in this thread, the others beside it.
         aside = {part: in_thread(work[part]) for part in [*work][1:] if room}

@@ -374,10 +374,9 @@ def _opening(node: Node) -> str:
 
 def _past(past: PastEdit) -> str:
     e, trial = past.edit, past.trial
-    what = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
-    text = (
-        f'- generation {past.generation}, {e.kind} at "{e.at}" of {e.of}: {" ".join(what.split())}'
-    )
+    change = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
+    change = " ".join(change.split())
+    text = f'- generation {past.generation}, {e.kind} at "{e.at}" of {e.of}: {change}'
     if e.refused:
         return f"{text[:LONGEST]}; refused: {e.refused}"
     if trial is None:
