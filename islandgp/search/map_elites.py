@@ -1,11 +1,11 @@
 """MAP-Elites: the best tree of each kind of behaviour.
 
-Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv 1504.04909. Trees
-compete only with those that do the same things about as often: those in one cell of a grid over
-counters. An elite is worth the mean of all its episodes, and some elites of each generation are
-evaluated again, those with the fewest episodes first; a cell keeps a few trees more, so that an
-elite that was only lucky gives its place back. For re-evaluation in noisy tasks see Justesen,
-Risi and Mouret 2019, "MAP-Elites for noisy domains by adaptive sampling" (GECCO).
+Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv 1504.04909. A tree
+competes only with the trees in its cell of a grid over counters. The value of an elite is the mean
+of all its episodes. In each generation some elites are evaluated again, those with the fewest
+episodes first. A cell keeps several trees, so that another can replace an elite whose mean falls.
+For re-evaluation in noisy tasks see Justesen, Risi and Mouret 2019, "MAP-Elites for noisy domains
+by adaptive sampling" (GECCO).
 """
 
 from __future__ import annotations
