@@ -33,7 +33,7 @@ def measure(effort: Effort) -> list[Figure]:
             found[name].append(wait())
     what = {
         "help_s": "islandgp --help",
-        "config_error_s": "python -m islandgp gp.population=-5, until it has said what is wrong",
+        "config_error_s": "python -m islandgp gp.population=-5, until the error is printed",
         "first_generation_s": "python -m islandgp tracking=off, until generation 0 is on disk",
     }
     figures = [Figure(name, median(found[name]), "s", what[name]) for name in waits]

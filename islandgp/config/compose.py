@@ -274,8 +274,8 @@ def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> No
         key, _, value = override.partition("=")
         if value.replace(" ", "") == "{}" and OmegaConf.select(composed, key_of(override)):
             raise ConfigError(
-                f"{override}: expected keys to put on top of those that are there, found none,"
-                f" which changes nothing; take each out by ~{key.lstrip('+')}.NAME."
+                f"{override}: expected keys to add or change, found none; remove keys with"
+                f" ~{key.lstrip('+')}.NAME."
             )
 
 

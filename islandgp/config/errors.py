@@ -90,7 +90,7 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
     if is_secret(key):
         return f"{key}={HIDDEN}: expected a value, found one that cannot be read; quote it"
     if value.startswith("~"):
-        return f"{override}: expected a path, found ~, which only a shell reads; write it whole"
+        return f"{override}: expected a path, found ~, which only shells expand; write it whole"
     escaped = value.replace("\\", "\\\\").replace('"', '\\"')
     quoted = f'{key}="{escaped}"'
     try:
@@ -176,7 +176,7 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
     ("Config group override must be", lambda m, _: _no_option(m.overrides, m.source)),
     (
         r"Could not override '([^'@]+)@([^']*)'",
-        r"\1@\2: expected GROUP=OPTION, found a package behind the group; write \1=OPTION",
+        r"\1@\2: expected GROUP=OPTION, found a package after the group; write \1=OPTION",
     ),
     (r"Could not override '([^']+)'", _no_such_key),
     (r"Could not delete from config. '([^']+)' does not exist", _no_such_key),

@@ -123,7 +123,7 @@ def _planned(
     if (search := searched(args, words, Path.cwd())) is not None:
         return search, list(search.ends)
     if args.run and args.multirun:
-        raise ConfigError("--run: expected it without --multirun, found both; leave it out")
+        raise ConfigError("--run: expected no --multirun beside it, found both; leave one out")
     jobs: list[Planned] = []
     for job in planned(args, words, Path.cwd()):
         jobs.append(job)

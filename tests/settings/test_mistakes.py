@@ -104,7 +104,7 @@ ONE_LINE = [
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
     (["world.side=1e6"],
-     "world.side: expected at most 100,000 cells of 17 m, in which garbage is looked for, found"
+     "world.side: expected at most 100,000 cells of 17 m to search for garbage, found"
      " 3,460,262,976 on an island of 1e+06 m; take a smaller side or a larger robot.perception"),
     (["world.side=6000"], "world.side: expected at most 100,000 cells of 17 m"),
     (["world.robot.perception=0.1", "world.robot.speed=1.2", "world.humanoids.speed=1"],
@@ -256,15 +256,15 @@ ONE_LINE = [
      "supervisor=[expert,baseline]: expected the name of an option, found a list; write"
      " supervisor=expert,baseline -m for a run with each"),
     (["rewards.events={}"],
-     "rewards.events={}: expected keys to put on top of those that are there, found none, which"
-     " changes nothing; take each out by ~rewards.events.NAME."),
+     "rewards.events={}: expected keys to add or change, found none; remove keys with"
+     " ~rewards.events.NAME."),
     (["tracking=mlflow", "tracking.policy.uri=sqlite:///p%20.db"],
      "tracking.policy.uri='sqlite:///p%20.db': string should match pattern"),
-    (["--run", "-m"], "--run: expected it without --multirun, found both; leave it out"),
+    (["--run", "-m"], "--run: expected no --multirun beside it, found both; leave one out"),
     (["world.robot.pickup_reach=20"],
      "world.robot.pickup_reach: expected at most robot.perception=15, found 20"),
     (["world.episode.step=1"],
-     "world.episode.step: expected at most 0.16 s, in which robot.speed leads 1.6 m far, found 1"),
+     "world.episode.step: expected at most 0.16 s (1.6 m at robot.speed), found 1"),
     (["evolution.tournament_children=2"],
      "evolution.tournament_children: unknown key; did you mean allocation.tournament_children?"),
     (["compare"], "compare: expected KEY=VALUE, found a command; write islandgp compare"),
@@ -272,7 +272,7 @@ ONE_LINE = [
     (["gp.populaton=3", "--help"], "gp.populaton: unknown key; did you mean gp.population?"),
     (["supervisor=expet", "--cfg", "job"], "supervisor=expet: unknown option; did you mean expert"),
     (["world@x=island"],
-     "world@x: expected GROUP=OPTION, found a package behind the group; write world=OPTION"),
+     "world@x: expected GROUP=OPTION, found a package after the group; write world=OPTION"),
     (["+hydra.callbacks.x._target_=builtins.print"],
      "hydra.callbacks.x: expected no callbacks, found one; leave it out,"),
     (["hydra.callbacks.forget._target_=builtins.print"],
@@ -284,7 +284,7 @@ ONE_LINE = [
      "domain=[island,minigrid]: expected the name of an option, found a list; write domain=island"),
     (["~domain"], "domain: expected the name of an option, found none; there are cartpole, island"),
     (["+world=island"], "world: expected one option, found another one added to it; write world="),
-    (["runs=~/x"], "runs=~/x: expected a path, found ~, which only a shell reads; write it whole"),
+    (["runs=~/x"], "runs=~/x: expected a path, found ~, which only shells expand; write it whole"),
     (["world.chargers=[[1,2,3]]"], "world.chargers.0=[1, 2, 3]: tuple should have at most 2 items"),
     (["+tags.a=null"], "tags.a=None: expected text, a number, true or false; give one of these"),
     (["+tags.a=[1,2]"], "tags.a=[1, 2]: expected text, a number, true or false; give one of these"),

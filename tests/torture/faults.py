@@ -68,7 +68,7 @@ FAULTS: Final = {
         surroundings.encodings, "`?` in their place on the screen; the files are as always"
     ),
     "output closed, full, or read no more": Fault(
-        surroundings.display, "the run goes on; a full standard output is told with exit code 2"
+        surroundings.display, "the run goes on; a full standard output ends with exit code 2"
     ),
     "MLflow's server away, silent, slow, answering 500": Fault(
         surroundings.tracking_server,

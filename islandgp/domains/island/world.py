@@ -125,8 +125,8 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
     def _fits_into_memory(self) -> Self:
         if self.cells > MOST_CELLS:
             raise ValueError(
-                f"side: expected at most {MOST_CELLS:,} cells of {self.cell:g} m, in which garbage"
-                f" is looked for, found {self.cells:,} on an island of {self.side:g} m; take"
+                f"side: expected at most {MOST_CELLS:,} cells of {self.cell:g} m to search for"
+                f" garbage, found {self.cells:,} on an island of {self.side:g} m; take"
                 " a smaller side or a larger robot.perception"
             )
         length, step = self.episode.length, self.episode.step
@@ -191,8 +191,8 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
             most = WALL + who.radius
             if who.speed * self.episode.step > most:  # it could come out on a wall's other side
                 raise ValueError(
-                    f"episode.step: expected at most {most / who.speed:g} s, in which {name}.speed"
-                    f" leads {most:g} m far, found {self.episode.step:g} s; lower one of them"
+                    f"episode.step: expected at most {most / who.speed:g} s ({most:g} m at"
+                    f" {name}.speed), found {self.episode.step:g} s; lower one of them"
                 )
         if self.humanoids.speed > self.robot.speed:
             raise ValueError(
