@@ -15,11 +15,9 @@ each `yield`, and returns True or False at its end.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
-from difflib import get_close_matches
 from functools import cache, partial, wraps
-from inspect import isgenerator, signature
 from math import inf, isfinite
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
@@ -33,13 +31,29 @@ from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
-from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
+from islandgp.leaves import Leaf, is_number, status_of, steps
 from islandgp.plugin import defined_in, short_repr
 from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
+from islandgp.simulator_checks import (
+    must_be_values,
+    must_last,
+    must_take,
+    near_hint,
+    no_ending,
+    wrong_measure,
+)
 from islandgp.time_limit import Overdue
 
-__all__ = ["RUNNING", "EventLog", "Leaf", "Simulation", "Stepped", "once_a_thread"]
+__all__ = [
+    "RUNNING",
+    "EventLog",
+    "Leaf",
+    "Simulation",
+    "Stepped",
+    "must_be_values",
+    "once_a_thread",
+]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -111,7 +125,7 @@ class EventLog:
         try:
             self.counts[event] += 1
         except KeyError:
-            known, near = ", ".join(self.counts), _near(event, self.counts)
+            known, near = ", ".join(self.counts), near_hint(event, self.counts)
             raise DomainError(
                 f"Expected an event of the schema ({known}), found {event!r}{near}."
             ) from None
@@ -162,7 +176,7 @@ class Stepped:
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
         """Raises DomainError if `step_s` or the setting `ticks` is missing or out of range."""
-        _must_last(type(self), world, self.step_s)
+        must_last(type(self), world, self.step_s)
         self.world = world
         self.rewards = rewards
 
@@ -210,7 +224,7 @@ class Stepped:
         try:
             episode: Any = kind(self.world, seed, log)
         except TypeError as error:
-            _must_take(kind, 3, error, "an Episode that is made as Episode(world, seed, log)")
+            must_take(kind, 3, error, "an Episode that is made as Episode(world, seed, log)")
             raise
         return episode, {name: _leaf(episode, name) for name in self.schema.vocabulary.actions}
 
@@ -239,7 +253,7 @@ class Stepped:
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
                     arguments = [*self.schema.vocabulary.action(name).arguments]
                     call = f"{name}({', '.join(f'{each}=...' for each in arguments)})"
-                    _must_take(
+                    must_take(
                         method, 0, error, f"a method {name} that is called as {call}", arguments
                     )
             raise
@@ -299,27 +313,12 @@ class Stepped:
                 observer.tick(board, scene())
             ending = step()
             if ending and not isinstance(ending, str):
-                raise DomainError(_no_ending(ending, step))
+                raise DomainError(no_ending(ending, step))
         return Outcome(
             components=log.components,
             counters=_counters(self.schema, log, measures),
             seconds=done * self.step_s,
             endings=(ending or "time",),
-        )
-
-
-def _must_last(kind: type, world: Any, step_s: Any) -> None:
-    """Raises DomainError unless `step_s` and the setting `ticks` are positive and finite."""
-    if not (is_number(step_s) and step_s > 0):
-        raise DomainError(
-            f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
-            f" {step_s!r}{defined_in(kind)}."
-        )
-    ticks: Any = getattr(world, "ticks", None)
-    if not (is_number(ticks) and ticks >= 1):
-        raise DomainError(
-            f"Expected the setting ticks of {type(world).__name__} to be a number of at least 1,"
-            f" found {ticks!r}; declare it as `ticks: int = Field(ge=1)`{defined_in(type(world))}."
         )
 
 
@@ -336,100 +335,18 @@ def _leaf(episode: Any, name: str) -> Leaf:
     return leaf
 
 
-def _must_take(
-    function: Any, arguments: int, error: TypeError, expected: str, names: Iterable[str] = ()
-) -> None:
-    """Raises DomainError if a TypeError is due to the function's signature."""
-    try:
-        signature(function).bind(*(None,) * arguments, **dict.fromkeys(names))
-    except TypeError as why:
-        raise DomainError(f"Expected {expected}, found: {why}{defined_in(function)}.") from error
-    except ValueError:  # it has no signature
-        return
-
-
-def _near(name: object, known: Iterable[str]) -> str:
-    """The closest known name as a hint for a message, or ""."""
-    near = get_close_matches(str(name), [*known], 1, 0.6)
-    return f"; perhaps {near[0]} is meant" if near else ""
-
-
 def _indices(values: Mapping[str, Any], chosen: Mapping[str, Key]) -> dict[str, Any]:
     """The values of the keys that have words, as indices; others that they cannot have as texts."""
     indices = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
     return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in indices.items()}
 
 
-def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
-    """Checks the values returned by `sense`.
-
-    Args:
-        keys: of the vocabulary, by name.
-        values: as returned.
-        sense: the function, whose place in the source is named in the message.
-
-    Raises:
-        DomainError: the values are not a mapping with a finite number for each key and no others.
-    """
-    where = defined_in(sense)
-    if not isinstance(values, Mapping):
-        raise DomainError(
-            f"Expected a dict of values by key from `sense`, found {short_repr(values)}{where}."
-        )
-    for name, key in keys.items():
-        if name not in values:
-            raise DomainError(
-                f"Expected a value of the key {name} from `sense`, found none{where}."
-            )
-        if not is_number(values[name]) and not is_flag(values[name]):
-            most = "" if key.most is None else f" and at most {key.most:g}"
-            expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
-            expected = key.kind if key.words else expected
-            raise DomainError(
-                f"Expected {expected} as the value of the key {name} from `sense`, found"
-                f" {short_repr(values[name])}{where}."
-            )
-    for name in values:
-        if name not in keys:
-            raise DomainError(
-                f"Expected values of the vocabulary's keys from `sense`, found {name!r} as well"
-                f"{_near(name, keys)}; declare it among the keys, or leave it out{where}."
-            )
-
-
-def _no_ending(result: object, step: object) -> str:
-    hint = "; leave `yield` out of it" if isgenerator(result) else ""
-    return (
-        'Expected why the episode is over from `step`, a text, or "" to go on, found'
-        f" {short_repr(result)}{hint}{defined_in(step)}."
-    )
-
-
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     """The value of each counter. Raises DomainError for wrong values from `measures`."""
     measured = measures()
-    if fault := _wrong_measure(schema, measured):
+    if fault := wrong_measure(schema, measured):
         raise DomainError(f"{fault}{defined_in(measures)}.")
     return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
-
-
-def _wrong_measure(schema: Schema, measured: Any) -> str:
-    """The first error in the values from `measures`, or ""."""
-    if not isinstance(measured, Mapping):
-        return f"Expected a dict of values by counter from `measures`, found {short_repr(measured)}"
-    for name, value in measured.items():
-        if name not in schema.counters:
-            return (
-                f"Expected counters of the schema from `measures`, found {name!r}"
-                f"{_near(name, schema.counters)}; declare it among the counters, or leave it out"
-            )
-        if not is_number(value) and not is_flag(value):
-            expected = f"Expected a finite number as the counter {name} from `measures`"
-            return f"{expected}, found {short_repr(value)}"
-    for name in schema.counters:
-        if name not in measured and name not in schema.events:
-            return f"Expected the counter {name} from `measures`, as it is no event, found none"
-    return ""
 
 
 class _Leaves:

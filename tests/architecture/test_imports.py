@@ -38,6 +38,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("domain", "sensors", "binding"),
     ("ros2",),
     ("scoring",),
+    ("simulator_checks",),
     ("ticking", "domains"),
     ("gp",),
     ("search",),

@@ -90,11 +90,6 @@ class BoardSets:
             boards = diagram.parts[_part(diagram.cuts, board[diagram.key])]
         return boards == ANY_BOARD
 
-    def allows(self, board: Sequence[float]) -> bool:
-        """True if the values of a blackboard are in the ranges of their keys."""
-        ranges = zip(board, self._ranges, strict=True)
-        return all(low < (value, 0.5) < high for value, (low, high) in ranges)
-
     def pick(self, boards: Boards, near: Sequence[float] = ()) -> list[float] | None:
         """A blackboard of a set; None for the empty set.
 
