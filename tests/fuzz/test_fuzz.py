@@ -27,10 +27,10 @@ def test_what_was_once_found(file: Path) -> None:
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_hostile_input(name: str) -> None:
-    """A few hundred inputs in all; `check` raises where a promise is broken."""
+    """Eighty inputs in all; `check` raises where a promise is broken."""
     target = TARGETS[name]
 
-    @examples(max_examples=EXAMPLES.get(name, 40), suppress_health_check=list(HealthCheck))
+    @examples(max_examples=EXAMPLES.get(name, 100), suppress_health_check=list(HealthCheck))
     @given(target.inputs)
     def search(data: bytes) -> None:
         target.check(data)
