@@ -280,8 +280,8 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
     if rows[0].perturbed is not None:
         console.print("\nPerturbed: mean and worst in the same worlds after their perturbation.")
     console.print(
-        f"\nMeans over {worlds} test worlds of the last stage,"
-        " which neither trained nor chose anybody."
+        f"\nMeans over {worlds} test worlds of the last stage;"
+        " training and selection used other worlds."
     )
 
 

@@ -1,4 +1,4 @@
-"""The best robot of a run: candidates of the last stage race in worlds that trained nobody."""
+"""The best robot of a run: candidates of the last stage compete in held-out worlds."""
 
 from __future__ import annotations
 
