@@ -29,7 +29,9 @@ BENCHMARKS: Final = (
 )
 """Modules of this package with `measure(effort)`, in the order of the table."""
 
-BUSY: Final = 0.5  # load average above which figures of several workers mean little
+BUSY: Final = 0.5  # load average above which wall times mean little
+WALL: Final = ("peer_ratio", "run_s", "remote_overhead", "overhead_share", "startup_s")
+"""Benchmarks of several processes, which measure wall time; the others measure CPU time."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,6 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"\n{conditions(found[-1])}; {sum(r.seconds for r in found):.0f} s in all")
     if load > BUSY:
         print("Other programs were at work: measure again when the machine is quiet.")
+    print(f"A busy machine spoils {', '.join(WALL)}: their wall times, and less their ratios.")
     out = options.out or (results.FILE if effort is Effort.FULL else None)
     if out is not None:
         results.save(found, out)

@@ -20,7 +20,7 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.running.run import make_supervisor
 
-ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 5}
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 3}
 DOUBLINGS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 4}
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 3}
 GENERATIONS: Final = {Effort.TINY: 2, Effort.QUICK: 4, Effort.FULL: 8}

@@ -20,7 +20,7 @@ from islandgp.evaluation.ray import Ray
 
 NODES: Final = 2  # of one core each
 EPISODES: Final = {Effort.TINY: 4, Effort.QUICK: 60, Effort.FULL: 120}  # of a batch
-ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 7}
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 4}
 
 
 def measure(effort: Effort) -> list[Figure]:

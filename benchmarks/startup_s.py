@@ -12,7 +12,7 @@ from typing import Final
 from benchmarks.command import RUN, TOOL, empty_folder, finish, interrupt, start
 from benchmarks.figure import Effort, Figure
 
-ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 7}
+ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 4}
 SMALL: Final = ("gp.population=6", "gp.generations=50", "world.episode.length=5")
 LOOK_EVERY: Final = 0.005  # s
 PATIENCE: Final = 120  # s
