@@ -8,7 +8,7 @@ records depend neither on the number of workers nor on whether a run was resumed
     while True:
         population = search.ask(state, streams)
         evaluated = ...                              # one Evaluated for each Individual
-        state = search.tell(state, evaluated, Advice(rate=0.4))
+        state = search.tell(state, evaluated, Advice(rate=0))
 """
 
 from __future__ import annotations
