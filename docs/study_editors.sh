@@ -1,5 +1,6 @@
 #!/bin/sh
 # The seventh study: `make study-editors`. The plan is in docs/log.md. Takes the folder of python.
+# --force: the editor and its main control have 30 seeds, the other arms 15.
 set -e
 BIN=$1
 RUN="$BIN/python -m islandgp experiment=study name=study7 progress=plain world.robot.drain_moving=0.2 -m"
@@ -10,7 +11,7 @@ $RUN "$OTHERS" supervisor=baseline
 $RUN "$OTHERS" supervisor=editor_random_tree,editor_constant library=single
 $RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=8000 supervisor.policy.seeds=15 \
   'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single-world.robot.drain_moving=0.2"'
-"$BIN/islandgp" compare --name study7 --primary first_complete_descendant -o docs/study/editors \
+"$BIN/islandgp" compare --name study7 --primary first_complete_descendant --force -o docs/study/editors \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" \
