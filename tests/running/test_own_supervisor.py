@@ -21,8 +21,8 @@ class Mine(Fixed):
         return Guidance(0.2, None, "mine")
 """
 
-TOLD = [
-    # what the file says instead, and what is raised there
+FAULTS = [
+    # source of the module, and the start of the error that it raises
     (WELL.replace("def advise(", "def advise"), "SyntaxError"),
     ("import math\nmath.lgamma\nwrong_name\n", "NameError: name 'wrong_name'"),
     (WELL.replace("return Guid", "1 / 0 #"), "ZeroDivisionError: division by zero"),
@@ -55,19 +55,19 @@ def command(here: Path, source: str, *words: str) -> int:
     return main([*TINY, "tracking=off", *fake("Instant"), *mine, *words])
 
 
-@sweep(("source", "what"), TOLD, ids=[what[:14] for _, what in TOLD], quick=4)
-def test_a_fault_of_the_user_s_own_class_is_told_as_that(
-    here: Path, source: str, what: str, capsys: pytest.CaptureFixture[str]
+@sweep(("source", "error"), FAULTS, ids=[error[:14] for _, error in FAULTS], quick=4)
+def test_an_error_of_a_custom_class_names_the_class(
+    here: Path, source: str, error: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2, the traceback into the file, and at the end one line that names the class."""
     assert command(here, source) == 2
-    said = capsys.readouterr().err
-    assert said.count("Traceback") == 1
-    assert "mysup.py" in said or "takes 2" in what  # who calls it wrongly is not in the file
-    last = said.splitlines()[-1]
-    assert last.startswith(f"islandgp: mysup:Mine failed ({what}")
+    output = capsys.readouterr().err
+    assert output.count("Traceback") == 1
+    assert "mysup.py" in output or "takes 2" in error  # who calls it wrongly is not in the file
+    last = output.splitlines()[-1]
+    assert last.startswith(f"islandgp: mysup:Mine failed ({error}")
     assert "this is a fault of that class, not of the program" in last
-    assert "a fault of the program" not in said
+    assert "a fault of the program" not in output
 
 
 def test_settings_that_are_no_pydantic_model(

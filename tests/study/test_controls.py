@@ -45,7 +45,7 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 
 def test_each_tree_of_the_library_lives_in_the_runs_worlds_and_stages() -> None:
-    """One episode for each tree, run and generation; reference trees are told apart."""
+    """One episode for each tree, run and generation; the kinds of reference trees are distinct."""
     study, made = _study(), list[Known]()
 
     def make(problem: Problem) -> Known:
