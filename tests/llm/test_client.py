@@ -19,8 +19,9 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from islandgp.supervision.llm.client import LARGEST, AnthropicClient
+from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.message import SANE, Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.services import LARGEST
 from islandgp.testing.faults import Fault
 from islandgp.testing.server import MessagesServer
 

@@ -752,7 +752,7 @@ def test_an_alias_of_a_model() -> None:
 
 
 def test_without_key_and_address_three_ways_are_named() -> None:
-    """The message says what each of the three ways needs."""
+    """The message says what each of the ways needs."""
     with pytest.raises(SupervisionError) as caught:
         LLM.make(settings(), context())
     text = str(caught.value)

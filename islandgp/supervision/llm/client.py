@@ -1,4 +1,4 @@
-"""The client of the Messages API. Only this module imports the Anthropic SDK.
+"""The client of the Messages API.
 
 The second half converts requests, bodies, statuses and waiting times between our types and those
 of the API.
@@ -16,15 +16,15 @@ import math
 import re
 import ssl
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from contextvars import ContextVar
 from email.utils import parsedate_to_datetime
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.services import BEGUN, ENCODING, Service, sdk_client
 
 if TYPE_CHECKING:
     import anthropic
@@ -35,12 +35,8 @@ HEADERS: Final = {
     "anthropic-version": "2023-06-01",  # later versions reject `temperature`
 }
 
-LARGEST: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
 GRACE: Final = 5.0  # s for a cancelled attempt to end; usually it ends immediately
 HIDDEN: Final = "[key]"
-ENCODING: Final = "islandgp.encoding"  # extension of a response: the encoding of its body
-_BEGUN: Final[ContextVar[list[str]]] = ContextVar("begun")
-"""Events of sending the attempt's request so far; empty: nothing is sent yet."""
 
 
 class AnthropicClient:
@@ -51,6 +47,7 @@ class AnthropicClient:
         *,
         key: str | None,
         base_url: str | None,
+        service: Service = "anthropic",
         secrets: Sequence[str] = (),
         transport: httpx2.AsyncBaseTransport | None = None,
     ) -> None:
@@ -58,11 +55,13 @@ class AnthropicClient:
 
         Args:
             key: API key or token; None for a local server without one.
-            base_url: of the server; None: the Anthropic API.
+            base_url: of the server; None: the address of the service.
+            service: that offers the models.
             secrets: values in requests that are removed from answers, as the key is.
             transport: replaces the network in tests.
         """
         self._key, self._base_url, self._transport = key, base_url, transport
+        self._service: Service = service
         # A key of a few characters belongs to a local server and is not secret.
         hidden = [text for text in (key, *secrets) if text and len(text) >= 8]
         self._secret = re.compile("|".join(map(spellings, hidden))) if hidden else None
@@ -108,7 +107,7 @@ class AnthropicClient:
             loop.close()
 
     def _run(self) -> tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic]:
-        sdk = _sdk(self._key or "none", self._base_url, self._transport)
+        sdk = sdk_client(self._service, self._key, self._base_url, self._transport)
         assert sdk.messages  # the SDK imports it at the first access
         loop = asyncio.new_event_loop()
         # A daemon thread, so that a hanging name lookup does not keep the process alive.
@@ -121,7 +120,7 @@ class AnthropicClient:
     ) -> Reply | Failure:
         """An attempt that ends at the deadline."""
         begun = [] if self._transport is None else ["transport"]  # it emits no events
-        _BEGUN.set(begun)
+        BEGUN.set(begun)
         try:
             return await asyncio.wait_for(self._attempt(sdk, request), seconds)
         except TimeoutError:
@@ -150,7 +149,7 @@ class AnthropicClient:
             cause = error.__cause__ or error
             return Failure(_unconnected(cause), self._line(str(cause)) or type(cause).__name__)
         except Exception as error:  # the SDK raises various types for a damaged answer
-            kind = FailureKind.MALFORMED if _BEGUN.get() else FailureKind.UNREACHABLE
+            kind = FailureKind.MALFORMED if BEGUN.get() else unsent(error)
             return Failure(kind, self._line(f"{type(error).__name__}: {error}"))
 
     def _refused(self, error: anthropic.APIStatusError) -> Failure:
@@ -193,6 +192,14 @@ def _unconnected(cause: BaseException) -> FailureKind:
     return FailureKind.UNREACHABLE
 
 
+def unsent(error: BaseException) -> FailureKind:
+    """The kind of an error before a request was sent, such as missing credentials of a cloud."""
+    classes = {c.__name__ for c in type(error).__mro__}
+    if "GoogleAuthError" in classes and "TransportError" not in classes:
+        return FailureKind.UNAUTHORISED
+    return FailureKind.UNAUTHORISED if "credentials" in str(error) else FailureKind.UNREACHABLE
+
+
 async def _end(sdk: anthropic.AsyncAnthropic) -> None:
     """Cancels the attempts of other threads and closes all connections."""
     others = asyncio.all_tasks() - {asyncio.current_task()}
@@ -200,61 +207,6 @@ async def _end(sdk: anthropic.AsyncAnthropic) -> None:
         task.cancel()
     await asyncio.gather(*others, return_exceptions=True)
     await sdk.close()
-
-
-def _sdk(
-    key: str, base_url: str | None, transport: httpx2.AsyncBaseTransport | None
-) -> anthropic.AsyncAnthropic:
-    import anthropic
-    import httpx2
-
-    class Bounded(httpx2.AsyncByteStream):
-        """A body that raises ValueError after LARGEST bytes."""
-
-        def __init__(self, body: httpx2.AsyncByteStream) -> None:
-            self.body = body
-
-        async def __aiter__(self) -> AsyncIterator[bytes]:
-            size = 0
-            async for chunk in self.body:
-                size += len(chunk)
-                if size > LARGEST:
-                    raise ValueError(f"expected a body of at most {LARGEST} bytes, found more")
-                yield chunk
-
-        async def aclose(self) -> None:
-            await self.body.aclose()
-
-    async def bound(response: httpx2.Response) -> None:
-        # A small body could decompress to a huge one, so it is not decompressed but reported.
-        encoding = response.headers.pop("content-encoding", "identity")
-        if encoding.strip().lower() not in ("", "identity"):
-            response.extensions[ENCODING] = encoding
-        if isinstance(response.stream, httpx2.AsyncByteStream):
-            response.stream = Bounded(response.stream)
-
-    async def watch(request: httpx2.Request) -> None:
-        begun = _BEGUN.get()
-
-        async def note(event: str, info: dict[str, Any]) -> None:
-            # CONNECT is the request to a proxy, before the actual request.
-            if (
-                event.endswith("send_request_headers.started")
-                and info["request"].method != b"CONNECT"
-            ):
-                begun.append(event)
-
-        request.extensions["trace"] = note
-
-    http = httpx2.AsyncClient(
-        transport=transport,
-        timeout=None,
-        follow_redirects=False,  # a redirect could send the key elsewhere; the API has none
-        event_hooks={"request": [watch], "response": [bound]},
-    )
-    return anthropic.AsyncAnthropic(
-        api_key=key, base_url=base_url, http_client=http, max_retries=0, timeout=None
-    )
 
 
 def arguments(request: Request) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
+from islandgp.supervision.llm.services import CLOUDS, Service
 
 DAY: Final = 86_400  # s
 KEPT: Final = 20  # most injected trees and decisions in the history
@@ -190,8 +191,9 @@ class Fallback(ComponentConfig, frozen=True, extra="ignore"):
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):
     """Settings of the model, its requests and the checks of its answers."""
 
+    service: Service = "anthropic"  # that offers the model
     model: str = Field(min_length=1)  # name or alias
-    base_url: str | None  # None: ANTHROPIC_BASE_URL, or else the Anthropic API
+    base_url: str | None  # None: ANTHROPIC_BASE_URL or that of a cloud, or else the Anthropic API
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # added to it
@@ -292,8 +294,16 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def address(self) -> str | None:
-        """The server's address; None for the Anthropic API."""
+        """The server's address; None for that of the service."""
+        if self.service != "anthropic":
+            return self.base_url
         return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
+
+    @property
+    def place(self) -> str:
+        """The server's address or the service, for messages."""
+        cloud = CLOUDS.get(self.service)
+        return self.address or ("the Anthropic API" if cloud is None else cloud.title)
 
     @property
     def price(self) -> Price | None:

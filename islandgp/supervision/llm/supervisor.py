@@ -35,6 +35,7 @@ from islandgp.supervision.llm.message import (
     Request,
     ServerCapabilities,
 )
+from islandgp.supervision.llm.services import CLOUDS, check_cloud, cloud_secrets
 from islandgp.supervision.llm.settings import LLMSettings, SweepCaps, check_address
 from islandgp.supervision.llm.transcript import NAME, Call, Transcript
 
@@ -57,11 +58,13 @@ Way = tuple[bool, float | None]
 
 
 _WAYS = """\
-Expected a key or an address for supervisor=llm, found none. There are three ways:
+Expected a key or an address for supervisor=llm, found none. There are four ways:
   1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
   2. a local server that speaks its language (Ollama, vLLM, llama.cpp):
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
-  3. no model: supervisor=expert works offline and free of charge, and
+  3. Amazon Bedrock, Google Vertex AI or Microsoft Foundry:
+     supervisor.policy.service=bedrock, vertex or foundry (docs/llm.md, Clouds);
+  4. no model: supervisor=expert works offline and free of charge, and
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
 
@@ -76,7 +79,10 @@ class LLM:
 
     @classmethod
     def ready(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
-        """Raises SupervisionError if there is neither a key nor an address, or an invalid one."""
+        """Raises SupervisionError without a valid key or address, or without a cloud's settings."""
+        if settings.service != "anthropic":
+            check_cloud(settings.service, settings.base_url)
+            return
         key = _key(settings)
         if key is None and settings.address is None:
             raise SupervisionError(_WAYS)
@@ -97,7 +103,8 @@ class LLM:
         client = AnthropicClient(
             key=_key(settings),
             base_url=settings.address,
-            secrets=tuple(secrets_in(settings.extra_body)),
+            service=settings.service,
+            secrets=(*secrets_in(settings.extra_body), *cloud_secrets(settings.service)),
         )
         return cls(settings, context, client)
 
@@ -122,7 +129,7 @@ class LLM:
             settings["extra_body"] = without_secrets(settings["extra_body"])
             known = asdict(capabilities) if isinstance(capabilities, ServerCapabilities) else None
             calls.transcript.begin({"settings": settings, "dialect": known})
-        place = self.settings.address or "the Anthropic API"
+        place = self.settings.place
         name, retires = self.settings.model_name, self.settings.facts.retires
         how = (
             capabilities
@@ -340,14 +347,16 @@ def _best(untried: Sequence[Way], named: Collection[str]) -> Way:
 
 
 def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
-    where = settings.address or "the Anthropic API"
+    cloud = CLOUDS.get(settings.service)
     address = settings.address or ""
     openai = (
         "a server that speaks only OpenAI's language needs LiteLLM's proxy before it, see"
         " docs/llm.md, Any model"
     )
     remedy = {
-        FailureKind.UNAUTHORISED: "set another ANTHROPIC_API_KEY",
+        FailureKind.UNAUTHORISED: (
+            "set another ANTHROPIC_API_KEY" if cloud is None else f"set {cloud.credentials}"
+        ),
         FailureKind.FOREIGN: openai,
         FailureKind.NOT_FOUND: (
             f"drop /v1 from the address, as in {address.rstrip('/').removesuffix('/v1')}"
@@ -359,6 +368,6 @@ def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
         FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of its authority",
     }.get(failure.kind, "see the server's message, or use supervisor=expert, which needs no server")
     return SupervisionError(
-        f"Expected an answer of the model {settings.model_name} from {where}, found"
+        f"Expected an answer of the model {settings.model_name} from {settings.place}, found"
         f" {failure.kind} ({failure.message}); {remedy}."
     )
