@@ -2,7 +2,7 @@
 
     python docs/generate.py
 
-These are the tables of docs/language.md, docs/llm/ and docs/tutorial.md, between
+These are the tables of docs/language.md and docs/llm/, between
 `<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
 `tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. What
 runs cost is measured in two runs with the mock, which takes a minute.
@@ -23,12 +23,10 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS, SECONDS, TIMED
-from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER, parse, to_text
+from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
 from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
-from islandgp.evaluation.base import Job, Problem, simulate
-from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.supervision.llm.ledger import cost
 from islandgp.supervision.llm.message import Usage
@@ -194,29 +192,6 @@ def files(tutorial: str) -> dict[str, str]:
     return dict(re.findall(r"^```bt (\S+)\n(.*?)^```$", tutorial, re.DOTALL | re.MULTILINE))
 
 
-def results(tutorial: str, *, worlds: int = 30) -> dict[str, float]:
-    """Mean fitness of the tutorial's trees and of the example, by name, in the last stage."""
-    settings = configured([])
-    setting = Problem(settings.make_domain(), settings.curriculum)
-    texts = {f"`{name}`": text for name, text in files(tutorial).items()}
-    example = resource("grammar") / "examples" / "all_rounder.bt"
-    texts["`grammar/examples/all_rounder.bt`"] = example.read_text(encoding="utf-8")
-    trees = {name: parse(text, VOCABULARY) for name, text in texts.items()}
-    last = len(settings.curriculum.stages) - 1
-    return {
-        name: fmean(
-            simulate(setting, Job(to_text(tree), last, seed)).fitness for seed in range(worlds)
-        )
-        for name, tree in trees.items()
-    }
-
-
-def results_table(found: Mapping[str, float]) -> str:
-    """The table of the tutorial."""
-    rows = sorted(found.items(), key=lambda item: item[1])
-    return _table(("tree", "mean fitness"), [(name, f"{mean:,.0f}") for name, mean in rows])
-
-
 _A_NAME = r"[A-Za-z_]\w*"
 _KEYWORD, _FUNCTION = "keyword.declaration", "entity.name.function"
 _OTHER, _ASSIGNS = "variable.other", "keyword.operator.assignment"
@@ -296,6 +271,4 @@ if __name__ == "__main__":
     STATE.write_text(filled(STATE.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
     costs = {"costs": cost_table(measured_characters())}
     COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")
-    told = TUTORIAL.read_text(encoding="utf-8")
-    TUTORIAL.write_text(filled(told, {"results": results_table(results(told))}), encoding="utf-8")
     TEXTMATE.write_text(textmate(), encoding="utf-8")

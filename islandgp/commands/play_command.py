@@ -187,7 +187,7 @@ def _print_comparison(
         Column("fitness (95 %)", _with_intervals(rows, "fitness", worlds), right=False),
         Column(
             "difference (95 %)",
-            ("", *_with_intervals(rows[1:], "difference", worlds)),
+            ("", *_with_intervals(rows[1:], "difference", worlds, signed=True)),
             right=False,
         ),
         Column("better in", ("", *better[1:])),
@@ -216,9 +216,13 @@ def _print_comparison(
         console.print(f"Perturbed: mean and worst in the same worlds with {words}.")
 
 
-def _with_intervals(rows: Sequence[dict[str, float]], what: str, worlds: int) -> tuple[str, ...]:
+def _with_intervals(
+    rows: Sequence[dict[str, float]], what: str, worlds: int, *, signed: bool = False
+) -> tuple[str, ...]:
     """Means of `fitness` or `difference`, each with its interval; a dash where there is none."""
     flat = numbers([row[what + end] for row in rows for end in ("", "_low", "_high")])
+    if signed:
+        flat = [text if text[0] == "-" else f"+{text}" for text in flat]
     columns = flat[::3], flat[1::3], flat[2::3]
     mean, low, high = (max(map(len, cells), default=0) for cells in columns)
     return tuple(

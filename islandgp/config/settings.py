@@ -133,7 +133,8 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         default_factory=dict
     )
     objectives: tuple[str, ...] = Field(("validation_mean",), min_length=1)  # of `values`
-    start: str | None = Field(None, min_length=1)  # a run whose archive opens generation 0
+    start: str | None = Field(None, min_length=1)
+    """First trees of generation 0: a .bt file, or a finished run, whose archive is used."""
     domain: DomainSettings
     world: Any  # the domain's own World
     rewards: Any  # the domain's own Rewards

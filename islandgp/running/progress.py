@@ -19,12 +19,12 @@ COLUMNS: Final = {
     "mean": 9,
     "diversity": 9,
     "working": 7,
-    "rate": 6,
-    "left": 9,
+    "mutation": 8,
+    "time left": 9,
 }
-"""Names and widths; before `rate` each milestone of the experiment has a column, the individuals
-in that tier of Table 4. `rate`: the mutation rate of the next generation, with a "!" when a crisis
-decides it; `left`: the time until the last generation."""
+"""Names and widths; before `mutation` each milestone of the experiment has a column, the number of
+individuals in that tier of Table 4. `mutation`: the mutation rate of the next generation, with a
+"!" if a crisis enforces it; only with a search that uses it. `time left`: estimated."""
 
 DISPENSABLE: Final = ("working", "mean", "diversity")
 """Columns that a narrow terminal does without, first to last."""
@@ -33,11 +33,11 @@ AROUND: Final = 4  # lines of the terminal that no generation takes: title, head
 FEWEST: Final = 3  # generations in the live table, however low the terminal is
 
 
-def columns(milestones: Sequence[str]) -> dict[str, int]:
-    """Names and widths of all columns."""
-    *first, rate, left = COLUMNS.items()
+def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
+    """Names and widths of all columns; `rate`: with the mutation rate."""
+    *first, mutation, left = COLUMNS.items()
     own = ((name, max(4, len(name))) for name in milestones)
-    return dict([*first, *own, rate, left])
+    return dict([*first, *own, *[mutation] * rate, left])
 
 
 def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]:
@@ -47,7 +47,7 @@ def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]
     """
     shown = list(widths)
     own = [name for name in widths if name not in COLUMNS]
-    for name in (*DISPENSABLE, *own, "rate", "left", "best"):
+    for name in (*DISPENSABLE, *own, "mutation", "time left", "best"):
         if sum(widths[other] + 1 for other in shown) - 1 <= room:
             break
         shown.remove(name)
@@ -55,12 +55,19 @@ def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]
 
 
 def row(
-    step: Step, generations: int, seconds_left: float, milestones: Sequence[str]
+    step: Step,
+    generations: int,
+    seconds_left: float,
+    milestones: Sequence[str],
+    *,
+    rate: bool = True,
 ) -> tuple[str, ...]:
-    """One generation in `columns`."""
+    """The cells of one generation in `columns`."""
     s = step.record.snapshot
     guidance = step.record.guidance
-    rate = "" if guidance is None else f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
+    mutation = ""
+    if guidance is not None:
+        mutation = f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
     return (
         f"{s.generation}/{generations - 1}",
         f"{s.best:,.0f}",
@@ -68,7 +75,7 @@ def row(
         f"{s.diversity:.2f}",
         f"{s.working:.2f}",
         *(str(s.tiers[name]) for name in milestones),
-        rate,
+        *[mutation] * rate,
         duration(seconds_left) if guidance is not None else "",
     )
 
@@ -94,15 +101,27 @@ class Progress:
         title: str,
         milestones: Sequence[str],
         *,
+        rate: bool = True,
         done: int = 0,
         keep: bool = True,
     ) -> None:
-        """`done` generations were there before; `keep` leaves the live table on the terminal."""
+        """Nothing is printed before the context is entered.
+
+        Args:
+            how: auto: a live table on a terminal, else lines; plain: lines; off: no output.
+            generations: number of all generations, >= 1.
+            title: first line.
+            milestones: tiers with a column.
+            rate: True if the search uses the mutation rate, which then has a column.
+            done: number of generations before a resumed run continues.
+            keep: True if the live table stays on the terminal at the end.
+        """
         self.how = how
         self.generations = generations
         self.title = title
         self.milestones = milestones
-        self.columns = columns(milestones)
+        self.columns = columns(milestones, rate=rate)
+        self.rate = rate
         self.done = self.before = done
         self.began = monotonic()
         self.rows: list[tuple[str, ...]] = []
@@ -129,11 +148,11 @@ class Progress:
             self._live.stop()
 
     def show(self, step: Step) -> None:
-        """One generation more."""
+        """Show one more generation."""
         self.done += 1
         a_generation = (monotonic() - self.began) / (self.done - self.before)
         left = a_generation * (self.generations - self.done)
-        self.rows.append(row(step, self.generations, left, self.milestones))
+        self.rows.append(row(step, self.generations, left, self.milestones, rate=self.rate))
         if self._live is not None:
             self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":

@@ -148,8 +148,8 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         yield f"{best}, not validated in other worlds"
         return
     yield (
-        f"{best}: {v['mean']:,.0f} points on {len(v['worlds'])} unseen worlds of the last stage"
-        f"{_interval(v, '', ',.0f')}"
+        f"{best}: {v['mean']:,.0f} points{_interval(v, '', ',.0f')} in {len(v['worlds'])}"
+        f" unseen world{'s' * (len(v['worlds']) != 1)}"
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
     if shares:

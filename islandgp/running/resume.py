@@ -15,12 +15,12 @@ from typing import Any, Final
 from uuid import uuid4
 
 from islandgp.config.settings import Settings
-from islandgp.errors import RunError
+from islandgp.errors import IslandError, RunError
 from islandgp.plugin import path_of
-from islandgp.records.archive_file import read_archive
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, identity_config, runtime_keys
+from islandgp.running.start import start_digest
 
 AGAIN: Final = "~"
 """Precedes the number in the folder's name of a repeated run; other names do not have it."""
@@ -46,7 +46,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     if about is not None and about.domain_code not in ("", domain_code(settings)):
         changed.append(f"domain.factory: the code of {path_of(settings.domain.factory)}")
     if about is not None and _start_changed(settings, about.start, folder.finished()):
-        changed.append(f"start: the content of the archive in {settings.start}")
+        changed.append(f"start: the content of {settings.start}")
     if changed and (settings.resume != "force" or folder.finished()):
         state = "the finished run" if folder.finished() else "the run"
         raise RunError(
@@ -59,17 +59,12 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     return folder
 
 
-def start_digest(settings: Settings) -> str:
-    """A digest of the archive that a run starts from, "" for none. Raises RunError."""
-    return "" if settings.start is None else read_archive(Path(settings.start))[1]
-
-
 def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """True if the archive differs from the one that the run began with. Raises RunError."""
+    """True if `start` has other content than when the run began. Raises as `start_digest`."""
     try:
-        return start_digest(settings) != before
-    except RunError:
-        if finished:  # it needs it no more
+        return start_digest(settings.start) != before
+    except IslandError:
+        if finished:  # a finished run does not need it
             return False
         raise
 
@@ -96,7 +91,7 @@ def about_run(
 ) -> RunMetadata:
     """The metadata of a run; a resumed run keeps its id and start."""
     before = target.about()
-    shaping, start = identity_config(config), start_digest(settings)
+    shaping, start = identity_config(config), start_digest(settings.start)
     if start:
         shaping["start"] = start  # in place of the archive's path
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}

@@ -339,6 +339,7 @@ def _evolve(
         settings.gp.generations,
         f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
         settings.classes.milestones,
+        rate="rate" in settings.search.factory.uses,
         done=done,
         keep=keep_display,
     )

@@ -1,23 +1,28 @@
-"""Trees of another run's archive for generation 0 (`start=RUN`).
+"""Trees for generation 0, from another run's archive (`start=RUN`) or a file (`start=FILE.bt`).
 
 They are texts, parsed with the vocabulary of this run's domain; no code of the file is executed.
 """
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
-from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Limits, Node, within
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node, depth, size, within
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import ConfigError, TreeError, brief
 from islandgp.records.archive_file import read_archive
+from islandgp.text_files import read_text_file
+
+TREE_FILE: Final = ".bt"
 
 
 @dataclass(frozen=True, slots=True)
 class StartTrees:
-    """Trees of an archive that a run starts with."""
+    """Trees that a run starts with."""
 
     trees: tuple[Node, ...]  # best first, at most the population's size
     left_out: int  # number of unusable trees that are at least as good
@@ -25,10 +30,10 @@ class StartTrees:
 
 
 def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> StartTrees:
-    """The best usable trees of an archive.
+    """The tree of a file, or the best usable trees of an archive.
 
     Args:
-        start: a run's folder, or its archive.json.
+        start: a file of a tree, a run's folder, or its archive.json.
         vocabulary: of this run's domain.
         limits: of this run's trees.
         most: maximum number of trees, >= 1.
@@ -37,9 +42,13 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         The trees, with the number of those left out.
 
     Raises:
-        ConfigError: the archive is of another domain, or has no usable tree.
+        ConfigError: the archive is of another domain, or no tree is usable.
         RunError: there is no archive, or it is damaged.
+        TreeError: the file is not a tree of the vocabulary.
+        IslandError: the file cannot be read.
     """
+    if start.endswith(TREE_FILE):
+        return StartTrees((_tree_of(start, vocabulary, limits),), 0, "")
     archive, _ = read_archive(Path(start))
     if archive.domain != vocabulary.domain:
         raise ConfigError(
@@ -67,3 +76,26 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
             " run, or raise the limits."
         )
     return StartTrees(tuple(trees), len(reasons), reasons[0] if reasons else "")
+
+
+def start_digest(start: str | None) -> str:
+    """A digest of the content of `start`; "" for None. Raises as `start_trees`."""
+    if start is None:
+        return ""
+    if start.endswith(TREE_FILE):
+        return hashlib.sha256(to_text(_tree_of(start)).encode()).hexdigest()[:12]
+    return read_archive(Path(start))[1]
+
+
+def _tree_of(
+    start: str, vocabulary: Vocabulary | None = None, limits: Limits | None = None
+) -> Node:
+    path = Path(start)
+    tree = parse(read_text_file(path), vocabulary, name=start, folder=path.parent)
+    if limits is not None and not within(tree, limits):
+        raise ConfigError(
+            f"start={start}: expected at most {limits.max_nodes} nodes and depth"
+            f" {limits.max_depth}, found {size(tree)} and {depth(tree)}; raise gp.max_nodes or"
+            " gp.max_depth."
+        )
+    return tree

@@ -60,7 +60,7 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
 def test_the_end_of_such_a_run_says_why(tmp_path: Path) -> None:
     """No interval is shown, and the reason is."""
     said = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
-    assert said[0].endswith("points on 1 unseen worlds of the last stage (no interval: one world)")
+    assert said[0].endswith("points (no interval: one world) in 1 unseen world")
     (line,) = (line for line in said if line.startswith("Against the tree good"))
     assert line.endswith("+0 points (no interval: one world)")
 

@@ -48,7 +48,7 @@ def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[st
     out, err = capsys.readouterr()
     title, head, *lines = err.splitlines()
     assert (out, title) == ("", "a title")
-    assert head.split() == list(columns(MILESTONES))
+    assert head.split() == " ".join(columns(MILESTONES)).split()
     assert [line.split()[0] for line in lines] == [f"{g}/4" for g in range(5)]
     assert lines[1].split()[1] == f"{found[1].record.snapshot.best:,.0f}"
 
@@ -73,16 +73,23 @@ def test_a_crisis_is_marked_at_the_rate() -> None:
     cells = dict(zip(columns(MILESTONES), row(step, 5, 60, MILESTONES), strict=True))
     guidance = step.record.guidance
     assert guidance is not None
-    assert cells["rate"] == f"{guidance.applied_rate:.2f}" + ("!" if guidance.crisis else "")
-    assert cells["left"] == "1 min 00 s"
+    assert cells["mutation"] == f"{guidance.applied_rate:.2f}" + ("!" if guidance.crisis else "")
+    assert cells["time left"] == "1 min 00 s"
     last = row(steps()[-1], 5, 0, MILESTONES)
-    assert dict(zip(columns(MILESTONES), last, strict=True))["rate"] == ""
+    assert dict(zip(columns(MILESTONES), last, strict=True))["mutation"] == ""
 
 
 def test_each_milestone_has_a_column() -> None:
     """Those that the configuration names, in its order, before the rate."""
     names = list(columns(("good", "better_than_good")))
     assert names[-4:-2] == ["good", "better_than_good"]
+
+
+def test_the_rate_has_a_column_only_if_the_search_uses_it() -> None:
+    """Without it the other columns and cells are the same."""
+    names = list(columns(MILESTONES, rate=False))
+    assert names == [name for name in columns(MILESTONES) if name != "mutation"]
+    assert len(row(steps()[1], 5, 60, MILESTONES, rate=False)) == len(names)
 
 
 @pytest.mark.parametrize("room", [8, 40, 60, 80, 200])
