@@ -214,7 +214,7 @@ def _message(
         "id": "msg_mock",
         "type": "message",
         "role": "assistant",
-        "model": request["model"],
+        "model": request.get("model"),
         "content": [{"type": "text", "text": text}],
         "stop_reason": stop_reason,
         "stop_sequence": None,
