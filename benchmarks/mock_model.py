@@ -1,7 +1,7 @@
 """`python -m benchmarks.mock_model FOLDER`: the mock model beside expert and baseline.
 
-Runs each arm with the same seeds and prints a table. The mock is a rule, so the table says
-what the path from state to tree can do, and nothing about any language model.
+Runs each arm with the same seeds and prints a table, also for informed prompts without one of their
+parts. The mock is a rule, so the table measures the path from state to tree, and no language model.
 """
 
 from __future__ import annotations
@@ -35,7 +35,20 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "mock_informed": (*LLM, INFORMED),
     "mock_informed_3": (*LLM, INFORMED, "supervisor.policy.candidates=3"),
 }
-"""By name: what makes an arm. `_3` has three candidates."""
+"""Overrides of each arm. `_3` has three candidates."""
+PARTS: Final[dict[str, tuple[str, ...]]] = {
+    f"mock_without_{part}": (*LLM, INFORMED, f"supervisor.policy.informed.{part}={off}")
+    for part, off in (
+        ("reasoning", "false"),
+        ("rewards", "false"),
+        ("classes", "false"),
+        ("injected", "0"),
+        ("traces", "false"),
+        ("decisions", "0"),
+        ("differ", "false"),
+    )
+}
+"""Overrides of the ablation: informed prompts without one of their parts."""
 HEAD: Final = (
     "arm", "best robot", "Complete", "fallback", "tokens in", "tokens out", "episodes", "gain",
 )  # fmt: skip
@@ -49,7 +62,7 @@ def measure(folder: Path, overrides: Sequence[str], *, noise: float, faults: flo
         print(f"Expected port {PORT} to be free, found: {error.strerror}.", file=sys.stderr)
         return 2
     with mock as server:
-        for name, words in ARMS.items():
+        for name, words in (ARMS | PARTS).items():
             where = [f"name={name}", f"runs='{folder}'"]
             if words[0] == LLM[0]:
                 where.append(f"supervisor.policy.base_url={server.url}")
@@ -64,7 +77,7 @@ def table(folder: Path) -> Iterator[str]:
     """The arms as a table in Markdown: means over their runs."""
     yield f"| {' | '.join(HEAD)} |"
     yield "|" + "---|" * len(HEAD)
-    for name in ARMS:
+    for name in ARMS | PARTS:
         runs = load(folder / name)
         found = runs.runs
         spent = [list(run.costs())[-1]["llm"] for run in runs.folders]
