@@ -94,7 +94,7 @@ def table(folder: Path) -> Iterator[str]:
         gain = sum(one.get("trial_gain", 0) for one in spent) / trials if trials else None
         cells = (
             name,
-            f"{found['best'].mean():,.0f}",
+            f"{found['validation_mean'].mean():,.0f}",
             f"{reached.sum()} of {len(found)}",
             f"{share:.0%}" if name.startswith("mock") else "",
             mean("input_tokens"),

@@ -14,7 +14,8 @@ import click
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.adviser import NEAR, Adviser
+from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.caching import NEAR
 from islandgp.supervision.llm.ledger import Bill, most_tokens
 from islandgp.supervision.llm.message import QUOTED, Request, ServerCapabilities, Usage
 from islandgp.supervision.llm.settings import LLMSettings
@@ -201,10 +202,10 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
     state = _state(context)
     return [
         (
-            adviser.request(part, state, capabilities),
+            request,
             ADDED_EDITS if part not in ADDED else ADDED[part] if adviser.uses_history else 0,
         )
-        for part in adviser.parts
+        for part, request in adviser.requests(state, capabilities).items()
     ]
 
 

@@ -33,6 +33,7 @@ _URGENT: Final = re.compile(r"^- (\w+): \d+ of \d+ individuals do it", re.MULTIL
 _PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
 _COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 
+_QUESTION: Final = "# Question: "  # begins a question of a shared system prompt
 SPOILS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
 STUCK: Final = 5  # generations without improvement
 DIED: Final = 2  # extinct trees for a target, after which it chooses another target
@@ -48,13 +49,12 @@ class MockModel:
 
     def __call__(self, request: Mapping[str, Any]) -> Any:
         """The answer as JSON values, or as a text if it is made unusable."""
-        user = str(request["messages"][0]["content"])
+        system, user = _asked(request)
         edits = user.startswith("After generation")
         if (match := _STATE.search(user)) is None and not edits:  # the probe
             return {"greeting": "Hello."}
         rng = self._draws(request)
         state = json.loads(match[1]) if match else {}
-        system = _text(request.get("system", ""))
         guess, spoil = rng.random() < self.noise, rng.random() < self.faults
         if '"edits": [' in system:
             answer = _edits(system, user, rng)
@@ -70,6 +70,16 @@ class MockModel:
         """A generator seeded by the request, so that the order of requests does not matter."""
         content = json.dumps([self.seed, request.get("system", ""), request["messages"]])
         return np.random.default_rng(list(hashlib.sha256(content.encode()).digest()))
+
+
+def _asked(request: Mapping[str, Any]) -> tuple[str, str]:
+    """The system prompt of the question, without those of others that share it, and the message."""
+    system, user = _text(request.get("system", "")), str(request["messages"][0]["content"])
+    if not user.startswith(_QUESTION):
+        return system, user
+    first, _, user = user.partition("\n\n")
+    section = system.partition(first)[2].split(_QUESTION)[0]
+    return section, user
 
 
 def _text(system: Any) -> str:

@@ -718,13 +718,17 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
     assert client.requests == []
 
 
+FACTS = "prices.facts.claude-haiku-4-5-20251001"
+
+
 @pytest.mark.parametrize(
     ("overrides", "told"),
     [
         ((), ""),
+        (("cache=true",), ""),
         (
-            ("cache=true",),
-            "at least 4,096 tokens; too short or nearly too short: mutation_rate (about",
+            ("cache=true", f"{FACTS}.caches_from=9000"),
+            "at least 9,000 tokens; too short or nearly too short: rate (about",
         ),
         (("cache=true", "model=claude-haiku-5-5"), ""),
         (("cache=true", "model=mine"), ""),

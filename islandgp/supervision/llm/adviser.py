@@ -30,6 +30,7 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
+from islandgp.supervision.llm.caching import shared_prompts, too_short
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, in_thread, unasked
 from islandgp.supervision.llm.checks import (
     Check,
@@ -74,7 +75,7 @@ from islandgp.supervision.llm.transcript import Played
 from islandgp.supervision.state_json import state_text
 
 T = TypeVar("T")
-NEAR: Final = 1.2  # factor on the shortest cached length, as tokens are only estimated
+NO_MODELS: Final[Mapping[str, str]] = {}
 REASON: Final = 600  # most characters of a fallback's reason in the record
 _PROMPTS: Final = {
     "rate": ("mutation_rate",),
@@ -209,24 +210,15 @@ class Adviser:
             self._history = self._history.followed_by(generation)
 
     def too_short(self) -> str:
-        """A line on system prompts that are too short for the model's cache; "" for none."""
-        least = self.settings.facts.caches_from
-        if not self.settings.cache or least is None:
-            return ""
-        size = self.settings.explore.values
-        values = {**self.values, **size, **dict.fromkeys(_PER_GENERATION, "")}
-        tokens = {
-            name: round(len(render(prompt, values)[0]) / self.settings.facts.characters, -2)
-            for name, prompt in self.prompts.items()
-            if name != "repair"
-        }
-        short = [f"{name} (about {n:,.0f})" for name, n in tokens.items() if n < NEAR * least]
-        if not short:
-            return ""
-        return (
-            f"cache=true: {self.settings.model_name} caches prompts of at least {least:,} tokens;"
-            f" too short or nearly too short: {', '.join(short)}"
-        )
+        """A line on first system prompts that the model's cache does not take; "" for none."""
+        values = {**self.values, **self.settings.explore.values}
+        values |= dict.fromkeys(_PER_GENERATION, "")
+        requests = {}
+        for part in self.parts:
+            system, user = render(self.prompts[_PROMPTS[kind_of(part)][0]], values)
+            requests[part] = Request(self.settings.model_name, system, (user,), 1)
+        shared = shared_prompts(requests, self.settings)
+        return too_short({part: request.system for part, request in shared.items()}, self.settings)
 
     @property
     def parts(self) -> list[str]:
@@ -262,9 +254,7 @@ class Adviser:
         models: Mapping[str, str],
     ) -> dict[str, Conversation[Any]]:
         """Asks for all parts at the same time, or one by one if a cap is near."""
-        requests = {
-            part: self.request(part, state, capabilities, models.get(part)) for part in self.parts
-        }
+        requests = self.requests(state, capabilities, models)
         work = {p: partial(self._ask, p, state, calls, request) for p, request in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
         # The first is asked in this thread, the others beside it.
@@ -309,6 +299,18 @@ class Adviser:
         exploiting = state.milestones_reached[self.exploit_from]
         return ("tree_exploit", how.exploit) if exploiting else ("tree_explore", how.explore)
 
+    def requests(
+        self,
+        state: PopulationState,
+        capabilities: ServerCapabilities,
+        models: Mapping[str, str] = NO_MODELS,
+    ) -> dict[str, Request]:
+        """The requests for all parts of the guidance, to `models`, or the settings' model."""
+        requests = {
+            part: self.request(part, state, capabilities, models.get(part)) for part in self.parts
+        }
+        return shared_prompts(requests, self.settings)
+
     def request(
         self,
         part: str,
@@ -316,7 +318,7 @@ class Adviser:
         capabilities: ServerCapabilities,
         model: str | None = None,
     ) -> Request:
-        """The request for a part ("rate", "tree", "edits") to a model; None: the settings'."""
+        """The request for a part ("rate", "tree", "edits") alone; model=None: the settings'."""
         how, name = self.settings, "mutation_rate"
         answer: type[BaseModel] = DecisionAnswer
         values: dict[str, str] = {}
