@@ -11,9 +11,17 @@ $RUN "$OTHERS" supervisor=baseline
 $RUN "$OTHERS" supervisor=editor_random_tree,editor_constant library=single
 $RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=8000 supervisor.policy.seeds=15 \
   'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single-world.robot.drain_moving=0.2"'
+$RUN "$OTHERS" supervisor=expert library=combined
+$RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
+$RUN "$OTHERS" supervisor=fixed library=single
+$RUN "$OTHERS" supervisor=baseline search=compose library=single
 "$BIN/islandgp" compare --name study7 --primary first_complete_descendant --force -o docs/study/editors \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
-  --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" \
-  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,baseline
+  --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \
+  --arm combined="supervisor=expert library.trees.pickup=[pickup_specialist]" \
+  --arm founders="supervisor=baseline gp.founders=true" --arm fixed="supervisor=fixed" \
+  --arm baseline="supervisor=baseline gp.founders=false search=paper" \
+  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline \
+  --no-controls
 "$BIN/python" docs/raw_records.py runs/study7 docs/study/editors/records.tar.xz

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.mock_model import ARMS, PORT, measure
+from benchmarks.mock_model import ARMS, PARTS, PORT, measure
 
 TINY = ("gp.generations=3", "world.episode.length=20", "gp.validation=0", "seed=0,1")
 
@@ -15,13 +15,14 @@ TINY = ("gp.generations=3", "world.episode.length=20", "gp.validation=0", "seed=
 @pytest.mark.slow
 def test_it_measures_and_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A row an arm; what a second command finds it does not run again."""
+    arms = [*ARMS, *PARTS]
     assert measure(tmp_path, TINY, noise=0.1, faults=0.1) == 0
-    first = capsys.readouterr().out.splitlines()[-len(ARMS) :]
-    assert [line.split(" | ")[0] for line in first] == [f"| {name}" for name in ARMS]
+    first = capsys.readouterr().out.splitlines()[-len(arms) :]
+    assert [line.split(" | ")[0] for line in first] == [f"| {name}" for name in arms]
     ended = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("summary.json")}
-    assert len(ended) == 2 * len(ARMS)
+    assert len(ended) == 2 * len(arms)
     assert measure(tmp_path, TINY, noise=0.1, faults=0.1) == 0
-    assert capsys.readouterr().out.splitlines()[-len(ARMS) :] == first
+    assert capsys.readouterr().out.splitlines()[-len(arms) :] == first
     assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("summary.json")} == ended
 
 
