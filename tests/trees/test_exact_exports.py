@@ -60,6 +60,11 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BehaviorTreeCpp]:
     boards=[[0.0] * len(PLACES)],
     results=[SUCCESS, RUNNING],
 )
+@example(  # py_trees does not tick a child to its end if that succeeds below a selector
+    tree=parse("until_failure { selector { cooldown 2 { ExecuteCharge } } }"),
+    boards=[[0.0] * len(PLACES)] * 3,
+    results=[SUCCESS],
+)
 def test_py_trees(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """The exported module starts, resumes and halts the same leaves in the same order."""
     tree = named(tree)
@@ -194,7 +199,7 @@ def test_recorded_episodes(cpp: BehaviorTreeCpp, path: Path) -> None:
     row = tried([recorded(tree, island())], cpp)
     assert row.ticks > 500  # a poor tree ends early
     assert row.calls >= row.ticks
-    assert row.differences == (0, 0, 0)
+    assert set(row.differences) == {0}
 
 
 @pytest.mark.slow
@@ -204,8 +209,8 @@ def test_the_figures_of_the_page(cpp: BehaviorTreeCpp) -> None:
 
     The figures are those of docs/exports.md; `python -m tests.trees.exactness` writes them.
     """
-    rows = exactness(cpp)
-    assert {row.differences for row in rows.values()} == {(0, 0, 0)}
+    rows = dict(exactness(cpp))
+    assert {ticks for row in rows.values() for ticks in row.differences} == {0, None}
     assert min(row.trees for name, row in rows.items() if "evolved" in name) >= 100
     text = PAGE.read_text(encoding="utf-8")
     assert with_table(text, rows) == text

@@ -238,11 +238,11 @@ class CooldownTicks(Decorator):
             yield self
             return
         yield from super().tick()
-        if self.status != Status.RUNNING:
-            self.free = self.now() + self.ticks
 
     def update(self):
-        """The status of the child."""
+        """The status of the child, whose end begins the cooldown."""
+        if self.decorated.status != Status.RUNNING:
+            self.free = self.now() + self.ticks
         return self.decorated.status
 
 
