@@ -36,6 +36,8 @@ TREES: Final = "gp.trees."
 
 SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
 
+OTHERS: Final = 3  # arms with the same value that are named
+
 
 def compare_arms(
     arms: Sequence[Arm],
@@ -211,9 +213,24 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
         if key == "supervisor.name" and values == [arm.name for arm in arms]:
             continue  # the names of the arms show it
         if len(set(values)) > 1:
-            pairs = zip((arm.name for arm in arms), values, strict=True)
-            differences.append((key, ", ".join(f"{value} in {name}" for name, value in pairs)))
+            differences.append((key, _by_value([arm.name for arm in arms], values)))
     return differences
+
+
+def _by_value(names: Sequence[str], values: Sequence[str]) -> str:
+    """Which arms have which value: "0.4 in a and b, 0.2 in c"."""
+    groups: dict[str, list[str]] = {}
+    for name, value in zip(names, values, strict=True):
+        groups.setdefault(value, []).append(name)
+    most = max(groups, key=lambda value: len(groups[value]))
+    parts = [
+        f"{value} in {' and '.join(group)}"
+        for value, group in groups.items()
+        if value != most or len(group) <= OTHERS
+    ]
+    if len(groups[most]) > OTHERS:
+        parts.append(f"{most} in the others")
+    return ", ".join(parts)
 
 
 def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:

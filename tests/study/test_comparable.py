@@ -234,3 +234,10 @@ def test_arms_that_evolved_the_same_populations_are_said() -> None:
     )
     apart = compare_arms([_arm("expert", range(3)), other])
     assert not any("same individuals" in note for note in apart.notes)
+
+
+def test_a_value_of_many_arms_is_named_once() -> None:
+    """With many arms, the line names those with another value."""
+    others = [_arm(name, range(2)) for name in "abcd"]
+    study = compare_arms([*others, _arm("e", range(2), gp__generations=12)], force=True)
+    assert "gp.generations differs: 12 in e, 41 in the others" in study.comparability_warnings
