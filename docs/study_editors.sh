@@ -21,7 +21,7 @@ $RUN "$OTHERS" supervisor=baseline search=compose library=single
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \
   --arm combined="supervisor=expert library.trees.pickup=[pickup_specialist]" \
   --arm founders="supervisor=baseline gp.founders=true" --arm fixed="supervisor=fixed" \
-  --arm baseline="supervisor=baseline gp.founders=false search=paper" \
+  --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose" \
   --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline \
   --no-controls
 "$BIN/python" docs/raw_records.py runs/study7 docs/study/editors/records.tar.xz
