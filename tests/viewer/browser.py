@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
@@ -39,10 +40,9 @@ class Browser:
         ]
 
         def hand_over() -> None:  # Chromium reads from 3 and writes to 4
-            os.dup2(to_read, 103)
-            os.dup2(from_write, 104)
-            os.dup2(103, 3)
-            os.dup2(104, 4)
+            free = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (to_read, from_write)]
+            os.dup2(free[0], 3)
+            os.dup2(free[1], 4)
 
         self._process = subprocess.Popen(
             command,
