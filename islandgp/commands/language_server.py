@@ -22,13 +22,13 @@ from islandgp.bt.editor.assist import meaning, offers
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.editor.names import (
     Symbol,
+    Word,
     defines,
     definitions,
     references,
     renamed,
     symbol_at,
 )
-from islandgp.bt.editor.words import Word
 from islandgp.commands.check_command import checked, plain_error, plain_finding
 from islandgp.errors import IslandError, TreeError
 

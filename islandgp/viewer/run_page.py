@@ -6,20 +6,29 @@ goes on: then it loads itself again every few seconds.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from html import escape
-from typing import Final
+from typing import Any, Final
 
+from islandgp.bt.core.language import parse
+from islandgp.bt.export.render import drawing, lay_out
+from islandgp.errors import RunError
+from islandgp.gp.archive import ArchiveSettings, Elite
+from islandgp.records.archive_file import NAME, read_archive
+from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
+from islandgp.resources import program
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
 from islandgp.text import title
-from islandgp.viewer.archive_section import archive_map
-from islandgp.viewer.champion_section import champion_section
+from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import read_history, thinned
 from islandgp.viewer.lineage_section import lineage_section
 from islandgp.viewer.page import filled, part, script_data
 from islandgp.viewer.recording import digits
-from islandgp.viewer.run_view import RunView
+from islandgp.viewer.run_view import RunView, path_from_home, world_flags
 
 NAME_OF_PAGE: Final = "run.html"
 RELOAD: Final = 5  # s between two looks of the page at itself while the run goes on
@@ -157,3 +166,104 @@ def _duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {rest} s"
+
+
+TREE_BYTES: Final = 500_000  # of the archive's trees that are part of the page; the best come first
+
+
+def archive_map(view: RunView) -> dict[str, Any] | None:
+    """The map of the archive; None where the run keeps none."""
+    if not view.history.archived:
+        return None
+    settings = ArchiveSettings.model_validate(view.config.get("archive") or {})
+    axes = settings.axes(Classes.model_validate(view.config["classes"]))
+    cells = _elites(view)
+    elites = sorted(cells or (), key=lambda e: (-e.stage, -e.mean, e.cell))
+    room, shown = TREE_BYTES, []
+    for e in elites:
+        room -= len(e.tree.encode())
+        shown.append({**asdict(e), "stage": e.stage + 1, "tree": e.tree if room >= 0 else None})
+    about = view.folder.about()
+    return {
+        "axes": [{"name": name, "edges": edges} for name, edges in axes.items()],
+        "floor": settings.floor,
+        "domain": "" if about is None else about.tags.get("domain", ""),
+        "command": " ".join([shlex.quote(program()), "replay", "-"]),
+        "flags": world_flags(view),
+        "file": NAME,
+        "readable": cells is not None,
+        "elites": shown,
+    }
+
+
+def _elites(view: RunView) -> tuple[Elite, ...] | None:
+    """The archive as far as the run has come; None where none can be read."""
+    path = view.folder.path
+    try:
+        if view.status is Status.FINISHED:
+            return read_archive(path)[0].elites
+        for name in ("checkpoint.json", "checkpoint.previous.json"):
+            if (path / name).exists():
+                return read_checkpoint(path / name)[0].archive
+    except RunError:  # it is missing or damaged, or being written
+        return None
+    return ()
+
+
+def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:
+    """The best robot's tree, where its points come from, and its replay."""
+    best = view.champion
+    if best is None:
+        yield "<p>None yet.</p>"
+        return
+    boxes, width, height = lay_out(parse(best["tree"]))
+    if view.status is Status.FINISHED:
+        yield f"<p>Individual {escape(best['id'])}, the best robot of the run.</p>"
+    else:
+        yield f"<p>Individual {escape(best['id'])}, the fittest of the present stage so far.</p>"
+    yield (
+        '<div class="picture" tabindex="0" role="region" aria-label="Picture of the tree">'
+        f'<svg class="bt" role="img" aria-label="Behaviour tree of {len(boxes)} nodes"'
+        f' width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}">'
+        f"{drawing(boxes)}</svg></div>"
+        f"<details><summary>As text ({best['nodes']} nodes)</summary>"
+        f"<pre>{escape(best['tree'])}</pre></details>"
+    )
+    yield '<div class="tables">'
+    yield _table("Points in training", _points(view, best))
+    yield _table("Counters", ((name, f"{value:,.4g}") for name, value in best["counters"].items()))
+    yield "</div>"
+    if has_replay:
+        yield (
+            '<p><button id="show-replay" type="button">Show its replay</button></p>'
+            '<div id="replay-place"></div>'
+        )
+    place = first_episode(view.folder, best["id"])
+    file = shlex.quote(str(path_from_home(view) / "best.bt"))
+    flags = f" {flags}" if (flags := world_flags(view)) else ""
+    yield _command(
+        "A replay as a file" if has_replay else "Its replay",
+        f"{shlex.quote(program())} replay {file} --seed {place.seed}"
+        f" --stage {place.stage + 1}{flags}",
+    )
+
+
+def _points(view: RunView, best: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
+    yield from ((name, view.points(value, "+")) for name, value in parts if value)
+    yield "fitness", view.points(best["fitness"])
+
+
+def _table(caption: str, rows: Iterator[tuple[str, str]]) -> str:
+    body = "".join(
+        f'<tr><th scope="row">{escape(name.replace("_", " "))}</th><td>{escape(value)}</td></tr>'
+        for name, value in rows
+    )
+    return f"<table><caption>{escape(caption)}</caption><tbody>{body}</tbody></table>"
+
+
+def _command(label: str, text: str) -> str:
+    return (
+        f'<p class="command"><span>{escape(label)}:</span> <code>{escape(text)}</code>'
+        ' <button type="button" class="copy">copy</button></p>'
+    )

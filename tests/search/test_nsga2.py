@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.search.pareto import crowded_order, crowding, ranks
+from islandgp.search.nsga2 import crowded_order, crowding, ranks
 from islandgp.seeding import Streams
 from tests.profiles import examples
 from tests.search.searches import NO_ADVICE, done, made

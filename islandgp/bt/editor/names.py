@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -10,8 +11,28 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.kinds import COUNTED, INNER, TIMED
 from islandgp.bt.core.vocabulary import NAME, RESERVED
-from islandgp.bt.editor.words import Word, code_words
 from islandgp.errors import TreeError
+
+_WORD: Final = re.compile(r'#[^\n]*|"[^"\n]*"?|[A-Za-z_]\w*|-?\.?[0-9][0-9A-Za-z_.]*|[<>=!]=?|\S')
+
+
+class Word(NamedTuple):
+    """A word of a text, comments and names of files included."""
+
+    text: str
+    start: int  # offsets into the text
+    end: int
+
+
+def words_of(text: str) -> list[Word]:
+    """The words of a text."""
+    return [Word(m[0], m.start(), m.end()) for m in _WORD.finditer(text)]
+
+
+def code_words(text: str) -> list[Word]:
+    """The words of a text without its comments."""
+    return [word for word in words_of(text) if word.text[0] != "#"]
+
 
 BEFORE_NUMBERS: Final = {*OPERATORS, *COUNTED, *TIMED, "success", "failure"}
 
