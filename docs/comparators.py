@@ -93,6 +93,7 @@ class World:
     config_dir: Path | None = None
     library: bool = False
     arms: tuple[str, ...] = ()  # the only ones that run here; (): all
+    seeds: range = SEEDS
 
 
 DOMAINS: Final = ROOT / "islandgp" / "domains"
@@ -125,6 +126,12 @@ WORLDS: Final[dict[str, World]] = {
     ),
     "island_best": World(
         ("experiment=best",), ROOT / "grammar" / "examples" / "all_rounder.bt", arms=("racing",)
+    ),
+    "island_best_32000": World(
+        ("experiment=best", "budget.episodes=32000"),
+        ROOT / "grammar" / "examples" / "all_rounder.bt",
+        arms=("racing",),
+        seeds=range(9003, 9013),
     ),
     "minigrid_15000": World(
         ("domain=minigrid", "budget.episodes=15000", "gp.population=60", "gp.episodes=2"),
@@ -355,22 +362,26 @@ def main() -> None:
     if options.random_trees:
         random_trees(names)
     else:
-        compare_searches(names, arms, range(0) if options.report else SEEDS[: options.seeds])
+        compare_searches(names, arms, 0 if options.report else options.seeds)
 
 
-def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: Iterable[int]) -> None:
-    """Measure what is missing of these worlds, arms and seeds, and write the report."""
-    for seed in seeds:
+def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: int) -> None:
+    """Measure what is missing of the first `seeds` of these worlds and arms, and write the report."""
+    for i in range(seeds):
         for name in names:  # seed by seed: what is stopped has as many of each arm
+            if i >= len(WORLDS[name].seeds):
+                continue
+            seed = WORLDS[name].seeds[i]
             raw = read_raw(name)
             if raw["by_hand"] is None:
                 raw["by_hand"] = by_hand(name)
             for arm in (arm for arm in arms_of(WORLDS[name]) if arm in arms):
-                known = raw["arms"].setdefault(arm, {})
-                if str(seed) not in known:
-                    known[str(seed)] = measured(name, arm, seed)
+                if str(seed) not in raw["arms"].get(arm, {}):
+                    run = measured(name, arm, seed)
+                    raw = {**read_raw(name), "by_hand": raw["by_hand"]}  # others may have written
+                    raw["arms"].setdefault(arm, {})[str(seed)] = run
                     write_raw(name, raw)
-                    print(f"{name} {arm} {seed}: {known[str(seed)]['score']:,.1f}", flush=True)
+                    print(f"{name} {arm} {seed}: {run['score']:,.1f}", flush=True)
     report()
 
 
