@@ -52,7 +52,7 @@ OWN_TAGS: Final = frozenset(
 
 
 MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
-"""Prefixes of tags that MLflow and the mirror need."""
+"""Prefixes of tags that MLflow and the upload need."""
 
 
 class DomainSettings(ImportedClass, frozen=True, extra="forbid"):

@@ -64,7 +64,7 @@ def decide(
     guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     wanted = guidance.mutation_rate if plan.switches.adapt_mutation else None
     # If the rate is not adapted, an emergency rate ends with its crisis.
-    held = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
+    default_rate = rate if plan.switches.adapt_mutation else plan.gp.mutation_rate
     refused = []
     if wanted is not None and "rate" not in search.uses:
         wanted = None
@@ -74,7 +74,7 @@ def decide(
         why = _why_refused(tree, plan, search)
         refused += [why] if why else []
         tree = None if why else tree
-    applied = plan.gp.crisis.rate(held if wanted is None else wanted, state.crisis)
+    applied = plan.gp.crisis.rate(default_rate if wanted is None else wanted, state.crisis)
     edits, trees = decide_edits(plan, search, guidance.edits[:MOST_EDITS], names or {})
     if plan.switches.mutate_advice and streams is not None:
         generation = state.now.generation + 1

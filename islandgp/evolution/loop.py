@@ -70,8 +70,8 @@ def evaluate(
     outcomes = evaluator.evaluate(jobs)
     results = []
     for k, individual in enumerate(population):
-        own = outcomes[k * n : (k + 1) * n]
-        o, points = combine(own), tuple(episode.fitness for episode in own)
+        episodes = outcomes[k * n : (k + 1) * n]
+        o, points = combine(episodes), tuple(episode.fitness for episode in episodes)
         broken = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
         results.append(Evaluated(individual, o, labels, o.fitness, points, broken))
@@ -236,10 +236,10 @@ def _generation(
     champion = updated_champion(state.champion, g, lines, plan.constraints)
     library = max(state.library, parts.library())
     elsewhere = library - state.library
-    own = len(population) * plan.gp.episodes + archive.episodes + extra
+    episodes = len(population) * plan.gp.episodes + archive.episodes + extra
     stopped = plan.stop.reason(population)
     guidance = following = None
-    if not stopped and not plan.last(g, state.spent + own + elsewhere):
+    if not stopped and not plan.last(g, state.spent + episodes + elsewhere):
         waiting = perf_counter()
         if g + plan.switches.lag + 1 < plan.gp.generations:  # else it could not take effect
             multipliers = plan.curriculum.multipliers(now.stage)
@@ -260,7 +260,7 @@ def _generation(
             history,
             updated.memory,
             champion,
-            state.spent + own + elsewhere,
+            state.spent + episodes + elsewhere,
             library,
             archive.elites,
             {e.parents[0]: names[e.parents[0]] for e in advice.edited},
@@ -279,7 +279,7 @@ def _generation(
         evaluation=evaluation,
         supervision=supervision,
         operators=perf_counter() - began - evaluation - supervision,
-        episodes=own + elsewhere,
+        episodes=episodes + elsewhere,
         simulated=evaluator.simulated - before,
         llm=queue.spent(),
         elsewhere=elsewhere,

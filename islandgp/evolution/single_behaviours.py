@@ -153,5 +153,5 @@ def _smaller(tree: Node) -> Iterator[Node]:
         for at, child in enumerate(node.children):
             yield replace_at(tree, i, child)
             if len(node.children) > 1:
-                left = node.children[:at] + node.children[at + 1 :]
-                yield replace_at(tree, i, node._replace(children=left))
+                siblings = node.children[:at] + node.children[at + 1 :]
+                yield replace_at(tree, i, node._replace(children=siblings))

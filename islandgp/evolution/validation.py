@@ -286,31 +286,31 @@ def validate(
     Raises:
         EvaluationError: an episode failed.
     """
-    left = {candidate: list[Outcome]() for candidate in candidates}
+    results = {candidate: list[Outcome]() for candidate in candidates}
     met = 0
 
     def worth(c: Candidate) -> Merit:
         """By the outcomes so far; before the first round, by training."""
-        if not left[c]:
+        if not results[c]:
             return c.merit
-        return merit(fmean(o.fitness for o in left[c]), mean_violation(left[c], constraints))
+        return merit(fmean(o.fitness for o in results[c]), mean_violation(results[c], constraints))
 
     for size, new in rounds(len(candidates), episodes):
-        ranked = sorted(left, key=worth, reverse=True)[:size]
+        ranked = sorted(results, key=worth, reverse=True)[:size]
         batch = worlds[met : met + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
-        left = {
-            c: [*left[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
+        results = {
+            c: [*results[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
             for k, c in enumerate(ranked)
         }
         met += len(batch)
-    order = sorted(left, key=worth, reverse=True)
-    judged = [(c, _judged(worlds[:met], left[c], classes, constraints)) for c in order]
+    order = sorted(results, key=worth, reverse=True)
+    judged = [(c, _judged(worlds[:met], results[c], classes, constraints)) for c in order]
     if reference_tree is not None:
         name, text = reference_tree
         theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
         best, verdict = judged[0]
-        judged[0] = (best, compared(verdict, left[best], theirs, name))
+        judged[0] = (best, compared(verdict, results[best], theirs, name))
     return judged
 
 

@@ -57,13 +57,15 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
     """Number of diversity slots: more if diversity is low, within the two ranges of Table 1."""
     least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
-    few, many = (scaled(n, allocation, population) for n in allocation.tournament_children)
+    fewest_children, most_children = (
+        scaled(n, allocation, population) for n in allocation.tournament_children
+    )
     enough, low = allocation.diversity_targets
     middle = (least + most + 1) // 2
     wanted = least if diversity >= enough else most if diversity < low else middle
     free = population - taken
-    wanted = max(wanted, min(most, free - many))
-    return max(min(wanted, free - few), min(least, free))
+    wanted = max(wanted, min(most, free - most_children))
+    return max(min(wanted, free - fewest_children), min(least, free))
 
 
 def elites(

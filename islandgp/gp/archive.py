@@ -231,12 +231,12 @@ def _trials(
         return [_Trial(*pair, False, False) for pair in rivals]
     everyone = [elite for pair in rivals for elite in pair]
     outcomes = again([elite.tree for elite in everyone])
-    tried = [
+    entrants = [
         _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
         for elite, more in zip(everyone, outcomes, strict=True)
     ]
     broken = [bool(mean_violation(more, constraints)) for more in outcomes]
-    return list(map(_Trial, tried[::2], tried[1::2], broken[::2], broken[1::2]))
+    return list(map(_Trial, entrants[::2], entrants[1::2], broken[::2], broken[1::2]))
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:

@@ -93,11 +93,11 @@ def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
     """A key drawn by its weight."""
-    left, last = rng.random() * total(weights.values()), ""
+    remaining, last = rng.random() * total(weights.values()), ""
     for name, weight in weights.items():
         if weight > 0:
-            left, last = left - weight, name
-        if left < 0:
+            remaining, last = remaining - weight, name
+        if remaining < 0:
             break
     return last
 
@@ -191,9 +191,9 @@ def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:
 def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> ConditionExpr:
     if terms == 1:
         return random_term(rng, space)
-    left = int(rng.integers(1, terms))
+    n_first = int(rng.integers(1, terms))
     word = ("and", "or")[rng.integers(2)]
-    return conjoin(word, [_random_joined(rng, space, n) for n in (left, terms - left)])
+    return conjoin(word, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
 
 
 def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:

@@ -58,10 +58,10 @@ class MutationSettings(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _operators_exist(self) -> MutationSettings:
-        own = [name for name in self.operators if ":" in name]
-        for name in own:
+        custom = [name for name in self.operators if ":" in name]
+        for name in custom:
             function(name, MUTATIONS)
-        check_weights("operators", self.operators, [*MUTATIONS, *own])
+        check_weights("operators", self.operators, [*MUTATIONS, *custom])
         return self
 
 

@@ -1,4 +1,4 @@
-"""A run's folder: the primary record of a run; tracking servers are mirrors of it.
+"""A run's folder: the primary record of a run; tracking servers hold copies.
 
 docs/running.md lists its files. A run is finished if there is a summary.json.
 """

@@ -46,10 +46,10 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _known(self) -> Breeding:
-        own = [name for name in self.crossovers if ":" in name]
-        for name in own:
+        custom = [name for name in self.crossovers if ":" in name]
+        for name in custom:
             crossover(name)
-        check_weights("crossovers", self.crossovers, [*CROSSOVERS, *own])
+        check_weights("crossovers", self.crossovers, [*CROSSOVERS, *custom])
         return self
 
 
@@ -135,7 +135,7 @@ class Brood:
     """The parts of a generation, without a supervisor's trees."""
 
     pick: Pick | None = None  # of the children's parents; None: random trees in place of children
-    again: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
+    reevaluated: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
     written: Sequence[
         Node
     ] = ()  # trees that are evaluated as they are, such as the plan's founders
@@ -161,7 +161,7 @@ def new_generation(
     advice = state.advice or Advice(rate=0.0)
     kept = [
         *((tree, Origin.INJECTED, ()) for tree in brood.written[:n]),
-        *((p.tree, Origin.ELITE, (p.id,)) for p in brood.again[: n - 2 - len(advice.edited)]),
+        *((p.tree, Origin.ELITE, (p.id,)) for p in brood.reevaluated[: n - 2 - len(advice.edited)]),
     ]
     if advice.tree is not None:
         kept.append((advice.tree, Origin.INJECTED, ()))

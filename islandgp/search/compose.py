@@ -144,20 +144,20 @@ class Compose:
         """See `Search`; the advice changes nothing."""
         before = (0.0,) * len(evaluated) if state.memory is None else state.memory.sums
         sums = [old + e.fitness for old, e in zip(before, evaluated, strict=True)]
-        now = [limited(e.outcome.counters, self.plan.constraints) for e in evaluated]
-        means = now if state.memory is None else (state.memory.counters or now)
+        latest = [limited(e.outcome.counters, self.plan.constraints) for e in evaluated]
+        means = latest if state.memory is None else (state.memory.counters or latest)
         n = state.generation + 1
-        counters = [running_mean(*pair, n) for pair in zip(means, now, strict=True)]
+        counters = [running_mean(*pair, n) for pair in zip(means, latest, strict=True)]
         merits = [
             merit(points, violation(own, self.plan.constraints))
             for points, own in zip(sums, counters, strict=True)
         ]
         order = sorted(range(len(sums)), key=lambda k: merits[k], reverse=True)
-        left = order[: max(self.settings.finalists, (len(order) + 1) // 2)]
+        survivors = order[: max(self.settings.finalists, (len(order) + 1) // 2)]
         racers = Racers(
-            tuple(evaluated[k].individual.tree for k in left),
-            tuple(evaluated[k].individual.id for k in left),
-            tuple(sums[k] for k in left),
-            tuple(counters[k] for k in left),
+            tuple(evaluated[k].individual.tree for k in survivors),
+            tuple(evaluated[k].individual.id for k in survivors),
+            tuple(sums[k] for k in survivors),
+            tuple(counters[k] for k in survivors),
         )
         return SearchState(state.generation + 1, racers)

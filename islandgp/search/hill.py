@@ -25,7 +25,7 @@ class Hill(BreedingSearch[BreedingSettings]):
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`."""
         parent: Parent = state.memory
-        return Brood(pick=lambda _: (parent, ()), again=[parent])
+        return Brood(pick=lambda _: (parent, ()), reevaluated=[parent])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Parent:  # noqa: ARG002 -- the fittest alone counts
         """The fittest. Of equals the first stays: the parent, which has slot 0."""

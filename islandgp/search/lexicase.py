@@ -75,7 +75,7 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
         best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
         draw = lexicase_draw(everyone)
         pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
-        return Brood(pick, again=[c.parent for c in best[: self.settings.elites]])
+        return Brood(pick, reevaluated=[c.parent for c in best[: self.settings.elites]])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""
@@ -122,8 +122,8 @@ def selected(
     """
     entrants = np.arange(len(points)) if entrants is None else entrants
     order = rng.permutation(points.shape[1]).tolist()
-    left = entrants[passing(points[entrants], order)]
-    return int(left[rng.integers(len(left))])
+    remaining = entrants[passing(points[entrants], order)]
+    return int(remaining[rng.integers(len(remaining))])
 
 
 def passing(points: np.ndarray[Any, Any], order: Sequence[int]) -> np.ndarray[Any, Any]:
@@ -136,11 +136,11 @@ def passing(points: np.ndarray[Any, Any], order: Sequence[int]) -> np.ndarray[An
     Returns:
         Indices of rows, at least one.
     """
-    left = np.arange(len(points))
+    remaining = np.arange(len(points))
     for case in order:
-        if len(left) == 1:
+        if len(remaining) == 1:
             break
-        values = points[left, case]
+        values = points[remaining, case]
         epsilon = np.median(np.abs(values - np.median(values)))
-        left = left[values >= values.max() - epsilon]
-    return left
+        remaining = remaining[values >= values.max() - epsilon]
+    return remaining

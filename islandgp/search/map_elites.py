@@ -44,9 +44,11 @@ class MapElitesSettings(BreedingSettings, frozen=True):
 
     descriptor: Descriptor
     """Counters, or COUNTER/WIDTH for bins of equal width; none: the behaviours' counters."""
-    bins: int = Field(ge=1, le=100)  # of a counter above 0, at most
-    depth: int = Field(ge=1, le=100)  # trees that a cell keeps
-    again: float = Field(ge=0, lt=1)  # share of the slots in which elites are evaluated again
+    bins: int = Field(ge=1, le=100)  # most bins of a counter above 0
+    depth: int = Field(ge=1, le=100)
+    """Most trees that a cell keeps: the elite, and trees that can replace it."""
+    again: float = Field(ge=0, lt=1)
+    """Share of a generation's slots in which elites are evaluated once more."""
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -87,24 +89,24 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         best = [cell[0] for cell in self.cells(occupants).values()]
         parents = [o.parent for o in best]
         mothers = [o.parent for o in best if not self._violation(o)] or parents
-        doubtful = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
-        most = round(self.settings.again * self.plan.gp.population)
+        fewest_episodes_first = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
+        slots = round(self.settings.again * self.plan.gp.population)
         return Brood(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
-            again=[o.parent for o in doubtful[:most]],
+            reevaluated=[o.parent for o in fewest_episodes_first[:slots]],
             tried={digest(o.parent.tree) for o in occupants},
         )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:
         """See `BreedingSearch`."""
-        before = () if state.memory is None else state.memory.occupants
-        known = {digest(o.parent.tree): o for o in before}
+        occupants = () if state.memory is None else state.memory.occupants
+        by_digest = {digest(o.parent.tree): o for o in occupants}
         for e in evaluated:
             key = digest(e.individual.tree)
             place = point(self.dimensions, e.outcome)
             counters = limited(e.outcome.counters, self.plan.constraints)
-            known[key] = updated(known.get(key), e, place, counters)
-        cells = self.cells(tuple(known.values())).values()
+            by_digest[key] = updated(by_digest.get(key), e, place, counters)
+        cells = self.cells(tuple(by_digest.values())).values()
         return Grid(tuple(o for cell in cells for o in cell[: self.settings.depth]))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
@@ -127,7 +129,10 @@ def updated(
     place: Sequence[float],
     counters: Mapping[str, float] = NO_COUNTERS,
 ) -> Occupant:
-    """The occupant with one more evaluation; `counters` are those with limits."""
+    """The occupant with one more evaluation; `before` is None at its first.
+
+    `counters` are those with limits.
+    """
     parent = parent_of(e)
     if before is None:
         return Occupant(parent, 1, e.fitness, tuple(place), dict(counters))

@@ -70,7 +70,9 @@ class Novelty(BreedingSearch[NoveltySettings]):
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`."""
         memory: Explored = state.memory
-        return Brood(pick_by_rank(memory.parents, self.settings.tournament), again=memory.fittest)
+        return Brood(
+            pick_by_rank(memory.parents, self.settings.tournament), reevaluated=memory.fittest
+        )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Explored:
         """See `BreedingSearch`."""

@@ -128,7 +128,7 @@ class Nsga2(BreedingSearch[Nsga2Settings]):
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`."""
         parents: tuple[Parent, ...] = state.memory.parents
-        return Brood(pick_by_rank(parents), again=parents)
+        return Brood(pick_by_rank(parents), reevaluated=parents)
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Survivors:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""

@@ -354,10 +354,10 @@ def _race(
     points: dict[Values, list[float]] = {tree: [] for tree in distinct[:n]}
     sizes = _halving(n)
     for size in sizes:
-        left = sorted(points, key=lambda tree: -_mean(points[tree]))[:size]
+        racers = sorted(points, key=lambda tree: -_mean(points[tree]))[:size]
         new = list(islice(worlds, episodes // len(sizes) // size))
-        fitness = candidates.points(left, new)
-        points = {tree: points[tree] + more for tree, more in zip(left, fitness, strict=True)}
+        fitness = candidates.points(racers, new)
+        points = {tree: points[tree] + more for tree, more in zip(racers, fitness, strict=True)}
     return max(points, key=lambda tree: _mean(points[tree]))
 
 

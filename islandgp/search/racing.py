@@ -121,8 +121,8 @@ class Racing(BreedingSearch[RacingSettings]):
         promising = self._ranked(memory.entries, 1.0)
         slots = max(1, round(self.settings.again * self.plan.gp.population))
         pick = None if state.generation < self.settings.random else self._pick(memory)
-        again = [Parent(e.id, e.tree) for e in promising[:slots]]
-        return Brood(pick, again=again, tried=memory.tried)
+        survivors = [Parent(e.id, e.tree) for e in promising[:slots]]
+        return Brood(pick, reevaluated=survivors, tried=memory.tried)
 
     def _pick(self, memory: RacingMemory) -> Pick:
         """Mothers are survivors, or by lexicase selection specialists of the last generation."""

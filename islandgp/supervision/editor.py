@@ -39,7 +39,7 @@ from islandgp.supervision.expert import (
 )
 from islandgp.supervision.library import Library
 
-WIDER: Final = 0.15  # step by which a guard is widened, as a share of its key's range
+WIDENING_STEP: Final = 0.15  # step by which a guard is widened, as a share of its key's range
 EXAMPLES: Final = 5  # most trees per counter whose branches are candidates
 EditKey = tuple[str, str, str | None, float | None]
 """Kind, place, canonical text of the branch, and number of an edit."""
@@ -153,7 +153,7 @@ def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
     if not isinstance(expr, Condition) or expr.other or expr.operator not in ("<", "<=", ">", ">="):
         return None
     key = vocabulary.keys[expr.key]
-    by = WIDER * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
+    by = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
     number = fine(expr.number + by, key)
     return None if number == expr.number else number
 
@@ -371,6 +371,7 @@ class Editor:
         why = f"{why}: a branch of {branch.source}"
         place = place_for(tree, branch.node, vocabulary)
         if place is not None and place > 0:
+            # "front" inserts before the child at the place; behind the last child there is none.
             kind = "insert" if place == len(tree.children) else "front"
             yield Edit(kind, i.id, str(place), branch.node, reason=why)
-        yield Edit("front", i.id, branch=branch.node, reason=why)
+        yield Edit("front", i.id, branch=branch.node, reason=why)  # before the root

@@ -51,8 +51,8 @@ class SweepFile:
     def arm(self, job: SweepJob) -> str:
         """Name of a job's arm: its supervisor, and the overrides that are not common to all."""
         everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
-        own = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
-        return " ".join([job.supervisor, *sorted(own)])
+        distinguishing = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
+        return " ".join([job.supervisor, *sorted(distinguishing)])
 
     def arms(self) -> dict[str, list[SweepJob]]:
         """The jobs by arm."""

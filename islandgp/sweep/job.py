@@ -57,10 +57,13 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         home = Path(hydra.runtime.cwd)
         named = run_folder(plain, list(hydra.overrides.task), home)
         with tolerant_stderr():  # in a process of its own the command's is not known
-            target, own = start.run(named), fitted(settings, hydra.launcher, len(start.jobs))
+            target, fitted_settings = (
+                start.run(named),
+                fitted(settings, hydra.launcher, len(start.jobs)),
+            )
             if start.failed(target):
                 return  # it failed in this sweep before a launcher broke down
-            attempt(target, plain, own, home, start.jobs[named].command, lambda: start)
+            attempt(target, plain, fitted_settings, home, start.jobs[named].command, lambda: start)
 
     return job
 

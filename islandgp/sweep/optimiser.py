@@ -251,16 +251,16 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
         multiprocessing.set_start_method(None, force=True)  # as in `sweep_job`
         hydra = HydraConfig.get()
         home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
-        ours = plain(config)
+        plain_config = plain(config)
         named, command = (
-            run_folder(ours, overrides, home),
+            run_folder(plain_config, overrides, home),
             command_line([*search.flags, *overrides]),
         )
         with tolerant_stderr():
             try:
-                trust(names_in(ours))
-                settings = read_settings(ours)
-                target = choose(RunFolder(named), settings, redacted(ours))
+                trust(names_in(plain_config))
+                settings = read_settings(plain_config)
+                target = choose(RunFolder(named), settings, redacted(plain_config))
             except (ConfigError, RunError) as error:
                 # It failed, and its folder has the error.
                 folder = RunFolder(named)
@@ -268,15 +268,15 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
                     folder = RunFolder(named.with_name(f"{named.name}~refused"))
                 where = folder.path
                 SweepFolder(search.folder).enter(
-                    sweep_entry(ours, overrides, where, where, command, search.id)
+                    sweep_entry(plain_config, overrides, where, where, command, search.id)
                 )
                 folder.fail(error)
                 print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
                 return nan
-            entry = sweep_entry(ours, overrides, named, target.path, command, search.id)
+            entry = sweep_entry(plain_config, overrides, named, target.path, command, search.id)
             judge = AT_WORK.get(int(hydra.job.num))
             own = fitted(settings, hydra.launcher, search.at_once)
-            return _run(search, entry, ours, own, home, judge)
+            return _run(search, entry, plain_config, own, home, judge)
 
     return job
 

@@ -78,11 +78,13 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
     )
     if start.search:
         return f"search {start.search}: {counts}, {pruned} pruned"
-    generations = sum(settled for _, _, settled in progress)
+    generations = sum(completed for _, _, completed in progress)
     total = sum(job.generations for job in start.jobs.values())
     new = generations - start.before
-    left = f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
-    return f"sweep {names}: {counts}, generation {generations} of {total}{left}"
+    time_left = (
+        f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
+    )
+    return f"sweep {names}: {counts}, generation {generations} of {total}{time_left}"
 
 
 def _error_file(run: RunFolder) -> tuple[int, int] | None:

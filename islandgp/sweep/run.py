@@ -64,8 +64,8 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     entries = _entries(jobs)
     interrupted = False
     with ExitStack() as stack:
-        for sweep, own in entries.items():
-            sweep.open(command, list(own.values()))
+        for sweep, by_folder in entries.items():
+            sweep.open(command, list(by_folder.values()))
             stack.callback(sweep.close)
             remove_leftovers(sweep.path, "sweep.json.*")
         try:
@@ -98,7 +98,7 @@ def _entries(jobs: Sequence[Planned]) -> Entries:
         folder = choose(RunFolder(job.folder), job.settings, redacted(job.config)).path
         entry = sweep_entry(job.config, job.overrides, job.folder, folder, job.command)
         sweeps.setdefault(job.folder.parent, {})[job.folder] = entry
-    return {SweepFolder(path): own for path, own in sweeps.items()}
+    return {SweepFolder(path): by_folder for path, by_folder in sweeps.items()}
 
 
 def _must_differ(jobs: Sequence[Planned]) -> None:
@@ -131,7 +131,9 @@ def _frozen(value: Any) -> Hashable:
 
 def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
     """All jobs, with the folders that they run in."""
-    return [(sweep.run(job), job) for sweep, own in entries.items() for job in own.values()]
+    return [
+        (sweep.run(job), job) for sweep, by_folder in entries.items() for job in by_folder.values()
+    ]
 
 
 def launched(
@@ -157,14 +159,16 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         RunError: the launcher has not started any job.
     """
     first = next(iter(entries))
-    start = Start.now({named: job for own in entries.values() for named, job in own.items()})
-    begun = _begun(start)
+    start = Start.now(
+        {named: job for by_folder in entries.values() for named, job in by_folder.items()}
+    )
+    started = _begun(start)
     for _ in range(LAUNCHES):
         try:
             launched(first.path, jobs[0], lambda: start, sweep_job(start), launch)
             break
         except Exception as error:
-            if _begun(start) == begun:
+            if _begun(start) == started:
                 raise RunError(
                     "Expected the launcher to start the jobs, found that it cannot:"
                     f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."

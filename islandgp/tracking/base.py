@@ -1,4 +1,4 @@
-"""The tracker interface: trackers mirror a run's folder in the background."""
+"""The tracker interface: a tracker copies a run's folder to a server in the background."""
 
 from __future__ import annotations
 

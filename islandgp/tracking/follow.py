@@ -22,9 +22,9 @@ from typing import Final, Self
 
 from islandgp.errors import brief
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.store import Place, Store, load_alone
 from islandgp.tracking.sync import sync
+from islandgp.tracking.upload import RunUploader
 from islandgp.trust import trust, trusted
 
 PERIOD: Final = 2.0  # s between two looks at a folder; a look costs ten milliseconds
@@ -95,7 +95,7 @@ class Follower:
 
     def __init__(self, on_event: OnEvent) -> None:
         self._on_event = on_event
-        self._mirrors: dict[str, Mirror] = {}
+        self._uploaders: dict[str, RunUploader] = {}
 
     def run(self, requests: Queue[SyncRequest | None]) -> None:
         """Carry out the requests of a queue until it yields None."""
@@ -117,7 +117,7 @@ class Follower:
         try:
             text = self._sync(request) if request.status is None else self._send(request)
         except Exception as error:  # a store may fail in any way, and a folder be damaged
-            self._mirrors.pop(request.folder, None)  # the store may have been replaced
+            self._uploaders.pop(request.folder, None)  # the store may have been replaced
             self._on_event(SyncEvent(EventKind.TROUBLE, brief(error), request.folder))
             return False
         done = request.status is not Status.RUNNING
@@ -129,14 +129,14 @@ class Follower:
         """Send one run; return "", as a failure raises."""
         assert request.status is not None
         (place,) = request.places
-        mirror = self._mirrors.get(request.folder)
-        if mirror is None or mirror.store.place != place:
+        uploader = self._uploaders.get(request.folder)
+        if uploader is None or uploader.store.place != place:
             store = Store(place, self._preparing)
-            mirror = Mirror(RunFolder(Path(request.folder)), store, self._progress)
-            self._mirrors[request.folder] = mirror
-        mirror.send(request.status)
+            uploader = RunUploader(RunFolder(Path(request.folder)), store, self._progress)
+            self._uploaders[request.folder] = uploader
+        uploader.send(request.status)
         if request.status is not Status.RUNNING:
-            del self._mirrors[request.folder]
+            del self._uploaders[request.folder]
         return ""
 
     def _sync(self, request: SyncRequest) -> str:

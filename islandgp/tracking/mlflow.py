@@ -1,4 +1,4 @@
-"""MLflow as a run's tracker: a child process mirrors the run's folder while evolution goes on.
+"""MLflow as a run's tracker: a child process sends the run's folder during evolution.
 
 Loading MLflow takes seconds and its server may be away, so the process that evolves does neither.
 """
@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from enum import Enum, auto
 from pathlib import Path
 from threading import Condition, Thread
 from time import monotonic
@@ -90,29 +91,40 @@ class SyncProcess:
             self.process.stdin.close()
 
 
+class WorkerState(Enum):
+    """What a worker does, as far as its events show."""
+
+    PREPARING = auto()  # loads MLflow or makes a store: no event for up to PREPARATION seconds
+    SENDING = auto()  # sends records: the next event may come any moment
+
+
 class SyncClient:
     """Makes requests of a worker, and waits for them as long as there is a reason to."""
 
     def __init__(self, start: Callable[[OnEvent], SyncWorker]) -> None:
         """`start` starts the worker."""
         self._changed = Condition()
-        self._preparing = "starting MLflow"  # "": the next event may come any moment
-        self._trouble = ""  # why nothing comes
+        self._state = WorkerState.PREPARING
+        self._step = "starting MLflow"  # what the worker does, for the message to the user
+        self._failure: str | None = None  # why the last request failed; None: it did not
         self.ended = False  # whether the worker has ended
-        self._heard = monotonic()
+        self._last_event = monotonic()
         self._done: dict[str, str] = {}  # by folder: what could not be sent, or ""
         self.worker = start(self._on_event)
 
     def _on_event(self, event: SyncEvent) -> None:
         with self._changed:
-            self._preparing = event.text if event.kind is EventKind.PREPARING else ""
+            if event.kind is EventKind.PREPARING and event.text:
+                self._state, self._step = WorkerState.PREPARING, event.text
+            else:
+                self._state, self._step = WorkerState.SENDING, "sending the records"
             if event.kind is not EventKind.PREPARING:
-                self._trouble = event.text if event.kind is EventKind.TROUBLE else ""
+                self._failure = event.text if event.kind is EventKind.TROUBLE else None
             if event.kind is EventKind.DONE:
                 self._done[event.folder] = event.text
             self.ended |= event.kind is EventKind.TROUBLE and not event.folder
-            if not self._trouble:
-                self._heard = monotonic()
+            if self._failure is None:
+                self._last_event = monotonic()
             self._changed.notify_all()
 
     def put(self, request: SyncRequest) -> None:
@@ -131,7 +143,7 @@ class SyncClient:
         try:
             with self._changed:
                 if not self._all_done(folders, patience, uri):
-                    return self._trouble or f"no answer in {patience:g} s"
+                    return self._failure or f"no answer in {patience:g} s"
                 return next((text for f in folders if (text := self._done[f])), "")
         except KeyboardInterrupt:
             return "you did not wait for them"
@@ -140,19 +152,20 @@ class SyncClient:
         """Wait; return whether the requests of all folders were carried out in time."""
         began, informed = monotonic(), False
         while not self._done.keys() >= set(folders):
-            limit = PREPARATION if self._preparing and patience else patience
-            left = limit - (monotonic() - max(began, self._heard))
-            if left <= 0 or self.ended:
+            preparing = self._state is WorkerState.PREPARING
+            limit = PREPARATION if preparing and patience else patience
+            remaining = limit - (monotonic() - max(began, self._last_event))
+            if remaining <= 0 or self.ended:
                 return False
             if not informed and monotonic() - began >= SILENT:
                 informed = True
                 print(
-                    f"MLflow: {uri}: {self._preparing or 'sending the records'}; Ctrl-C leaves, and"
+                    f"MLflow: {uri}: {self._step}; Ctrl-C leaves, and"
                     f" `{program()} sync` sends what is missing.",
                     file=sys.stderr,
                     flush=True,
                 )
-            self._changed.wait(left if informed else min(left, SILENT))
+            self._changed.wait(remaining if informed else min(remaining, SILENT))
         return True
 
 

@@ -28,11 +28,11 @@ def parent_run(folder: Path, store: Store) -> str | None:
     if file is None or folder.name not in {job.folder for job in file.jobs}:
         return None
     with FileLock(sweep.path / LOCK):
-        sent = _parent(sweep, file, store)
-        if sent.done and sweep.at_work():
-            store.client.update_run(sent.run, status=Status.RUNNING)
-            write_state(sweep.path, replace(sent, done=""))
-        return sent.run
+        state = _parent(sweep, file, store)
+        if state.done and sweep.at_work():
+            store.client.update_run(state.run, status=Status.RUNNING)
+            write_state(sweep.path, replace(state, done=""))
+        return state.run
 
 
 def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
@@ -46,43 +46,43 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
     summaries = arms(sweep, file)
     key = _digest(summaries)
     with FileLock(sweep.path / LOCK):
-        sent = _parent(sweep, file, store)
-        if status is Status.RUNNING or sent.done == f"{status} {key}":
-            return sent.run
-        if sent.identity not in ("", key):  # its curves are of other jobs, and can't be taken back
-            store.client.delete_run(sent.run)
-            sent = _create(sweep, file, store)
-            write_state(sweep.path, sent)
-        ended = _ended(sweep, file)
-        store.client.set_terminated(sent.run, status, ended)
-        if status is Status.FINISHED and sent.identity != key:
-            _curves(sent.run, store, summaries, ended)
-            store.log_parameters(sent.run, _parameters(sweep, file))
-            sent = replace(sent, identity=key)
+        state = _parent(sweep, file, store)
+        if status is Status.RUNNING or state.done == f"{status} {key}":
+            return state.run
+        if state.identity not in ("", key):  # its curves are of other jobs, and can't be taken back
+            store.client.delete_run(state.run)
+            state = _create(sweep, file, store)
+            write_state(sweep.path, state)
+        end_ms = _ended(sweep, file)
+        store.client.set_terminated(state.run, status, end_ms)
+        if status is Status.FINISHED and state.identity != key:
+            _curves(state.run, store, summaries, end_ms)
+            store.log_parameters(state.run, _parameters(sweep, file))
+            state = replace(state, identity=key)
         client = store.client
-        client.set_tag(sent.run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
-        client.log_text(sent.run, arm_table(summaries), "arms.md")
-        client.log_artifact(sent.run, str(sweep.path / "sweep.json"))
+        client.set_tag(state.run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
+        client.log_text(state.run, arm_table(summaries), "arms.md")
+        client.log_artifact(state.run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             child = read_state(sweep.path / job.folder)
-            if child is not None and child.uri == sent.uri:
-                store.client.set_tag(child.run, "mlflow.parentRunId", sent.run)
+            if child is not None and child.uri == state.uri:
+                store.client.set_tag(child.run, "mlflow.parentRunId", state.run)
                 store.client.set_tag(child.run, ARM, file.arm(job))
-        write_state(sweep.path, replace(sent, done=f"{status} {key}"))
-        return sent.run
+        write_state(sweep.path, replace(state, done=f"{status} {key}"))
+        return state.run
 
 
 def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
-    sent, place = read_state(sweep.path), store.place
-    if sent is None or not sent.is_in(place, sent.identity):
-        sent = SyncState(place.uri, place.experiment, "", "")
-    run = store.find(file.id, sent.run)
+    state, place = read_state(sweep.path), store.place
+    if state is None or not state.is_in(place, state.identity):
+        state = SyncState(place.uri, place.experiment, "", "")
+    run = store.find(file.id, state.run)
     if run is None:
-        sent = _create(sweep, file, store)
-    elif run.info.run_id != sent.run:
-        sent = SyncState(place.uri, place.experiment, "", str(run.info.run_id))
-    write_state(sweep.path, sent)
-    return sent
+        state = _create(sweep, file, store)
+    elif run.info.run_id != state.run:
+        state = SyncState(place.uri, place.experiment, "", str(run.info.run_id))
+    write_state(sweep.path, state)
+    return state
 
 
 def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:

@@ -10,10 +10,10 @@ from typing import Any
 from islandgp.errors import IslandError
 from islandgp.records.folder import Status, run_folders
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.mirror import Mirror, must_be_sendable
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Preparing, Store
+from islandgp.tracking.upload import RunUploader, must_be_sendable
 
 
 @dataclass(slots=True)
@@ -54,9 +54,9 @@ def sync(
             sweeps[folder.path.parent] = where
             status = folder.status()
             must_be_sendable(folder, status)
-            mirror = Mirror(folder, _store(stores, where, preparing), alive)
-            mirror.send(status)
-            (done.sent if mirror.has_sent else done.known).append(folder.path)
+            uploader = RunUploader(folder, _store(stores, where, preparing), alive)
+            uploader.send(status)
+            (done.sent if uploader.has_sent else done.known).append(folder.path)
             alive()
         except Exception as error:  # a store may fail in any way, and a folder be damaged
             done.failed[folder.path] = error

@@ -29,8 +29,8 @@ class SyncState:
 
     def is_in(self, place: Place, identity: str) -> bool:
         """True if the MLflow run is in that place, with that configuration."""
-        here = (self.uri, self.experiment, self.identity)
-        return here == (place.uri, place.experiment, identity)
+        location = (self.uri, self.experiment, self.identity)
+        return location == (place.uri, place.experiment, identity)
 
 
 def read_state(folder: Path) -> SyncState | None:
@@ -38,7 +38,7 @@ def read_state(folder: Path) -> SyncState | None:
     try:
         return SyncState(**validate_json(SyncState, (folder / FILE).read_bytes()))
     except (FileNotFoundError, *DECODE_ERRORS):
-        return None  # the mirror asks the store
+        return None  # the uploader asks the store
 
 
 def write_state(folder: Path, state: SyncState) -> None:

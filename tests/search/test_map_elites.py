@@ -35,7 +35,7 @@ def test_bins(text: str, values: tuple[float, ...], bins: tuple[int, ...]) -> No
 
 @given(value=st.floats(-1e12, 1e12), width=st.none() | st.floats(1e-3, 1e6))
 def test_places_keep_order_and_sign(value: float, width: float | None) -> None:
-    """A larger value has a larger place, and below 0 it is the mirror's."""
+    """A larger value has a larger place, and below 0 the place is the mirror image."""
     where = Dimension("x", width)
     assert where.place(-value) == -where.place(value)
     assert where.place(value + abs(value) / 2 + 1) > where.place(value)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.store import Place, Store
+from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, finished, steps
 
 
@@ -106,7 +106,7 @@ def live(run: Path, grown: list[Stage], sender: Callable[[], Store]) -> None:
             (run / "error.txt").unlink(missing_ok=True)
         for _ in range(2):
             try:
-                Mirror(RunFolder(run), sender()).send(status)
+                RunUploader(RunFolder(run), sender()).send(status)
                 break
             except ConnectionError:
                 continue

@@ -18,11 +18,11 @@ import yaml
 
 from islandgp.records.folder import Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from islandgp.tracking.sync_state import read_state
+from islandgp.tracking.upload import RunUploader
 from tests.composed import plain
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, group_members, start
@@ -190,7 +190,7 @@ def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store:
     """Nobody could say so at the time; `sync` sees that nobody is at work and says it."""
     folder = begun(home / "runs/a/one", home)
     folder.append(steps()[0])
-    run = Mirror(folder, store).send(Status.RUNNING)
+    run = RunUploader(folder, store).send(Status.RUNNING)
     sync(home / "runs")
     assert store.client.get_run(run).info.status == "RUNNING"  # somebody is at work
     folder.close()

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking import mirror
+from islandgp.tracking import upload
 from islandgp.tracking.artifacts import Artifact
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync import sync
@@ -76,7 +76,7 @@ def test_a_request_that_fails_changes_nothing_in_the_end(
     lives: Lives, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Status, times, parameters, tags and every point; no second run. Files: the slow test."""
-    monkeypatch.setattr(mirror, "artifacts", lambda _: [Artifact("a.txt", lambda: "a")])
+    monkeypatch.setattr(upload, "artifacts", lambda _: [Artifact("a.txt", lambda: "a")])
     undisturbed, asked = lives.undisturbed()
     for name, nth, fault in MOMENTS:
         at = [i for i, other in enumerate(asked) if other == name][nth]

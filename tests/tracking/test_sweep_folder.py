@@ -11,11 +11,11 @@ from islandgp.errors import RunError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
 from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
 from islandgp.tracking.sync_state import read_state
+from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, written
 
 
@@ -46,7 +46,7 @@ def send(sweep: SweepFolder, store: Store) -> str:
     """All jobs, then the sweep; the parent's id."""
     for entry in file_of(sweep).jobs:
         if sweep.run(entry).about() is not None:
-            Mirror(sweep.run(entry), store).send(sweep.run(entry).status())
+            RunUploader(sweep.run(entry), store).send(sweep.run(entry).status())
     parent = send_sweep(sweep, store, sweep.status(file_of(sweep)))
     assert parent is not None
     return parent
@@ -184,7 +184,7 @@ def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
     parent = send(sweep, store)
     sweep.open("c", [job("one")])
     folder = begun(home / "runs/s/one", home)
-    Mirror(folder, store).send(Status.RUNNING)
+    RunUploader(folder, store).send(Status.RUNNING)
     folder.close()
     sweep.close()
     assert store.client.get_run(parent).info.status == "RUNNING"

@@ -26,11 +26,11 @@ from islandgp.errors import TrackingError
 from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.place import place_from, place_of_latest
 from islandgp.tracking.store import ARM, Place, Store
 from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_views
+from islandgp.tracking.upload import RunUploader
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
 from tests.tracking.test_sweep_folder import job, opened, send
@@ -58,7 +58,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
     """And a column, whatever the tiers of their domain are called."""
-    Mirror(written(home / "runs/a/one", home), store).send(Status.FINISHED)
+    RunUploader(written(home / "runs/a/one", home), store).send(Status.FINISHED)
     share_views(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
     state = json.loads(text)
@@ -354,7 +354,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     """In headless Chromium: two groups of runs, each with its curve; afterwards no server."""
     for name in ("baseline", "expert"):
         folder = written(home / f"runs/a/{name}-seed1", home)
-        run = Mirror(folder, store).send(folder.status())
+        run = RunUploader(folder, store).send(folder.status())
         store.client.set_tag(run, ARM, name)
     program = chromium()
     if program is None:

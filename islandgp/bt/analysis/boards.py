@@ -181,13 +181,13 @@ class BoardSets:
         if absorbing in (a, b):
             return absorbing
         pair = (min(a, b), max(a, b), absorbing)
-        joined = self._joined.get(pair)
-        if joined is None:
+        merged = self._joined.get(pair)
+        if merged is None:
             if self._room <= 0:
                 raise _TooLargeError
             self._room -= 1
-            joined = self._joined[pair] = self._merged(a, b, absorbing)
-        return joined
+            merged = self._joined[pair] = self._merged(a, b, absorbing)
+        return merged
 
     def _merged(self, a: Boards, b: Boards, absorbing: Boards) -> Boards:
         one, other = self._diagrams[a], self._diagrams[b]

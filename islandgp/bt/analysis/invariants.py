@@ -64,16 +64,16 @@ class _Finder:
         self._sets = machine.sets
         self._resumed: dict[int, Outcomes] = {}
 
-    def inside(self, place: int, own: NodeBoards) -> list[NodeBoards]:
+    def inside(self, place: int, node_boards: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
-        node, (starts, resumes) = self._machine.nodes[place], own
+        node, (starts, resumes) = self._machine.nodes[place], node_boards
         if kind_of(node).opaque:
-            starts = self._sets.either(*own)
+            starts = self._sets.either(*node_boards)
             return [NodeBoards(starts, starts)] * len(self._machine.children[place])
         if kind_of(node).reactive:
-            return [NodeBoards(each, each) for each in self._in_turn(place, own)[0]]
+            return [NodeBoards(each, each) for each in self._in_turn(place, node_boards)[0]]
         if kind_of(node).hands_over is not None:
-            return [branch.ticked for branch in self._branches(place, own)]
+            return [branch.ticked for branch in self._branches(place, node_boards)]
         if node.guard:
             holds = self._machine.holds[place]
             starts = self._sets.both(starts, holds)
@@ -85,10 +85,10 @@ class _Finder:
             starts = resumes
         return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
 
-    def _in_turn(self, place: int, own: NodeBoards) -> tuple[list[Boards], Outcomes]:
+    def _in_turn(self, place: int, node_boards: NodeBoards) -> tuple[list[Boards], Outcomes]:
         """On which blackboards the children of a reactive composite are ticked; its outcomes."""
         handing = hands_over(self._machine.nodes[place])
-        entered, outcomes = self._sets.either(*own), [NO_BOARD] * 3
+        entered, outcomes = self._sets.either(*node_boards), [NO_BOARD] * 3
         ticked: list[Boards] = []
         for child in self._machine.children[place]:
             ticked.append(entered)
@@ -100,20 +100,22 @@ class _Finder:
         outcomes[handing] = entered
         return ticked, (outcomes[0], outcomes[1], outcomes[2])
 
-    def _branches(self, place: int, own: NodeBoards) -> list[_Branch]:
+    def _branches(self, place: int, node_boards: NodeBoards) -> list[_Branch]:
         """The branches of a composite, in order."""
         both, either = self._sets.both, self._sets.either
         calls = self._calls_back(place)
-        entered, quiet = own.starts, ANY_BOARD
+        entered, quiet = node_boards.starts, ANY_BOARD
         branches: list[_Branch] = []
         for at, child in enumerate(self._machine.children[place]):
-            branch = self._branch(place, child, both(quiet, entered), both(quiet, own.resumes))
+            branch = self._branch(
+                place, child, both(quiet, entered), both(quiet, node_boards.resumes)
+            )
             if at in calls and branch.hands_over != NO_BOARD:
                 # Then a later branch can be running, and the composite may come back to this one.
-                called = both(quiet, own.resumes, calls[at])
-                starts = both(quiet, either(entered, called))
-                branch = self._branch(place, child, starts, both(quiet, own.resumes))
-                branch = branch._replace(called=called)
+                called_boards = both(quiet, node_boards.resumes, calls[at])
+                starts = both(quiet, either(entered, called_boards))
+                branch = self._branch(place, child, starts, both(quiet, node_boards.resumes))
+                branch = branch._replace(called=called_boards)
             branches.append(branch)
             entered = branch.hands_over
             quiet = both(quiet, self._quiet_behind(child, entered))

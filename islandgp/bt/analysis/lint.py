@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple, TypeAlias
 from islandgp.bt.analysis.outcomes import dead_end, hands_over, never
 from islandgp.bt.analysis.truth import (
     NodeContext,
-    below,
+    child_context,
     excludes,
     implies,
     may_interrupt,
@@ -113,7 +113,7 @@ def warnings(
 def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
     yield _Place(node, context, above)
     for index, child in enumerate(node.children):
-        yield from _places(child, below(node, context, index), (*above, (node, index)))
+        yield from _places(child, child_context(node, context, index), (*above, (node, index)))
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
@@ -133,9 +133,9 @@ def _unused(file: Any) -> Iterator[LintWarning]:
             yield _never_used("constant", constant.children[0])
 
 
-def _never_used(what: str, name: Any) -> LintWarning:
-    message = f"{what} {str(name)!r} is never used"
-    return LintWarning(name.line, name.column, message, f"unused-{what}")
+def _never_used(kind: str, name: Any) -> LintWarning:
+    message = f"{kind} {str(name)!r} is never used"
+    return LintWarning(name.line, name.column, message, f"unused-{kind}")
 
 
 def _words_behind_the_first(tree: Any) -> set[str]:
@@ -296,10 +296,10 @@ def _why_not(
 
 def _why(expr: ConditionExpr, above: Above) -> str:
     """The reason why a condition always holds."""
-    same = [c for c in _guards(above) if implies((c,), expr)]
-    if not same:
+    sufficient = [c for c in _guards(above) if implies((c,), expr)]
+    if not sufficient:
         return f"{condition_text(expr)} always holds"
-    return f"the guard above it already requires {condition_text(same[-1])}"
+    return f"the guard above it already requires {condition_text(sufficient[-1])}"
 
 
 def _guards(above: Above) -> list[ConditionExpr]:

@@ -137,20 +137,20 @@ class _Tick:
     def _repeater(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        left, inner = self._machine.repetition(place, memory)
+        remaining, inner = self._machine.repetition(place, memory)
         counted = kind_of(self._machine.nodes[place]).counts
         assert counted is not None
-        again = RUNNING if left > 1 else counted
+        unfinished = RUNNING if remaining > 1 else counted
         # What is counted comes first: it gets on.
-        inside = [counted] * (again in wanted) + [s for s in wanted if s != counted]
+        inside = [counted] * (unfinished in wanted) + [s for s in wanted if s != counted]
         for move in self.moves(self._machine.children[place][0], inner, inside, target):
             if move.status == counted:
-                after = RepeaterMemory(left - 1, None) if left > 1 else None
-                yield move._replace(status=again, memory=after)
+                after = RepeaterMemory(remaining - 1, None) if remaining > 1 else None
+                yield move._replace(status=unfinished, memory=after)
             elif move.memory is None:
                 yield move
             else:
-                yield move._replace(memory=RepeaterMemory(left, move.memory))
+                yield move._replace(memory=RepeaterMemory(remaining, move.memory))
 
     def _parallel(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
@@ -265,16 +265,16 @@ class _Tick:
             return iter(())
         if branch < towards:
             assert target is not None
-            way = machine.way(place, branch + 1, target)
-            if not any(has(way[status], self._board) for status in wanted):
+            path = machine.way(place, branch + 1, target)
+            if not any(has(path[status], self._board) for status in wanted):
                 return iter(())
             return self.moves(children[branch], memory, (handing,), None)
         inside = [status for status in wanted if status != handing]
         if branch == len(children) - 1:
             inside = list(wanted)
         else:
-            behind = machine.fresh_from(place, branch + 1)
-            if any(has(behind[status], self._board) for status in wanted):
+            later = machine.fresh_from(place, branch + 1)
+            if any(has(later[status], self._board) for status in wanted):
                 inside.append(handing)
         return self.moves(children[branch], memory, inside, target)
 

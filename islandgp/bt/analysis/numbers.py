@@ -97,13 +97,13 @@ def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) 
     """
     match str(tree.data), tree.children:
         case "subtree", [name, *parameters, body]:
-            own = {str(word): _NONE for each in parameters for word in each.children}
+            parameter_values = {str(word): _NONE for each in parameters for word in each.children}
             for slot in list(_slots(body, taken, words)):
-                if slot.word in own:
-                    own[str(slot.word)] |= slot.purposes
+                if slot.word in parameter_values:
+                    parameter_values[str(slot.word)] |= slot.purposes
                 else:
                     yield slot
-            taken[str(name)] = own
+            taken[str(name)] = parameter_values
         case "constant", [name, word]:
             yield _Slot(f"constant {name} =", _NONE, word, str(name))
         case "comparison", [key, operator, word]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, TypeAlias
 
-from islandgp.bt.analysis.truth import NodeContext, below, excludes, may_interrupt
+from islandgp.bt.analysis.truth import NodeContext, child_context, excludes, may_interrupt
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs
 
@@ -22,7 +22,7 @@ def ends(node: Node, context: NodeContext) -> Ends:
     kind = kind_of(node)
     if kind.opaque:
         return frozenset({FAILURE, SUCCESS})
-    each = [ends(child, below(node, context, i)) for i, child in enumerate(node.children)]
+    each = [ends(child, child_context(node, context, i)) for i, child in enumerate(node.children)]
     if kind.decorates:
         statuses = frozenset(kind.ends[end] for end in each[0])
         return statuses | _FAILS if node.guard or kind.may_fail else statuses
@@ -50,7 +50,7 @@ def dead_end(node: Node, context: NodeContext) -> int | None:
     The last child does not count.
     """
     for index, child in enumerate(node.children[:-1]):
-        if hands_over(node) not in ends(child, below(node, context, index)):
+        if hands_over(node) not in ends(child, child_context(node, context, index)):
             return index
     return None
 
@@ -74,8 +74,10 @@ def idle(node: Node, context: NodeContext) -> int | None:
         if never(node.guard, context):
             # What it guards never starts, but guards in there could only be observed after a start.
             return FAILURE
-        return FAILURE if idle(node.children[0], below(node, context, 0)) == FAILURE else None
-    end = idle(node.children[0], below(node, context, 0))
+        return (
+            FAILURE if idle(node.children[0], child_context(node, context, 0)) == FAILURE else None
+        )
+    end = idle(node.children[0], child_context(node, context, 0))
     if end is None or end == kind.counts or kind.later or (kind.may_fail and end != FAILURE):
         return None
     return kind.ends[end]

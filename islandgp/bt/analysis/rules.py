@@ -108,8 +108,8 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if forbidden == NO_BOARD:
         return RuleResult(rule, "proven", "its condition never holds in the ranges of the keys")
     possible = boards_of_nodes(machine)
-    left = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
-    if not left:
+    candidates = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
+    if not candidates:
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
         why = "neither proven nor refuted: if keys are compared with keys, only guards are examined"
@@ -119,7 +119,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         why = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
         return RuleResult(rule, "unknown", why)
     machine.left = steps
-    return _explored(machine, rule, forbidden, left, vocabulary)
+    return _explored(machine, rule, forbidden, candidates, vocabulary)
 
 
 class _Way(NamedTuple):

@@ -15,7 +15,7 @@ from islandgp.bt.analysis.outcomes import dead_end, ends, hands_over, idle
 from islandgp.bt.analysis.truth import (
     Conditions,
     NodeContext,
-    below,
+    child_context,
     exposes,
     hidden,
     implies,
@@ -64,7 +64,7 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        idles = idle(child, below(node, context, index)) == hands_over(node)
+        idles = idle(child, child_context(node, context, index)) == hands_over(node)
         (idling if idles else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
@@ -125,7 +125,7 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
     if count_of(node) == 1:
         return child, head(node)
     counted = kind_of(node).counts
-    if counted not in ends(child, below(node, context, 0)):
+    if counted not in ends(child, child_context(node, context, 0)):
         word = "fails" if counted == FAILURE else "succeeds"
         return child, f"{head(child)} never {word}, so it is never repeated"
     return None
@@ -143,13 +143,13 @@ def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG0
 
 
 def _forced(node: Node, context: NodeContext) -> Rewrite:
-    # However what is below ends, the node ends with its one status, in the same tick.
+    # However the subtree below ends, the node ends with its one status, in the same tick.
     child = node.children[0]
     kind = kind_of(child)
     if kind.inverts or kind.forces:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
-    if ends(child, below(node, context, 0)) <= {end}:
+    if ends(child, child_context(node, context, 0)) <= {end}:
         word = "succeeds" if end == SUCCESS else "fails"
         return child, f"{head(child)} {word} whenever it ends"
     return None
@@ -172,7 +172,7 @@ def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
     inner = child.guard
     if inner is None or inner.condition != guard.condition:
         return None
-    if may_interrupt(inner, below(node, context, 0)) and not guard.interrupts:
+    if may_interrupt(inner, child_context(node, context, 0)) and not guard.interrupts:
         return None
     stops = guard.checks_itself or inner.checks_itself
     abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}
@@ -186,7 +186,7 @@ def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
     inner = child.guard
     if inner is None or may_interrupt(guard, context):
         return None
-    if may_interrupt(inner, below(node, context, 0)):
+    if may_interrupt(inner, child_context(node, context, 0)):
         return None
     if guard.checks_itself and not inner.checks_itself:
         return None
@@ -271,7 +271,7 @@ def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Plac
     for index, child in enumerate(node.children):
         if not child.children:
             continue  # no rule shortens a leaf
-        shorter_child = _visit(child, below(node, context, index), reasons, short)
+        shorter_child = _visit(child, child_context(node, context, index), reasons, short)
         if shorter_child is not child:
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
             node = node._replace(children=children)

@@ -97,9 +97,9 @@ def excludes(known: Conditions, expr: ConditionExpr) -> bool:
 
 def shorter(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     """A condition with fewer words that is the same wherever all of `known` hold; else `expr`."""
-    condition, near = to_nnf(expr), _about(known, expr)
-    while (less := _without_needless(condition, near)) != condition:
-        condition = less
+    condition, related = to_nnf(expr), _about(known, expr)
+    while (shortened := _without_needless(condition, related)) != condition:
+        condition = shortened
     return condition if _words(condition) < _words(expr) else expr
 
 
@@ -130,33 +130,33 @@ def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
 def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
     """The conditions in `known` that constrain keys of `expr`, directly or indirectly."""
     keys = {key for term in terms(expr) for key in term.keys}
-    left = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
+    remaining = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
     related: list[ConditionExpr] = []
     grown = True
     while grown:
         grown = False
-        still = []
-        for each, its_keys in left:
+        unrelated = []
+        for each, its_keys in remaining:
             if its_keys & keys:
                 related.append(each)
                 grown |= not its_keys <= keys
                 keys |= its_keys
             else:
-                still.append((each, its_keys))
-        left = still
+                unrelated.append((each, its_keys))
+        remaining = unrelated
     return tuple(related)
 
 
 def _possible(known: Conditions, expr: ConditionExpr) -> bool:
     """True if there may be a blackboard on which all hold."""
-    wanted = [to_nnf(expr)]
+    exprs = [to_nnf(expr)]
     room = MOST_TERMS
     for each in known:
         room -= sum(1 for _ in terms(each))
         if room >= 0:  # knowing less is safe
-            wanted.append(to_nnf(each))
-    whole = conjoin("and", wanted)
-    return _cases(whole) > MOST_CASES or _some_case([], [whole])
+            exprs.append(to_nnf(each))
+    joint = conjoin("and", exprs)
+    return _cases(joint) > MOST_CASES or _some_case([], [joint])
 
 
 def _cases(expr: ConditionExpr) -> int:
@@ -166,11 +166,11 @@ def _cases(expr: ConditionExpr) -> int:
     return (prod if expr.word == "and" else sum)(map(_cases, expr.parts))
 
 
-def _some_case(single: list[Condition], wanted: list[ConditionExpr]) -> bool:
+def _some_case(single: list[Condition], exprs: list[ConditionExpr]) -> bool:
     """True if all of these conditions, in negation normal form, can hold together."""
-    if not wanted:
+    if not exprs:
         return _together(single)
-    first, *others = wanted
+    first, *others = exprs
     if isinstance(first, Condition):
         return _some_case([*single, first], others)
     if first.word == "and":
@@ -214,8 +214,8 @@ class _Range:
         return self.open_low or self.open_high or self.low in self.never
 
 
-def below(node: Node, context: NodeContext, index: int) -> NodeContext:
-    """The context of the child of that index."""
+def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
+    """The context of the child with this index, derived from the context of its parent."""
     always, at_start, observer, vocabulary = context
     kind = kind_of(node)
     if node.guard:

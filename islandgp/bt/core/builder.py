@@ -230,13 +230,13 @@ class Builder:
                 return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
             self._count(parts[0], nodes=1, deepest=level)
             self._places.append(parts[0])
-            node, below = self._head(tree)
+            node, subtrees = self._head(tree)
         except TreeError as error:
             if self._errors is None or isinstance(error, LimitError):
                 raise
             self._errors.append(error)
-            node, below = NO_TREE, [part for part in parts if _is(part, *KINDS, "use")]
-        return node._replace(children=tuple([self._node(part, level + 1) for part in below]))
+            node, subtrees = NO_TREE, [part for part in parts if _is(part, *KINDS, "use")]
+        return node._replace(children=tuple([self._node(part, level + 1) for part in subtrees]))
 
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
         """A node without its children, and the trees of these."""
@@ -322,8 +322,10 @@ class Builder:
         """
         self._scope = replace(self._scope, named=True, values=dict.fromkeys(parameters, 1.0))
         if tree.data != "use":
-            node, below = self._head(tree)
-            return node._replace(children=tuple([self.written(each, parameters) for each in below]))
+            node, subtrees = self._head(tree)
+            return node._replace(
+                children=tuple([self.written(each, parameters) for each in subtrees])
+            )
         name, *arguments = tree.children
         numbers = [self._scope.number(each) for part in arguments for each in part.children]
         return Node("use", UseArgs(str(name), tuple(numbers)))

@@ -120,18 +120,18 @@ def forced(child: Tick, end: int) -> Tick:
 
 def repeater(child: Tick, count: float, counted: int) -> Tick:
     """One repetition a tick, until the child has ended `count` times with the status `counted`."""
-    left = 0.0  # such ends still to come
+    remaining = 0.0  # such ends still to come
     due = False  # the next tick starts a repetition
 
     def tick(fresh: bool) -> int:
-        nonlocal left, due
+        nonlocal remaining, due
         if fresh:
-            left = count
+            remaining = count
         status = child(fresh or due)
         due = False
         if status == counted:
-            left -= 1
-            due = left > 0
+            remaining -= 1
+            due = remaining > 0
         return AGAIN if due else status
 
     return tick
@@ -139,24 +139,24 @@ def repeater(child: Tick, count: float, counted: int) -> Tick:
 
 def wait(child: Tick, ticks: int) -> Tick:
     """Starts its child `ticks` ticks after its own start."""
-    left = 0
+    remaining = 0
 
     def tick(fresh: bool) -> int:
-        nonlocal left
-        left = ticks if fresh else left - 1
-        return AGAIN if left > 0 else child(left == 0)
+        nonlocal remaining
+        remaining = ticks if fresh else remaining - 1
+        return AGAIN if remaining > 0 else child(remaining == 0)
 
     return tick
 
 
 def timeout(child: Tick, ticks: int, span: tuple[int, int], report_stopped: ReportStopped) -> Tick:
     """Fails `ticks` ticks after its start if its child still runs; `span` as in `guard`."""
-    left = 0
+    remaining = 0
 
     def tick(fresh: bool) -> int:
-        nonlocal left
-        left = ticks if fresh else left - 1
-        if left == 0:
+        nonlocal remaining
+        remaining = ticks if fresh else remaining - 1
+        if remaining == 0:
             report_stopped(*span)
             return FAILURE
         status = child(fresh)

@@ -123,10 +123,10 @@ def unknown_node(
         guess = f"when {words.keys[token].example(token)} {{ ... }}"
     else:
         guess = _WORDS.get(token.lower()) or closest(token, (*_NODE_WORDS, *words.actions))
-    what = "node" if rest.startswith("{") else "action"
+    kind = "node" if rest.startswith("{") else "action"
     return source.error_at(
         token,
-        f"unknown {what} {shown(token)}",
+        f"unknown {kind} {shown(token)}",
         expected="a node or an action" if guess else _node_words(words),
         guess=guess,
         kind=UnknownNameError,

@@ -62,11 +62,9 @@ def compile_tree(
             `needs_each_tick` has to be ticked in each step.
 
     Returns:
-        The tick function. It returns FAILURE, SUCCESS, RUNNING, or AGAIN: the tree is running, and
-        the next tick may do something else although nothing has changed, so that a caller must not
-        skip it. After RUNNING, as long as no condition changes
-        its truth and each running action stays RUNNING, further ticks only resume the actions that
-        were RUNNING in this one.
+        The tick function. It returns FAILURE, SUCCESS, RUNNING or AGAIN. After RUNNING a caller may
+        skip ticks as long as no condition changes its truth and each running action stays RUNNING;
+        after AGAIN it must not skip the next tick (see `node.AGAIN`).
 
     Raises:
         KeyError: an action of the tree is missing in `actions`, or a key in `places`.

@@ -48,10 +48,10 @@ def gathered(
     """
     parts: list[ParsedFile] = []
     done: set[Path] = set()
-    left = most - len(main.text)
+    remaining_chars = most - len(main.text)
 
     def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
-        nonlocal left
+        nonlocal remaining_chars
         tree = grammar(source, rule)
         for part in tree.children:
             if getattr(part, "data", "") != "include":
@@ -73,8 +73,8 @@ def gathered(
                     expected=f"at most {MAX_FILES}",
                     kind=LimitError,
                 )
-            text = _text(source, token, path, left)
-            left -= len(text)
+            text = _text(source, token, path, remaining_chars)
+            remaining_chars -= len(text)
             done.add(path)
             visit(Source(text, _shown(path, folder)), "library", path.parent, (*above, path))
         parts.append(ParsedFile(source, tree))

@@ -19,7 +19,16 @@ from islandgp.errors import LimitError
 FAILURE: Final = 0
 SUCCESS: Final = 1
 RUNNING: Final = 2
-AGAIN: Final = 3  # running, and the very next tick will do something (a repetition is due)
+AGAIN: Final = 3
+"""RUNNING, and the next tick is required.
+
+RUNNING lets a simulator skip ticks: as long as no condition changes its truth and each running
+action stays RUNNING, a tick would only resume the same actions. A node returns AGAIN instead if its
+next tick may do something else although nothing changes: a repetition is due, a node counts ticks,
+or a reactive composite starts its earlier children again. The caller must then tick the tree in the
+next step. Composites and decorators pass AGAIN on as they pass RUNNING on; logs, exports and
+`STATUS_NAMES` show it as RUNNING. An action never returns it.
+"""
 
 STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 

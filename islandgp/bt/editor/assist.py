@@ -178,9 +178,9 @@ def _about_action(name: str, action: Action) -> str:
         ends = ", ".join(STATUS_NAMES[status] for status in sorted(action.statuses))
         lines.append(f"It returns {ends}.")
     needs = (("Starts only with", action.to_start), ("Succeeds with", action.to_succeed))
-    for what, needed in needs:
+    for phrase, needed in needs:
         if needed:
-            lines.append(f"{what} `{' and '.join(map(condition_text, needed))}`.")
+            lines.append(f"{phrase} `{' and '.join(map(condition_text, needed))}`.")
     return "\n\n".join(lines)
 
 

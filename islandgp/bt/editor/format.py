@@ -107,8 +107,8 @@ class _Formatter:
             return False
         same = (tree.data == "include") == (following.data == "include")
         before, blank = self._above(following)
-        there = blank or any(comment.blank_before for comment in before[:1])
-        return not there and not (same and following.data in _STATEMENTS)
+        has_blank = blank or any(comment.blank_before for comment in before[:1])
+        return not has_blank and not (same and following.data in _STATEMENTS)
 
     def _part(self, tree: Any) -> Iterator[str]:
         """The lines of a statement, a definition or the tree."""
@@ -225,32 +225,32 @@ def _words(text: str) -> Iterator[_Word]:
 
     tokens = [*words(text), Token("END", "", start_pos=len(text), end_pos=len(text))]
     end = 0
-    held: tuple[Token, tuple[_Comment, ...], bool] | None = None
+    pending: tuple[Token, tuple[_Comment, ...], bool] | None = None
     for token in tokens:
         start = token.start_pos or 0
-        behind, before, blank = _between(text[end:start], first=held is None)
-        if held is not None:
-            yield _Word(*held, behind)
-        held = (token, before, blank)
+        behind, before, blank = _between(text[end:start], first=pending is None)
+        if pending is not None:
+            yield _Word(*pending, behind)
+        pending = (token, before, blank)
         end = start + len(token)
-    if held is not None:
-        yield _Word(*held, "")
+    if pending is not None:
+        yield _Word(*pending, "")
 
 
 def _between(gap: str, *, first: bool) -> tuple[str, tuple[_Comment, ...], bool]:
     """Between two words: the comment on the line of the first one, those on own lines, and
     whether a blank line precedes the second word."""
-    behind = ""
-    own: list[_Comment] = []
+    trailing = ""
+    comment_lines: list[_Comment] = []
     ends = 1 if first else 0  # line ends since the last word or comment; a text begins a line
     blank = False
     for match in _BETWEEN.finditer(gap):
         if match[0] == "\n":
             ends += 1
-            blank = ends > 1 and not (first and not own)
+            blank = ends > 1 and not (first and not comment_lines)
         elif ends == 0:
-            behind = match[0].rstrip()
+            trailing = match[0].rstrip()
         else:
-            own.append(_Comment(match[0].rstrip(), blank))
+            comment_lines.append(_Comment(match[0].rstrip(), blank))
             ends, blank = 0, False
-    return behind, tuple(own), blank
+    return trailing, tuple(comment_lines), blank

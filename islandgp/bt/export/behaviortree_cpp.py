@@ -183,14 +183,14 @@ def to_xml(
             " rename the action in the domain."
         )
     whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
-    own = {part.kind for part in parts(whole)} & OWN
+    custom_kinds = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in keys_in(tree))
     unfit = {*BUILT_IN, *used, *vocabulary.actions, identity}
     root, subtrees = separated(whole, unfit, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
-    if own:
+    if custom_kinds:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
     for name, part in {identity: root, **subtrees}.items():
         lines += [
@@ -208,7 +208,7 @@ def to_xml(
         lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
         lines += (f"      {_port(port, each)}" for port, each in ports.items())
         lines += [f"    </{tag}>"] if ports else []
-    lines += (line for kind in sorted(own) for line in _model(kind))
+    lines += (line for kind in sorted(custom_kinds) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
 

@@ -293,8 +293,10 @@ class _Importer(SubtreeReader):
         else:
             last = elements[-1]
             node = self.node(last)
-            ours = last.attributes.get("name") == REST and node.kind == kind
-            parts += node.children if ours and parts else (node,)  # as our own export nested it
+            is_nested_run = last.attributes.get("name") == REST and node.kind == kind
+            parts += (
+                node.children if is_nested_run and parts else (node,)
+            )  # as our own export nested it
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
 
     def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:

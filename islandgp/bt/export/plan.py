@@ -147,23 +147,23 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
             return TargetNode("when", args, children)
         kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
         return TargetNode(kind, args, (TargetNode("check", args), *children))
-    theirs, ours = _KINDS[kind]
-    exact = differs is not None and theirs != ours and differs(node)
-    return TargetNode(ours if exact else theirs, args, children)
+    standard, custom = _KINDS[kind]
+    exact = differs is not None and standard != custom and differs(node)
+    return TargetNode(custom if exact else standard, args, children)
 
 
 def _composite(node: Node) -> TargetNode:
     """Runs of reactive branches and of plain ones, each run nested in the one before it."""
     plain = "fallback" if node.kind == "selector" else "sequence"
     branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
-    held: list[TargetNode] = [plan(node.children[-1])]
-    reactive = False  # whether `held` is a run of reactive branches and its last child
+    run: list[TargetNode] = [plan(node.children[-1])]
+    reactive = False  # whether `run` is a run of reactive branches and its last child
     for part, reacts in reversed(branches):
-        if reacts != reactive and len(held) > 1:
-            held = [TargetNode(_kind(plain, reactive), (), tuple(held), rest=True)]
+        if reacts != reactive and len(run) > 1:
+            run = [TargetNode(_kind(plain, reactive), (), tuple(run), rest=True)]
         reactive = reacts
-        held.insert(0, part)
-    return TargetNode(_kind(plain, reactive), (), tuple(held))
+        run.insert(0, part)
+    return TargetNode(_kind(plain, reactive), (), tuple(run))
 
 
 def _observing(node: Node, differs: Differs) -> TargetNode:

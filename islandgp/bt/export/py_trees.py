@@ -92,7 +92,7 @@ def to_python(
     whole = plan(tree, None if plain else differs)
     if any(part.kind == "cooldown_ticks" for part in parts(whole)):
         whole = TargetNode("tick_counter", (), (whole,))
-    own = _own() if any(part.kind in OWN for part in parts(whole)) else ""
+    node_classes = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     known = {name: key.meaning for name, key in vocabulary.keys.items()}
     known = known or dict.fromkeys(keys_in(tree), "")
@@ -103,7 +103,11 @@ def to_python(
     root, subtrees = separated(whole, taken)
     functions = [_SUBTREE.format(name=n, tree=_body(part, step_s)) for n, part in subtrees.items()]
     return module.format(
-        text=text, keys=keys, own=own, subtrees="".join(functions), tree=_body(root, step_s)
+        text=text,
+        keys=keys,
+        own=node_classes,
+        subtrees="".join(functions),
+        tree=_body(root, step_s),
     )
 
 

@@ -126,8 +126,10 @@ class Adviser:
         files = (*_PROMPTS["rate"], *_PROMPTS["tree"], "repair")
         self.prompts = {name: load_prompt(name, folder) for name in files}
         if context.edits:
-            own = (folder / "edits.md").is_file()
-            self.prompts["edits"] = load_prompt("edits", folder if own else prompt_folder(None))
+            has_edits_prompt = (folder / "edits.md").is_file()
+            self.prompts["edits"] = load_prompt(
+                "edits", folder if has_edits_prompt else prompt_folder(None)
+            )
         self.values = {
             **fixed_values(context),
             **run_facts(context),

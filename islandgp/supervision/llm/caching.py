@@ -36,8 +36,8 @@ def shared_prompts(requests: Mapping[str, Request], settings: LLMSettings) -> di
     least = settings.prices.facts
     shared = dict(requests)
     for model in {request.model for request in requests.values()} if settings.cache else ():
-        mine = {part: r for part, r in requests.items() if r.model == model}
-        systems = {kind_of(part): r.system for part, r in mine.items()}
+        by_part = {part: r for part, r in requests.items() if r.model == model}
+        systems = {kind_of(part): r.system for part, r in by_part.items()}
         shortest = least[model].caches_from if model in least else None
         if shortest is None or len(systems) == 1:
             continue
@@ -46,7 +46,7 @@ def shared_prompts(requests: Mapping[str, Request], settings: LLMSettings) -> di
         intro = _SHARED.format(len(systems), ", ".join(systems))
         sections = (f"{heading(name)}\n\n{text}" for name, text in systems.items())
         system = "\n\n".join((intro, *sections))
-        for part, r in mine.items():
+        for part, r in by_part.items():
             turns = (f"{heading(kind_of(part))}\n\n{r.turns[0]}", *r.turns[1:])
             shared[part] = replace(r, system=system, turns=turns)
     return shared

@@ -362,8 +362,8 @@ def listing(tree: Node) -> list[str]:
     """One line per node of a tree, with its path, e.g. `0/2 action Charge`."""
     lines = []
     for path, node in list(nodes_with_paths(tree))[:LINES]:
-        own = to_text(node._replace(children=())) if not node.children else _opening(node)
-        lines.append(f'  at "{written(path)}": {own.strip()}')
+        text = to_text(node._replace(children=())) if not node.children else _opening(node)
+        lines.append(f'  at "{written(path)}": {text.strip()}')
     return lines
 
 

@@ -53,8 +53,8 @@ def most_tokens(request: Request, *, longer: int = 0) -> Usage:
     constant is for the frame of the message.
     """
     system = len(request.system.encode()) // 2
-    own = (*request.turns[::2], json.dumps([request.schema, request.extra]))
-    rest = sum(len(text.encode()) for text in own) // 2 + 500
+    texts = (*request.turns[::2], json.dumps([request.schema, request.extra]))
+    rest = sum(len(text.encode()) for text in texts) // 2 + 500
     quoted = longer + sum(len(text.encode()) for text in request.turns[1::2])
     rest += max(quoted // 2, min(quoted, request.max_tokens))
     if request.cache:

@@ -102,10 +102,10 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     for match in _VARIABLE.finditer(template):
         known(match)
     shown = _SECTION.sub(lambda match: match[2] if values[match[1]] else "", template)
-    if left := _MARK.search(shown):
+    if unpaired := _MARK.search(shown):
         raise SupervisionError(
             f"prompts/{name}.md: expected {{{{#name}}}} and {{{{/name}}}} in pairs, one pair in no"
-            f" other, found {left[0]} alone"
+            f" other, found {unpaired[0]} alone"
         )
     return _VARIABLE.sub(known, shown)
 

@@ -291,7 +291,7 @@ def probe_capabilities(
     untried, named = _ways(settings), frozenset[str]()
     turn = 0
     while True:
-        structured, temperature = way = _best(untried, named)
+        structured, temperature = mode = _best(untried, named)
         request = Request(
             settings.model_name,
             _SYSTEM,
@@ -312,7 +312,7 @@ def probe_capabilities(
             raise _hopeless(answer, settings)
         if answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET:
             return answer
-        untried.remove(way)
+        untried.remove(mode)
         if answer.kind is not FailureKind.REJECTED or not untried:
             raise _hopeless(answer, settings)
         named, turn = _named(answer.message, named), turn + 1
@@ -340,8 +340,8 @@ def _best(untried: Sequence[Way], named: Collection[str]) -> Way:
     """The first combination with the fewest parameters named in errors."""
     return min(
         untried,
-        key=lambda way: (
-            ("schema" in named and way[0]) + ("temperature" in named and way[1] is not None)
+        key=lambda mode: (
+            ("schema" in named and mode[0]) + ("temperature" in named and mode[1] is not None)
         ),
     )
 

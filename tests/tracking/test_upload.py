@@ -1,4 +1,4 @@
-"""The mirror of a run's folder in MLflow: all of it, once, whatever happens in between."""
+"""The uploader of a run's folder in MLflow: all of it, once, whatever happens in between."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import pytest
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.tracking.mirror import Mirror
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync_state import read_state, write_state
+from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, history, place, steps, written
 
 
@@ -31,12 +31,12 @@ def run_of(store: Store, folder: RunFolder) -> object:
 def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> None:
     """Sending after each generation, and twice after some, gives each point once."""
     folder = begun(home / "runs/a/one", home)
-    mirror = Mirror(folder, store)
+    uploader = RunUploader(folder, store)
     for i, step in enumerate(steps()[:4]):
         folder.append(step)
-        run = mirror.send(Status.RUNNING)
+        run = uploader.send(Status.RUNNING)
         if i % 2:
-            mirror.send(Status.RUNNING)
+            uploader.send(Status.RUNNING)
     folder.close()
     assert history(store, run) == maxima(4)
     assert run_of(store, folder).info.status == "RUNNING"
@@ -48,7 +48,7 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
     done = steps()
     folder.append(done[0])
     folder.append(replace(done[1], state=None))
-    run = Mirror(folder, store).send(Status.RUNNING)
+    run = RunUploader(folder, store).send(Status.RUNNING)
     folder.close()
     assert history(store, run) == maxima(1)
 
@@ -56,13 +56,13 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
 def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store: Store) -> None:
     """Without tracking.json, or with one that knows too little, the store itself is asked."""
     folder = written(home / "runs/a/one", home)
-    run = Mirror(folder, store).send(Status.FINISHED)
+    run = RunUploader(folder, store).send(Status.FINISHED)
     sent = read_state(folder.path)
     assert sent is not None
     (folder.path / "tracking.json").unlink()
-    assert Mirror(folder, store).send(Status.FINISHED) == run
+    assert RunUploader(folder, store).send(Status.FINISHED) == run
     write_state(folder.path, replace(sent, generations=2, done=""))
-    assert Mirror(folder, store).send(Status.FINISHED) == run
+    assert RunUploader(folder, store).send(Status.FINISHED) == run
     assert history(store, run) == maxima(5)
     assert len(store.client.search_runs([store.experiment])) == 1
 
@@ -72,7 +72,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
 ) -> None:
     """A store that takes points and fails before it says so gets no point twice."""
     folder = written(home / "runs/a/one", home)
-    mirror, log_batch = Mirror(folder, store), store.client.log_batch
+    uploader, log_batch = RunUploader(folder, store), store.client.log_batch
 
     def fails_after(run: str, **batch: object) -> None:
         log_batch(run, **batch)
@@ -81,9 +81,9 @@ def test_an_error_half_way_loses_and_doubles_nothing(
 
     monkeypatch.setattr(store.client, "log_batch", fails_after)
     with pytest.raises(ConnectionError):
-        mirror.send(Status.FINISHED)
+        uploader.send(Status.FINISHED)
     monkeypatch.undo()
-    run = mirror.send(Status.FINISHED)
+    run = uploader.send(Status.FINISHED)
     assert history(store, run) == maxima(5)
 
 
@@ -91,7 +91,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
 def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: Store) -> None:
     """Name, parameters, tags, description, previews, and the end's time from the records."""
     folder = written(home / "runs/a/baseline-seed1", home)
-    run = Mirror(folder, store).send(Status.FINISHED)
+    run = RunUploader(folder, store).send(Status.FINISHED)
     found = store.client.get_run(run)
     assert found.info.run_name == "baseline-seed1"
     assert found.info.status == "FINISHED"
@@ -119,17 +119,17 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
 def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     """Stopped after two generations it is KILLED, then RUNNING, then FINISHED, under one id."""
     folder = written(home / "runs/a/one", home, 2)
-    run = Mirror(folder, store).send(folder.status())
+    run = RunUploader(folder, store).send(folder.status())
     assert run_of(store, folder).info.status == "KILLED"
     again = RunFolder(folder.path)
-    again.open(folder.config() or "", Mirror(folder, store).about)
-    mirror = Mirror(again, store)
-    assert mirror.send(Status.RUNNING) == run
+    again.open(folder.config() or "", RunUploader(folder, store).about)
+    uploader = RunUploader(again, store)
+    assert uploader.send(Status.RUNNING) == run
     assert run_of(store, folder).info.status == "RUNNING"
     again.resume()
     for step in steps()[2:]:
         again.append(step)
-    assert mirror.send(Status.FAILED) == run
+    assert uploader.send(Status.FAILED) == run
     again.close()
     assert history(store, run) == maxima(4)
 
@@ -139,9 +139,9 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
 ) -> None:
     """`resume=force`: parameters of an MLflow run cannot change, so there is a new one."""
     folder = written(home / "runs/a/one", home, 2)
-    first = Mirror(folder, store).send(Status.KILLED)
+    first = RunUploader(folder, store).send(Status.KILLED)
     changed = begun(folder.path, home, identity="i2")
-    second = Mirror(changed, store).send(Status.RUNNING)
+    second = RunUploader(changed, store).send(Status.RUNNING)
     changed.close()
     assert second != first
     assert history(store, second) == maxima(2)
@@ -150,30 +150,30 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
 def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
     """A place that has not got the run is sent everything, whatever another place has."""
     folder = written(home / "runs/a/one", home)
-    Mirror(folder, store).send(Status.FINISHED)
+    RunUploader(folder, store).send(Status.FINISHED)
     elsewhere = Store(place(home, "elsewhere"))
-    run = Mirror(folder, elsewhere).send(Status.FINISHED)
+    run = RunUploader(folder, elsewhere).send(Status.FINISHED)
     assert history(elsewhere, run) == maxima(5)
 
 
 def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
     """Somebody who deletes a run in the UI and sends it again gets it again."""
     folder = written(home / "runs/a/one", home)
-    first = Mirror(folder, store).send(Status.FINISHED)
+    first = RunUploader(folder, store).send(Status.FINISHED)
     store.client.delete_run(first)
-    second = Mirror(folder, store).send(Status.FINISHED)
+    second = RunUploader(folder, store).send(Status.FINISHED)
     assert second != first
     assert history(store, second) == maxima(5)
 
 
 def test_what_was_sent_is_not_sent_again(home: Path) -> None:
-    """A second mirror finds nothing to send; another place lacks all of it."""
+    """A second uploader finds nothing to send; another place lacks all of it."""
     folder = written(home / "runs/a/one", home)
     sent = []
     for name in ("islandgp", "islandgp", "elsewhere"):
-        mirror = Mirror(folder, Store(place(home, name)))
-        mirror.send(Status.FINISHED)
-        sent.append(mirror.has_sent)
+        uploader = RunUploader(folder, Store(place(home, name)))
+        uploader.send(Status.FINISHED)
+        sent.append(uploader.has_sent)
     assert sent == [True, False, True]
 
 
@@ -183,11 +183,11 @@ def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store)
     config = (folder.config() or "") + "\nsupervisor_api_key: '***'\n"
     (folder.path / "config.yaml").write_text(config)
     add_to_manifest(folder.path, "config.yaml")
-    run = Mirror(folder, store).send(Status.FINISHED)
+    run = RunUploader(folder, store).send(Status.FINISHED)
     assert store.client.get_run(run).data.params["supervisor_api_key"] == "***"
 
 
 def test_a_folder_that_is_no_run_is_refused(home: Path, store: Store) -> None:
     """The message says what is missing where."""
     with pytest.raises(TrackingError, match=r"found no about\.json in"):
-        Mirror(RunFolder(home), store)
+        RunUploader(RunFolder(home), store)

@@ -61,8 +61,8 @@ def _must_be_trusted(folder: RunFolder) -> None:
         must_trust_domain(config)
 
 
-class Mirror:
-    """Mirrors one run's folder in an MLflow run."""
+class RunUploader:
+    """Sends one run's folder to an MLflow run: metrics, parameters, tags and artifacts."""
 
     def __init__(
         self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
@@ -94,54 +94,54 @@ class Mirror:
         with self._lock:
             remove_leftovers(self.folder.path, f"{FILE}.*")
             try:
-                sent = self._sent(status)
-                sent = self._generations(sent)
+                state = self._sent(status)
+                state = self._generations(state)
                 if status is Status.RUNNING:
-                    self._page(sent.run)
+                    self._page(state.run)
                 else:
-                    sent = self._end(sent, status)
+                    state = self._end(state, status)
             except BaseException:
                 self._sure = False  # the contents of the store are unknown now
                 raise
-            return sent.run
+            return state.run
 
     def _sent(self, status: Status) -> SyncState:
         """The state of the store; queried unless it is known."""
-        sent = read_state(self.folder.path)
-        if self._sure and sent is not None:
-            return sent
+        state = read_state(self.folder.path)
+        if self._sure and state is not None:
+            return state
         place, identity = self.store.place, self.about.identity
-        nothing = SyncState(place.uri, place.experiment, identity, "")
-        if sent is None or not sent.is_in(place, identity):
-            sent = nothing
-        run = self.store.find(self._key, sent.run)
-        if run is None or not sent.done:
+        empty = SyncState(place.uri, place.experiment, identity, "")
+        if state is None or not state.is_in(place, identity):
+            state = empty
+        run = self.store.find(self._key, state.run)
+        if run is None or not state.done:
             _must_be_trusted(self.folder)
         if run is None:
-            sent = replace(nothing, run=self._create())
-        elif run.info.run_id != sent.run:
-            sent = replace(nothing, run=str(run.info.run_id))
-        start = self.store.last_step(sent.run, MARK) + 1
-        if start < sent.generations:  # an older copy of the store, which may lack other parts too
-            sent = replace(sent, begun=False, done="")
+            state = replace(empty, run=self._create())
+        elif run.info.run_id != state.run:
+            state = replace(empty, run=str(run.info.run_id))
+        start = self.store.last_step(state.run, MARK) + 1
+        if start < state.generations:  # an older copy of the store, which may lack other parts too
+            state = replace(state, begun=False, done="")
         if run is None or run.info.status != status:
-            sent = replace(sent, done="")
-        sent = replace(sent, generations=start)
-        if not sent.begun:
-            self._begin(sent.run)
+            state = replace(state, done="")
+        state = replace(state, generations=start)
+        if not state.begun:
+            self._begin(state.run)
             self._progress()
-            sent = replace(sent, begun=True)
+            state = replace(state, begun=True)
         arm = arm_of(self.folder.path) or self.about.tags.get("arm", "")
-        self.store.client.set_tag(sent.run, ARM, arm)
+        self.store.client.set_tag(state.run, ARM, arm)
         parent = parent_run(self.folder.path, self.store)
         if parent is not None:
-            self.store.client.set_tag(sent.run, "mlflow.parentRunId", parent)
+            self.store.client.set_tag(state.run, "mlflow.parentRunId", parent)
         if status is Status.RUNNING:
-            self.store.client.update_run(sent.run, status=Status.RUNNING)
-            sent = replace(sent, done="")
-        write_state(self.folder.path, sent)
+            self.store.client.update_run(state.run, status=Status.RUNNING)
+            state = replace(state, done="")
+        write_state(self.folder.path, state)
         self._sure = True
-        return sent
+        return state
 
     def _progress(self) -> None:
         self.has_sent = True
@@ -157,15 +157,15 @@ class Mirror:
         self.store.log_parameters(run, flat(self.folder.configuration()))
         self.store.client.log_text(run, self.folder.config() or "", "config.yaml")
 
-    def _generations(self, sent: SyncState) -> SyncState:
-        settled = self.folder.completed_generations()
-        while sent.generations < settled:
-            batch, upto = self._batch(sent.generations, settled)
-            self.store.client.log_batch(sent.run, metrics=batch)
-            sent = replace(sent, generations=upto)
-            write_state(self.folder.path, sent)
+    def _generations(self, state: SyncState) -> SyncState:
+        completed = self.folder.completed_generations()
+        while state.generations < completed:
+            batch, upto = self._batch(state.generations, completed)
+            self.store.client.log_batch(state.run, metrics=batch)
+            state = replace(state, generations=upto)
+            write_state(self.folder.path, state)
             self._progress()
-        return sent
+        return state
 
     def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
         """The points of one call from generation `first` on, and the generation after them."""
@@ -193,22 +193,22 @@ class Mirror:
             self._page_due = monotonic() + PAGE_PERIOD
             self._alive()
 
-    def _end(self, sent: SyncState, status: Status) -> SyncState:
-        done = f"{status} {sent.generations}"
-        if sent.done == done:
-            return sent
+    def _end(self, state: SyncState, status: Status) -> SyncState:
+        done = f"{status} {state.generations}"
+        if state.done == done:
+            return state
         _must_be_trusted(self.folder)
         client, ended = self.store.client, self._ended()
         # First, so that it is not RUNNING if anything below fails.
-        client.set_terminated(sent.run, status, ended)
-        log_files(self.store, sent.run, artifacts(self.folder))
+        client.set_terminated(state.run, status, ended)
+        log_files(self.store, state.run, artifacts(self.folder))
         self._progress()
-        client.set_tag(sent.run, "mlflow.loggedArtifacts", TABLES)
-        self._tag_pruned(sent.run, status)
-        client.set_tag(sent.run, "mlflow.note.content", note(self.folder, self.about, status))
+        client.set_tag(state.run, "mlflow.loggedArtifacts", TABLES)
+        self._tag_pruned(state.run, status)
+        client.set_tag(state.run, "mlflow.note.content", note(self.folder, self.about, status))
         # Points cannot be deleted, and a stopped run may be resumed.
-        if status is Status.FINISHED and sent.generations:
-            last = sent.generations - 1
+        if status is Status.FINISHED and state.generations:
+            last = state.generations - 1
             numbers = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
                 summary = self.folder.summary()
@@ -221,10 +221,10 @@ class Mirror:
                 kept = kept_constraints(summary)
                 numbers |= {f"run/{name}": value for name, value in kept.items()}
             points = [metric(key, value, ended, last) for key, value in numbers.items()]
-            client.log_batch(sent.run, metrics=points)
-        sent = replace(sent, done=done)
-        write_state(self.folder.path, sent)
-        return sent
+            client.log_batch(state.run, metrics=points)
+        state = replace(state, done=done)
+        write_state(self.folder.path, state)
+        return state
 
     def _tag_pruned(self, run: str, status: Status) -> None:
         """Tags a run that a sweeper pruned with the generation; removes the tag once it goes on."""
