@@ -366,7 +366,7 @@ def main() -> None:
 
 
 def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: int) -> None:
-    """Measure what is missing of the first `seeds` of these worlds and arms, and write the report."""
+    """Measure the missing runs of the first `seeds` seeds of each world, and write the report."""
     for i in range(seeds):
         for name in names:  # seed by seed: what is stopped has as many of each arm
             if i >= len(WORLDS[name].seeds):
