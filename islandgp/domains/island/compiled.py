@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Callable
-from ctypes import PYFUNCTYPE, c_int64
+from ctypes import PYFUNCTYPE, c_double, c_int64
 from functools import cache, lru_cache
 from importlib.util import find_spec
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+
+import pymunk
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.robot import TOLERANCE
@@ -24,6 +26,18 @@ if TYPE_CHECKING:
 WARM: Final = 20  # episodes of a process before numba, which takes half a second to import
 
 
+class Crowded(Exception):
+    """A body touched two others at once, so the episode is repeated with every step."""
+
+
+class Functions(NamedTuple):
+    """The compiled functions, by the addresses of their arguments."""
+
+    run: Any
+    look: Any
+    flies: bool  # steps without contacts can be left out
+
+
 class Compiled(NamedTuple):
     """The compiled functions of one island."""
 
@@ -36,15 +50,20 @@ class Compiled(NamedTuple):
 _episodes = count()
 
 
-def compiled_for(island: State) -> Compiled | None:
-    """The compiled functions for an island; None: Python's are to be used."""
+def compiled_for(island: State, *, flies: bool = True) -> Compiled | None:
+    """The compiled functions for an island; None: Python's are to be used.
+
+    Args:
+        island: at step 0.
+        flies: leave out steps in which no bodies can touch. `run` can then raise Crowded.
+    """
     functions = None if next(_episodes) < WARM else _functions()
-    return None if functions is None else _bound(*functions, island)
+    return None if functions is None else _bound(functions, island, flies)
 
 
 @cache
-def _functions() -> tuple[Any, Any] | None:
-    """The compiled `run` and `look`, or None where numba or its cache is missing."""
+def _functions() -> Functions | None:
+    """The compiled functions, or None where numba or its cache is missing."""
     if sys.platform == "win32" or find_spec("numba") is None or not engine.addresses:
         return None
     try:
@@ -55,11 +74,32 @@ def _functions() -> tuple[Any, Any] | None:
         from islandgp.domains.island import kernel
     except (ImportError, OSError, RuntimeError):  # another NumPy, no room or folder for its cache
         return None
-    run, look = (cast(int, f.address) for f in (kernel.run, kernel.look))  # after compilation
-    return (
+    run, look, fly = (cast(int, f.address) for f in (kernel.run, kernel.look, kernel.fly_alone))
+    return Functions(
         PYFUNCTYPE(None, c_int64, c_int64, c_int64)(run),
         PYFUNCTYPE(None, c_int64, c_int64)(look),
+        _adds_as_chipmunk(PYFUNCTYPE(None, c_int64, c_double, c_int64)(fly)),
     )
+
+
+def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
+    """True if a compiled flight ends where Chipmunk's steps end, to the last bit.
+
+    A compiler may round a product and a sum at once, which some processors can.
+    """
+    space, dt, steps = pymunk.Space(), 0.1, 100
+    for i in range(20):
+        body = pymunk.Body(50.0, float("inf"))
+        body.position, body.velocity = (100 / (i + 3), 7.7 * i), (10 / (i + 7), -1.3 / (i + 1))
+        space.add(body)
+    starts = [body.position for body in space.bodies]
+    for _ in range(steps):
+        space.step(dt)
+    ends = [body.position for body in space.bodies]
+    for body, start in zip(space.bodies, starts, strict=True):
+        body.position = start
+        fly(engine.address(engine.handle(body)), dt, steps)
+    return ends == [body.position for body in space.bodies]
 
 
 @lru_cache(maxsize=16)
@@ -78,20 +118,23 @@ def _cells(places: Places) -> tuple[array[float], array[float], array[int], arra
     return array("d", places.x), array("d", places.y), first, array("q", chain(*places.near))
 
 
-def _bound(run_at: Any, look_at: Any, island: State) -> Compiled:
+def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
     from islandgp.domains.island import kernel as k
 
     ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
     turn_step, turn_who, turn_velocity = _turns(island.schedule)
     x, y, first, members = _cells(ground.places)
     bodies = array("q", map(engine.address, people.bodies))
+    rocks = array("d", chain(*island.schedule.obstacles))
+    run_at, look_at, world = functions.run, functions.look, island.world
     arrays: dict[int, Any] = {
         k.BODIES: bodies, k.TOUCHING: physics.contacts.flag, k.TURN_STEP: turn_step,
         k.TURN_WHO: turn_who, k.TURN_VELOCITY: turn_velocity, k.ITEMS: people.items,
         k.DUES: people.dues, k.UNSEEN: people.unseen, k.NEAR: people.near, k.X: x, k.Y: y,
         k.THERE: ground.there, k.SEEN: ground.seen, k.FIRST: first, k.MEMBERS: members,
+        k.ROCK: rocks,
     }  # fmt: skip
-    n, f = array("q", bytes(8 * (k.MEMBERS + 1))), array("d", bytes(8 * (k.TOLERANCE + 1)))
+    n, f = array("q", bytes(8 * (k.ROCK + 1))), array("d", bytes(8 * (k.HUMANOID_RADIUS + 1)))
     for place, held in arrays.items():
         n[place] = engine.data_address(held)
     n[k.PEOPLE], n[k.COLUMNS] = len(people.items), ground.places.columns
@@ -100,6 +143,9 @@ def _bound(run_at: Any, look_at: Any, island: State) -> Compiled:
     f[k.DT], f[k.PERCEPTION], f[k.SIGHT] = island.dt, robot.settings.perception, robot.sight
     f[k.STRIDE], f[k.WALK], f[k.CELL] = robot.stride, island.walk, ground.places.cell
     n[k.TOGETHER], n[k.FAR], f[k.TOLERANCE] = TOGETHER, FAR, TOLERANCE
+    n[k.FLIES], n[k.ROCKS] = flies and functions.flies, len(island.schedule.obstacles)
+    f[k.SIDE], f[k.ROBOT_RADIUS] = world.side, world.robot.radius
+    f[k.HUMANOID_RADIUS] = world.humanoids.radius
     ints, floats, board = n.buffer_info()[0], f.buffer_info()[0], island.board
 
     def run(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
@@ -108,6 +154,8 @@ def _bound(run_at: Any, look_at: Any, island: State) -> Compiled:
         n[k.FOUND], n[k.DRIVING] = int(board[GARBAGE]), robot.driving
         f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
         run_at(ints, floats, until)
+        if n[k.CROWDED]:
+            raise Crowded
         island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
         return n[k.STEP]
 

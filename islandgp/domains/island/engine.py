@@ -51,7 +51,8 @@ def _addresses() -> dict[str, int]:
     """Addresses of the functions that compiled code calls."""
     from pymunk._chipmunk_cffi import ffi, lib
 
-    names = ("cpSpaceStep", "cpBodyGetPosition", "cpBodySetVelocity")
+    names = ["cpSpaceStep", "cpBodyGetPosition", "cpBodySetPosition"]
+    names += ["cpBodyGetVelocity", "cpBodySetVelocity"]
     return {name: int(ffi.cast("uintptr_t", ffi.addressof(lib, name))) for name in names}
 
 

@@ -21,7 +21,7 @@ from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.compiled import compiled_for
+from islandgp.domains.island.compiled import Crowded, compiled_for
 from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
@@ -174,12 +174,32 @@ def run_episode(
     the tree sees what they give, in every step.
     """
     stepwise = stepwise or sensors is not None
-    island = build_island(world, seed, award, thresholds(tree, "batteryLevel"))
-    island.compiled = None if stepwise else compiled_for(island)
+    levels = thresholds(tree, "batteryLevel")
+    island = build_island(world, seed, award, levels)
+    island.compiled = None if stepwise else compiled_for(island, flies=not (watch or observe))
+    try:
+        return _simulate(tree, island, actions, stepwise, watch, observe, sensors)
+    except Crowded:
+        island.spaces.append(island.physics)
+        island = build_island(world, seed, award, levels)
+        island.compiled = compiled_for(island, flies=False)
+        return _simulate(tree, island, actions, stepwise, watch, observe, sensors)
+
+
+def _simulate(
+    tree: Node,
+    island: State,
+    actions: Mapping[str, IslandAction],
+    stepwise: bool,
+    watch: Callable[[int, int], None] | None,
+    observe: Callable[[State], None] | None,
+    sensors: Sensors | None,
+) -> Episode:
+    """Runs an episode from step 0 to its end; see `run_episode`."""
     bound = _bound(tree, island, actions)
     seen = island.board if sensors is None else list(island.board)
     tick = compile_tree(
-        tree, bound, seen, VOCABULARY.places, watch=watch, step_s=world.episode.step
+        tree, bound, seen, VOCABULARY.places, watch=watch, step_s=island.world.episode.step
     )
     if sensors is not None:
         tick = _sensing(tick, island.board, seen, sensors)

@@ -3,6 +3,12 @@
 It does what `episode.advance` does as long as nothing changes but positions: Chipmunk steps,
 humanoids turn, and looks show nothing new. It stops before any other look, which Python repeats;
 so it may look too early, but never too late, and outcomes are the same to the last bit.
+
+While no body can touch anything, each moves on a straight line. Such steps are left to additions,
+the same that Chipmunk makes. Chipmunk makes at least SETTLE steps before each contact, and has
+forgotten former contacts by then. The order in which it solves several contacts of one body
+depends on the steps before. So a body with two contacts at once sets CROWDED, and the episode is
+repeated with every step.
 """
 
 from __future__ import annotations
@@ -21,8 +27,13 @@ STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, NEW, DRIVING = range(7)
 PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(7, 13)
 SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(13, 20)
 ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(20, 30)
+# FLIES: steps may be left out; CLEAR: no contact before
+# this step, as of the step CHECKED; ROCKS: how many; ROCK: x, y, r.
+FLIES, CLEAR, CHECKED, CROWDED, ROCKS, ROCK = range(30, 36)
 # Places of numbers: the robot's heading, and settings.
 HEADING_X, HEADING_Y, DT, PERCEPTION, SIGHT, STRIDE, WALK, CELL, TOLERANCE = range(9)
+SIDE, ROBOT_RADIUS, HUMANOID_RADIUS = range(9, 12)
+SETTLE = 5  # steps of Chipmunk before a contact; it forgets a contact after three
 
 DOUBLE, ADDRESS = ir.DoubleType(), ir.IntType(8).as_pointer()
 
@@ -73,16 +84,32 @@ def steer(_typing, _body, _x, _y):
 
 
 @intrinsic
-def position(_typing, _body):
-    """cpBodyGetPosition(body)."""
+def place(_typing, _body, _x, _y):
+    """cpBodySetPosition(body, {x, y})."""
 
-    def code(context, builder, signature, args):
-        pair = ir.LiteralStructType([DOUBLE, DOUBLE])
-        at = _call(builder, pair, "cpBodyGetPosition", args)
-        values = [builder.extract_value(at, i) for i in range(2)]
-        return context.make_tuple(builder, signature.return_type, values)
+    def code(context, builder, _signature, args):
+        _call(builder, ir.VoidType(), "cpBodySetPosition", args)
+        return context.get_dummy_value()
 
-    return types.UniTuple(types.float64, 2)(types.int64), code
+    return types.void(types.int64, types.float64, types.float64), code
+
+
+def _pair(name):
+    """A function of Chipmunk that returns a vector of a body."""
+
+    @intrinsic
+    def pair(_typing, _body):
+        def code(context, builder, signature, args):
+            at = _call(builder, ir.LiteralStructType([DOUBLE, DOUBLE]), name, args)
+            values = [builder.extract_value(at, i) for i in range(2)]
+            return context.make_tuple(builder, signature.return_type, values)
+
+        return types.UniTuple(types.float64, 2)(types.int64), code
+
+    return pair
+
+
+position, velocity = _pair("cpBodyGetPosition"), _pair("cpBodyGetVelocity")
 
 
 @njit
@@ -176,6 +203,95 @@ def turn_people(n, step, turn):
     return turn
 
 
+@njit
+def fixed_gap(n, f, x, y, radius):
+    """Metres from a body to the nearest wall or rock, and how many of them it touches."""
+    side, rocks, slack = f[SIDE], floats(n[ROCK]), f[TOLERANCE]
+    least, touched = inf, 0
+    for gap in (x - radius, y - radius, side - x - radius, side - y - radius):
+        least = min(least, gap)
+        touched += gap <= slack
+    for i in range(n[ROCKS]):
+        dx, dy, reach = rocks[3 * i] - x, rocks[3 * i + 1] - y, rocks[3 * i + 2] + radius
+        square, limit = dx * dx + dy * dy, max(least, slack) + reach
+        if square <= limit * limit:
+            gap = sqrt(square) - reach
+            least = min(least, gap)
+            touched += gap <= slack
+    return least, touched
+
+
+@njit
+def too_fast(body, dt, stride):
+    """True if a contact has made a body faster than it moves by itself."""
+    vx, vy = velocity(body)
+    return hypot(vx, vy) * dt > stride + 1e-9
+
+
+@njit
+def clear_steps(n, f):
+    """Steps, less SETTLE, before which no body can touch anything; 0: one may; -1: crowded."""
+    bodies, slack = ints(n[BODIES]), f[TOLERANCE]
+    x, y = position(n[ROBOT])
+    least, touched = fixed_gap(n, f, x, y, f[ROBOT_RADIUS])
+    steps = (least - slack) / f[STRIDE]
+    fast = too_fast(n[ROBOT], f[DT], f[STRIDE])
+    for h in range(n[PEOPLE]):
+        hx, hy = position(bodies[h])
+        least, fixed = fixed_gap(n, f, hx, hy, f[HUMANOID_RADIUS])
+        gap = hypot(hx - x, hy - y) - f[ROBOT_RADIUS] - f[HUMANOID_RADIUS]
+        if gap <= slack:
+            touched += 1
+            fixed += 1
+        if fixed > 1:
+            return -1
+        steps = min(steps, (least - slack) / f[WALK], (gap - slack) / (f[STRIDE] + f[WALK]))
+        fast = fast or too_fast(bodies[h], f[DT], f[WALK])
+    if touched > 1:
+        return -1
+    return 0 if fast else max(0, int(min(steps, n[FAR])) - SETTLE)
+
+
+@njit
+def fly(body, dt, steps):
+    """Moves a body that touches nothing by some steps."""
+    x, y = position(body)
+    vx, vy = velocity(body)
+    dx, dy = vx * dt, vy * dt
+    for _ in range(steps):
+        x += dx
+        y += dy
+    place(body, x, y)
+
+
+@njit
+def move(n, f, step, stop):
+    """Steps to `stop`, or to the first contact of the robot; returns the step."""
+    touching, bodies = flags(n[TOUCHING]), ints(n[BODIES])
+    while step < stop:
+        if n[FLIES] and n[CLEAR] <= step and n[CHECKED] != step:
+            n[CLEAR] = step + clear_steps(n, f)
+            n[CHECKED] = step
+        if step < n[CLEAR]:
+            steps = min(stop, n[CLEAR]) - step
+            fly(n[ROBOT], f[DT], steps)
+            for h in range(n[PEOPLE]):
+                fly(bodies[h], f[DT], steps)
+            step += steps
+            continue
+        step_space(n[SPACE], f[DT])
+        step += 1
+        if n[FLIES]:
+            clear = clear_steps(n, f)
+            n[CLEAR], n[CHECKED] = step + clear, step
+            if clear < 0:
+                n[CROWDED] = 1
+                break
+        if touching[0]:
+            break
+    return step
+
+
 @cfunc(types.void(types.int64, types.int64, types.int64), cache=True)
 def run(ints_at, floats_at, until):
     """Goes on to the step `until`, to a contact, or to a look that shows something new."""
@@ -185,12 +301,8 @@ def run(ints_at, floats_at, until):
     while step < until:
         stop = min(turn_step[turn], until)
         stop = min(stop, max(min(n[GROUND_DUE], n[PEOPLE_DUE]), step + 1))
-        while step < stop:
-            step_space(n[SPACE], f[DT])
-            step += 1
-            if touching[0]:
-                break
-        if touching[0] or step >= until:
+        step = move(n, f, step, stop)
+        if touching[0] or step >= until or n[CROWDED]:
             break
         turn = turn_people(n, step, turn)
         if step < n[GROUND_DUE] and step < n[PEOPLE_DUE]:
@@ -207,6 +319,12 @@ def run(ints_at, floats_at, until):
                 n[PEOPLE_DUE] = step
                 break
     n[STEP], n[TURN] = step, turn
+
+
+@cfunc(types.void(types.int64, types.float64, types.int64), cache=True)
+def fly_alone(body, dt, steps):
+    """See `fly`."""
+    fly(body, dt, steps)
 
 
 @cfunc(types.void(types.int64, types.int64), cache=True)

@@ -9,9 +9,9 @@ import pytest
 
 import islandgp.domains.island
 from islandgp.bt.core.language import parse
-from islandgp.domains.island import compiled
+from islandgp.domains.island import compiled, episode
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.state import build_island
+from islandgp.domains.island.state import State, build_island
 from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.days import points, world
 from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
@@ -40,6 +40,39 @@ def test_outcomes_are_the_same(island: IslandWorld, monkeypatch: pytest.MonkeyPa
     assert compiled._functions() is not None
     monkeypatch.setattr(compiled, "_functions", lambda: None)
     assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
+
+
+@pytest.mark.usefixtures("at_once")
+def test_crowded_episodes_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a body touches two others at once, the outcome is that of every step."""
+    pytest.importorskip("numba", reason="needs islandgp[fast]")
+    people = world().humanoids.model_copy(update={"count": 40, "speed": 9.0})
+    island, trees = world().model_copy(update={"humanoids": people}), [parse(ALL_ROUNDER)] * 8
+    flights: list[bool] = []
+
+    def counted(state: State, *, flies: bool = True) -> compiled.Compiled | None:
+        flights.append(flies)
+        return compiled.compiled_for(state, flies=flies)
+
+    monkeypatch.setattr(episode, "compiled_for", counted)
+    quick = [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
+    assert False in flights
+    assert True in flights
+    monkeypatch.setattr(compiled, "_functions", lambda: None)
+    assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
+
+
+@pytest.mark.usefixtures("at_once")
+def test_flights_need_the_sums_of_chipmunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where compiled sums are rounded in another way, Chipmunk makes every step."""
+    pytest.importorskip("numba", reason="needs islandgp[fast]")
+    functions = compiled._functions()
+    assert functions is not None
+    assert functions.flies
+    assert not compiled._adds_as_chipmunk(lambda *_: None)
+    before = run_episode(parse(ALL_ROUNDER), world(), 3, points())
+    monkeypatch.setattr(compiled, "_functions", lambda: functions._replace(flies=False))
+    assert run_episode(parse(ALL_ROUNDER), world(), 3, points()) == before
 
 
 @pytest.mark.parametrize("lacking", ["numba", "a numba that works", "Chipmunk's functions"])
