@@ -1,4 +1,4 @@
-"""The command in a process of its own, as a user starts it."""
+"""The command in a separate process, as a user starts it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TOOL = ("-c", "from islandgp.cli import main; main()")  # what the script `islan
 
 
 def start(command: Sequence[str], words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
-    """RUN or TOOL with WORDS, in a folder; what it says goes nowhere."""
+    """RUN or TOOL with WORDS, in a folder; its output is discarded."""
     return subprocess.Popen(
         [sys.executable, *command, *words],
         cwd=folder,

@@ -40,7 +40,7 @@ class Figure:
 
 
 class Missing(Exception):
-    """A benchmark can't run here; the message says what it lacks."""
+    """A benchmark can't run here; the message names what is missing."""
 
 
 def at_most(value: float) -> Goal:

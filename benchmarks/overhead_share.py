@@ -72,9 +72,11 @@ def measure(effort: Effort) -> list[Figure]:
     ]
 
 
-def _share(name: str, run: Run, episodes: float, said: str, goal: Goal | None) -> Figure:
+def _share(name: str, run: Run, episodes: float, condition: str, goal: Goal | None) -> Figure:
     value = 100 * (1 - episodes / run.whole)
-    return Figure(name, value, "%", f"everything but episodes, in percent of a run, {said}", goal)
+    return Figure(
+        name, value, "%", f"everything but episodes, in percent of a run, {condition}", goal
+    )
 
 
 def _share_of_mlflow(home: Path, seed: int, shorter: tuple[str, ...]) -> float:

@@ -29,7 +29,7 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     # name: what it is, and what "path:function" in it holds
     "engine": ("Chipmunk's steps, and the loop around them", ("island/space.py:run",)),
     "sensing": (
-        "who looks, and when somebody has to look again",
+        "sensing, and when to sense again",
         ("island/sensing.py", "island/garbage.py"),
     ),
     "tree": ("the tree and its actions", ("islandgp/bt/", "island/actions.py")),

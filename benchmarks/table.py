@@ -12,7 +12,7 @@ HEAD: Final = ("figure", "here", "goal", "", "what it is")
 
 
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
-    """A row of HEAD for each figure; a benchmark that could not run has one that says why."""
+    """A row of HEAD for each figure; a benchmark that could not run has one with the reason."""
     found: list[tuple[str, ...]] = []
     for result in results:
         if result.missing:

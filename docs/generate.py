@@ -175,8 +175,8 @@ def cost_table(characters: Mapping[str, int]) -> str:
     )
 
 
-def told_characters(text: str) -> dict[str, int]:
-    """The measured characters that a document tells."""
+def documented_characters(text: str) -> dict[str, int]:
+    """The measured characters that a document states."""
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
     found = re.findall(r"([\d,]+) \((\w+)\)", line)
     return {name: int(size.replace(",", "")) for size, name in found}

@@ -54,7 +54,7 @@ class Key:
 
     path: str  # as in an override; NAME and N stand for a key of a mapping and a place in a list
     type: str
-    range: str  # empty: whatever the type holds
+    range: str  # empty: any value of the type
     default: str
     meaning: str
     paper: str  # sections, tables and equations of the paper
@@ -96,7 +96,7 @@ def page(found: Iterable[Chapter]) -> str:
     """The reference as Markdown."""
     parts = [
         "# Configuration keys\n\nEvery key that a run takes, as `key=value` on the command line or"
-        " in a YAML file; see [Running](running.md). `NAME` stands for a name of your own, or"
+        " in a YAML file; see [Running](running.md). `NAME` is a name of your own, or"
         " one that is there, and `N` for a place in a list, from 0. This page is made from the"
         " models that check the configuration and from the files in `conf`.\n"
     ]
@@ -167,7 +167,7 @@ def _keys(
 
     Args:
         value: what the configuration has there: a model, a mapping, or None.
-        inner: where the model stands in its file.
+        inner: line of the model in its file.
     """
     for name, field in model.model_fields.items():
         if name == "policy" and isinstance(value, ComponentConfig):
@@ -243,7 +243,7 @@ def _type(kind: Any) -> str:
 
 
 def _range(field: FieldInfo) -> str:
-    """What a value may be, of its field and of what stands inside it."""
+    """What a value may be, of its field and of its parts."""
     listed = _type(field.annotation).startswith(("list", "mapping", "["))
     own = _bounds(field.metadata, "entries" if listed else "characters")
     return "; ".join(dict.fromkeys([*own, *_inner(field.annotation)]))
@@ -290,7 +290,7 @@ def _plain(value: Any) -> Any:
 
 
 def _join(field: str, file: str) -> str:
-    """What the model says of a key, and what its file says besides."""
+    """The description of a key in the model and in its file."""
     texts = [text for text in (field, file) if text]
     if len(texts) == 2 and (file.startswith(field) or field.startswith(file)):
         return max(texts, key=len)

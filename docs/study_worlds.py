@@ -4,7 +4,7 @@
 
 runs what is missing in `runs/`, lets the best robots meet 100 unseen seeds of each level, and
 writes docs/study_worlds.md, and the gallery of docs/domains.md. The plan, made before the
-runs, stands in docs/log.md.
+runs, is in docs/log.md.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ STUDIES: Final = (
         DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
     ),
 )
-TRAINED: Final = 6  # levels of MiniGrid that runs train on; the others are told beside them
+TRAINED: Final = 6  # levels of MiniGrid that runs train on; the others are listed beside them
 
 
 def _p(p: float) -> str:
@@ -132,7 +132,7 @@ def measured(study: Study, tree: str) -> float:
     )
 
 
-def told(study: Study, outcomes: Sequence[Outcome]) -> str:
+def success_cell(study: Study, outcomes: Sequence[Outcome]) -> str:
     """A measure with its 95 % interval: Wilson's for shares, Student's t for means."""
     values = [o.counters[study.counter] for o in outcomes]
     if study.counter != "solved":
@@ -195,7 +195,7 @@ def main() -> None:
 
 
 def evolved(runs: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    """The row of the best evolved robot, as validation says."""
+    """The row of the best evolved robot, by validation."""
     rows = [row for arm in PAIRS[0] for row in runs[arm]]
     return max(rows, key=lambda row: float(row["best"]))
 
@@ -230,7 +230,9 @@ def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
     levels = study.levels[:TRAINED] or ("",)
 
     def score(text: str) -> str:
-        return told(study, [o for level in levels for o in episodes(study, text, UNSEEN, level)])
+        return success_cell(
+            study, [o for level in levels for o in episodes(study, text, UNSEEN, level)]
+        )
 
     where = f"100 unseen seeds{' of each of the six levels' if study.levels else ''}"
     return "\n".join(
@@ -258,13 +260,15 @@ def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def _trees(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
-    """The table of one study: the best of each arm, as validation says, and the one by hand."""
+    """The table of one study: the best of each arm, by validation, and the one by hand."""
     best = {arm: max(rows, key=lambda row: float(row["best"])) for arm, rows in runs.items()}
     trees = {f"best of {arm}": str(row["tree"]) for arm, row in best.items()}
     trees["written by hand"] = study.by_hand.read_text(encoding="utf-8")
     lines = [f"### {study.title}", "", _row(study.unit, *trees), _rule(1 + len(trees))]
     for level in study.levels or ("",):
-        cells = [told(study, episodes(study, tree, UNSEEN, level)) for tree in trees.values()]
+        cells = [
+            success_cell(study, episodes(study, tree, UNSEEN, level)) for tree in trees.values()
+        ]
         lines.append(_row(level or study.title, *cells))
     best_of_all = evolved(runs)
     seed, tree = best_of_all["seed"], str(best_of_all["tree"])
@@ -287,7 +291,7 @@ def _rule(columns: int) -> str:
 
 
 def replace_parts(page: Path, **parts: str) -> None:
-    """Writes a page anew between its markers."""
+    """Rewrites a page between its markers."""
     text = page.read_text(encoding="utf-8")
     for part, content in parts.items():
         begin, end = f"<!-- begin {part} -->\n", "<!-- end -->"

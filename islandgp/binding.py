@@ -118,11 +118,11 @@ class Tree:
         known = {"action": {*words.actions}, "key": {*words.keys}}
         if sources["action"] is sources["key"]:
             known["action"] = known["key"] = {*words.actions, *words.keys}
-        distinct = {id(source): (source, what) for what, source in sources.items()}
-        for source, what in distinct.values():
+        distinct = {id(source): (source, kind) for kind, source in sources.items()}
+        for source, kind in distinct.values():
             for name in source if isinstance(source, Mapping) else ():
-                if name not in known[what]:
-                    near = closest(str(name), known[what])
+                if name not in known[kind]:
+                    near = closest(str(name), known[kind])
                     hint = f"; perhaps {near} is meant" if near else ""
                     yield f"{short_repr(name)}, which is not in the domain {words.domain}{hint}"
 
@@ -206,7 +206,7 @@ class RobotTree:
 
 
 class _RunningLeaf:
-    """One leaf of a tree: its action's function, with a generator of its own."""
+    """One leaf of a tree: its action's function, with a separate generator."""
 
     def __init__(
         self, name: str, leaf: Leaf, arguments: Mapping[str, object], *, condition: bool

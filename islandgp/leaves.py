@@ -24,7 +24,7 @@ Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]
 def steps(leaf: Leaf) -> Callable[[bool], Any]:
     """The leaf as a function of `fresh`: True when its node starts. It returns what the leaf does.
 
-    Each call makes one of its own, with its own generator.
+    Each call makes a new one, with its own generator.
     """
     if isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__):
         return GeneratorSteps(leaf)

@@ -64,8 +64,8 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
         for model in cls.models:
             member = getattr(factory, model)
             if not (isinstance(member, type) and issubclass(member, BaseModel)):
-                what = f"expected {model} to be a pydantic model, found {member!r}"
-                raise ValueError(what)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
+                reason = f"expected {model} to be a pydantic model, found {member!r}"
+                raise ValueError(reason)  # noqa: TRY004 -- pydantic takes no TypeError for an answer
         return factory
 
 
@@ -124,10 +124,10 @@ def function(
     """
     if name in table:
         return table[name]
-    own = _own(name, check) if ":" in name else None
-    if own is None:
+    custom = _own(name, check) if ":" in name else None
+    if custom is None:
         raise ValueError(f"expected one of {', '.join(table)} or MODULE:FUNCTION, found {name!r}")
-    return cast(Function, own)
+    return cast(Function, custom)
 
 
 @cache
@@ -209,17 +209,17 @@ def _place(frames: Iterable[tuple[FrameType, int]]) -> str:
     Where there is none, the user's code may be an installed package: the place is where our code
     called any other.
     """
-    own = entered = ""
-    ours = False
+    innermost = entered = ""
+    in_package = False
     for frame, line in frames:
         file = frame.f_code.co_filename
         place = f", in {file}, line {line}"
         if not _known(file):
-            own = place
-        elif not entered and ours and not _ours(file) and Path(file).is_relative_to(KNOWN[2]):
+            innermost = place
+        elif not entered and in_package and not _ours(file) and Path(file).is_relative_to(KNOWN[2]):
             entered = place
-        ours = ours or _ours(file)
-    return own or entered
+        in_package = in_package or _ours(file)
+    return innermost or entered
 
 
 def _ours(file: str) -> bool:
@@ -249,8 +249,8 @@ def plugin_errors(path: str) -> Iterator[None]:
     except Exception as error:
         if path.startswith("islandgp."):
             raise
-        what = " ".join(f"{type(error).__name__}: {error}{raised_in(error)}".split())
+        reason = " ".join(f"{type(error).__name__}: {error}{raised_in(error)}".split())
         raise PartError(
-            f"{path} failed ({what}): this is a fault of that class, not of the program;"
+            f"{path} failed ({reason}): this is a fault of that class, not of the program;"
             " mend it, and the same command goes on with what the run has."
         ) from error

@@ -169,11 +169,13 @@ def cox(first: Times, second: Times) -> Interval:
 
     events, at_risk = 0, []  # of the first sample; and of both, for each event of either
     for time in sorted({t for t, happened in (*first, *second) if happened}):
-        left = [sum(t >= time for t, _ in s) for s in (first, second)]
+        still_at_risk = [sum(t >= time for t, _ in s) for s in (first, second)]
         died = [sum(t == time and happened for t, happened in s) for s in (first, second)]
         events += died[0]
         shares = np.arange(sum(died)) / sum(died)
-        at_risk += [(left[0] - f * died[0], left[1] - f * died[1]) for f in shares]
+        at_risk += [
+            (still_at_risk[0] - f * died[0], still_at_risk[1] - f * died[1]) for f in shares
+        ]
     a, b = np.array(at_risk).reshape(-1, 2).T
 
     def chances(log_ratio: float) -> Any:

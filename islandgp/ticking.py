@@ -326,10 +326,10 @@ def _leaf(episode: Any, name: str) -> Leaf:
     """The episode's method for an action. Raises DomainError if there is none."""
     method = getattr(episode, name, None)
     if not callable(method):
-        what = "none" if method is None else short_repr(method)
+        member = "none" if method is None else short_repr(method)
         raise DomainError(
             f"Expected a method {name} in {type(episode).__name__} for the action of that name,"
-            f" found {what}{defined_in(type(episode))}."
+            f" found {member}{defined_in(type(episode))}."
         )
     leaf: Leaf = method
     return leaf

@@ -74,12 +74,12 @@ class TimeLimit:
         self._entered = None
         if self._before is None:
             return
-        begun, handler, (left, interval) = self._before
+        begun, handler, (remaining, interval) = self._before
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, signal.SIG_DFL if handler is None else handler)
-        if left:
-            left = max(left - (monotonic() - begun), 0.001)
-            signal.setitimer(signal.ITIMER_REAL, left, interval)
+        if remaining:
+            remaining = max(remaining - (monotonic() - begun), 0.001)
+            signal.setitimer(signal.ITIMER_REAL, remaining, interval)
         if self._late is None or (kind is not None and issubclass(kind, KeyboardInterrupt)):
             return
         raise TimeLimitError(self._found(), self._seconds) from None

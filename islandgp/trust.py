@@ -1,6 +1,6 @@
 """Trust in run folders: which code, servers and files a run's folder may make this process use.
 
-A folder may come from a stranger. It holds files of its own, no links to others. The classes and
+A folder may come from a stranger. Its files must not be links. The classes and
 servers that its configuration names are used only if the user's own configuration or command names
 them as well.
 """
@@ -84,8 +84,8 @@ def must_trust_server(uri: str) -> None:
     It would get the user's name and password, and could choose where files are written.
     MLFLOW_TRACKING_URI names a server of the user's own.
     """
-    name, own = server_name(uri), server_name(os.environ.get("MLFLOW_TRACKING_URI", ""))
-    if "://" not in name or name.startswith("sqlite:") or name == own or is_trusted(name):
+    name, configured = server_name(uri), server_name(os.environ.get("MLFLOW_TRACKING_URI", ""))
+    if "://" not in name or name.startswith("sqlite:") or name == configured or is_trusted(name):
         return
     raise UntrustedError(
         f"Expected a server that your own configuration or command names, found {name}, which only"

@@ -117,8 +117,10 @@ def _finished(path: Path) -> list[RunFolder]:
     runs = [run for run in ([one] if one.finished() else below) if run.finished()]
     if not runs:
         raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
-    if left := [run.path.name for run in below if run.about() and not run.finished()]:
-        click.echo(f"islandgp: left out, as they are not finished: {', '.join(left)}", err=True)
+    if unfinished := [run.path.name for run in below if run.about() and not run.finished()]:
+        click.echo(
+            f"islandgp: left out, as they are not finished: {', '.join(unfinished)}", err=True
+        )
     for run in runs:
         _must_be_alike(runs[0], run)
     return runs
@@ -182,16 +184,18 @@ def _rows(
     outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
     rows = []
     for k, (tree, (name, evolved)) in enumerate(trees.items()):
-        own = outcomes[k * worlds : (k + 1) * worlds]
-        reached = [tiers(outcome, classes) for outcome in own]
+        episodes = outcomes[k * worlds : (k + 1) * worlds]
+        reached = [tiers(outcome, classes) for outcome in episodes]
         row = Row(
             name,
-            *interval([outcome.fitness for outcome in own]),
+            *interval([outcome.fitness for outcome in episodes]),
             {m: fmean(m in r for r in reached) for m in classes.milestones},
-            *interval([a.fitness - b.fitness for a, b in zip(own, outcomes[:worlds], strict=True)]),
+            *interval(
+                [a.fitness - b.fitness for a, b in zip(episodes, outcomes[:worlds], strict=True)]
+            ),
             evolved,
             tree,
-            feasible_share([o.counters for o in own], constraints) if constraints else None,
+            feasible_share([o.counters for o in episodes], constraints) if constraints else None,
         )
         rows.append(row)
     return rows, UnseenWorlds(stage, test)
@@ -234,10 +238,10 @@ def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
     best: dict[str, Candidate] = {}
     for run in runs:
         champion = run.summary()["champion"]
-        own = champion["record"]
-        name = f"{run.path.name}, {own['id']}"
-        new = Candidate(champion["generation"], name, own["tree"], own["fitness"])
-        best.setdefault(own["tree"], new)
+        record = champion["record"]
+        name = f"{run.path.name}, {record['id']}"
+        new = Candidate(champion["generation"], name, record["tree"], record["fitness"])
+        best.setdefault(record["tree"], new)
     return list(best.values())
 
 

@@ -214,13 +214,14 @@ def _lines(table: Table) -> Iterator[str]:
 
 
 def _tests(report: ComparisonReport) -> Iterator[str]:
-    from islandgp.study.tables.claims import estimate_cells, found
+    from islandgp.study.tables.claims import comparison_verdict, estimate_cells
 
-    mine = [f for f in report.findings if f.family == report.findings[0].family]
-    yield from ("", f"{mine[0].arms[0]} minus {mine[0].arms[1]}")
-    for f in mine:
+    findings = [f for f in report.findings if f.family == report.findings[0].family]
+    yield from ("", f"{findings[0].arms[0]} minus {findings[0].arms[1]}")
+    for f in findings:
         difference = dict(estimate_cells(f))["difference [95 %]"]
-        yield f"  {f.measure.label:<47} {difference:>28}  p BH {f.p_bh:.3f}  {found(f, None)}"
+        verdict = comparison_verdict(f, None)
+        yield f"  {f.measure.label:<47} {difference:>28}  p BH {f.p_bh:.3f}  {verdict}"
 
 
 def _publish(

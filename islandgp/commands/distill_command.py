@@ -77,7 +77,7 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
 
 
 def _cases(number: int, run: RunFolder) -> Iterator[Case]:
-    """The decisions of a run's supervisor; those of a fallback are none of its own."""
+    """The decisions of a run's supervisor; those of its fallback are left out."""
     from islandgp.config.settings import read_settings
     from islandgp.evolution.loop import view
 

@@ -175,8 +175,8 @@ def _check(
 
     words = domain.schema.vocabulary
     trees = [read_tree(file, words) for file in files]
-    own = own_trees(settings, domain)
-    for line in own.left_out:
+    own_set = own_trees(settings, domain)
+    for line in own_set.left_out:
         click.echo(f"left out: {line}")
 
     class Suite(DomainSuite):
@@ -186,7 +186,7 @@ def _check(
             return settings.make_domain()
 
         def own_trees(self, domain: Domain) -> Iterator[Node]:  # noqa: ARG002 -- the suite's
-            yield from dict.fromkeys((*trees, *own.trees))
+            yield from dict.fromkeys((*trees, *own_set.trees))
 
     suite = Suite()
     faults, printed = 0, _Printed()

@@ -184,12 +184,12 @@ def uses(server: Server, params: types.ReferenceParams) -> list[types.Location]:
     if symbol is None:
         return []
     files = _files(server, document, symbol.symbol)
-    own = None if params.context.include_declaration else symbol.symbol
+    excluded = None if params.context.include_declaration else symbol.symbol
     return [
         types.Location(each.uri, _range(each, word))
         for each in files
         for word in references(each.source, symbol.symbol)
-        if own is None or word != defines(each.source, own)
+        if excluded is None or word != defines(each.source, excluded)
     ]
 
 
@@ -267,7 +267,7 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
     types.TEXT_DOCUMENT_DOCUMENT_SYMBOL: symbols,
     types.TEXT_DOCUMENT_CODE_ACTION: code_actions,
 }
-"""By request; renaming has an option of its own."""
+"""By request; renaming has a separate option."""
 
 
 def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:

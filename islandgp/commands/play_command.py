@@ -165,9 +165,9 @@ def _comparison(
     points: Sequence[Sequence[float]], robust: Sequence[Sequence[float]]
 ) -> list[dict[str, float]]:
     """A row for each tree, with mean and worst of the perturbed worlds if there are such."""
-    rows = [_compared(own, points[0]) for own in points]
-    for row, own in zip(rows, robust, strict=False):
-        row |= {"perturbed": fmean(own), "perturbed_worst": min(own)}
+    rows = [_compared(tree_points, points[0]) for tree_points in points]
+    for row, tree_points in zip(rows, robust, strict=False):
+        row |= {"perturbed": fmean(tree_points), "perturbed_worst": min(tree_points)}
     return rows
 
 
@@ -180,8 +180,8 @@ def _print_comparison(
     """Prints one row per tree; long names are printed above the table."""
     rows = _comparison(points, robust)
     worlds = len(points[0])
-    won = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]
-    better = [f"{count} of {worlds}" for count in won]
+    wins = [sum(a > b for a, b in zip(own, points[0], strict=True)) for own in points]
+    better = [f"{count} of {worlds}" for count in wins]
     columns = [
         Column("tree", tuple(names), right=False),
         Column("fitness (95 %)", _with_intervals(rows, "fitness", worlds), right=False),

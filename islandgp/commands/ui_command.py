@@ -30,7 +30,7 @@ def command(uri: str | None, experiment: str, runs: Path, port: int, opened: boo
     place = place_from(uri, experiment) if uri else place_of_latest(runs)
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
     try:
-        # A server has a session of its own: it does not hear of what ends this command.
+        # The server runs in another session, so signals to this command do not reach it.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
             of = f" of sweep {pages.sweep}" if pages.sweep else ""
             click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")

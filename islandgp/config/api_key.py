@@ -85,7 +85,7 @@ def _check_inside(word: str) -> None:
     if match := INSIDE.search(value):
         raise ConfigError(
             f"{name.lstrip('+~')}: expected no secret inside a value, found {match[1]};"
-            f" {_REMEDY}, or give it an override of its own, as {KEY}=..."
+            f" {_REMEDY}, or set it separately, as {KEY}=..."
         )
 
 

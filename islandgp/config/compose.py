@@ -148,14 +148,14 @@ def _plan(
     config, settings = read(composed)
     if domain is not None:
         _must_be_called(str(domain), settings)
-    ours = [o for o in overrides if group_of(o) != "hydra"]
-    _must_change_something(ours, composed)
+    job_overrides = [o for o in overrides if group_of(o) != "hydra"]
+    _must_change_something(job_overrides, composed)
     return Planned(
-        tuple(ours),
+        tuple(job_overrides),
         config,
         settings,
-        run_folder(config, ours, home),
-        command_line([*flags, *ours]),
+        run_folder(config, job_overrides, home),
+        command_line([*flags, *job_overrides]),
         launcher,
         own_ray,
     )
@@ -181,9 +181,9 @@ def plain(config: DictConfig) -> dict[str, Any]:
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     """A composed configuration as plain values and as settings. Raises ConfigError."""
-    ours = plain(config)
-    trust(names_in(ours))
-    return ours, read_settings(ours)
+    plain_config = plain(config)
+    trust(names_in(plain_config))
+    return plain_config, read_settings(plain_config)
 
 
 def flags_of(args: argparse.Namespace, words: Sequence[str]) -> list[str]:
@@ -303,7 +303,7 @@ def _must_have_no_callbacks(hydra: DictConfig) -> None:
 CALLBACKS: Final = {"forget": {"_target_": "islandgp.sweep.job.Forget"}}
 """Hydra's callbacks, as conf/config.yaml has them."""
 
-OURS: Final = {
+FIXED_SETTINGS: Final = {
     "run.dir": ".",
     "sweep.dir": ".",
     "sweep.subdir": ".",
@@ -315,13 +315,13 @@ OURS: Final = {
 
 def _must_leave_folders(hydra: DictConfig) -> None:
     """Raises ConfigError where a command chooses folders by Hydra's keys."""
-    for key, ours in OURS.items():
+    for key, fixed in FIXED_SETTINGS.items():
         settings = OmegaConf.to_container(hydra, resolve=False)
         for part in key.split("."):
             settings = settings.get(part) if isinstance(settings, dict) else None
-        if settings != ours:
+        if settings != fixed:
             raise ConfigError(
-                f"hydra.{key}: expected {'null' if ours is None else str(ours).lower()}, found"
+                f"hydra.{key}: expected {'null' if fixed is None else str(fixed).lower()}, found"
                 f" {settings}; records go to <runs>/<name>/: choose these by runs=FOLDER and"
                 " name=NAME."
             )

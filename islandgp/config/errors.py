@@ -209,11 +209,11 @@ def check_packages(composed: DictConfig, source: ConfigSource) -> None:
 
     Hydra then puts all of its keys below the group, e.g. `world` at `domain.world`.
     """
-    for group, own in (("domain", {"factory"}), ("experiment", set[str]())):
+    for group, group_keys in (("domain", {"factory"}), ("experiment", set[str]())):
         choice, below = composed.hydra.runtime.choices.get(group), composed.get(group)
         if choice is None or not isinstance(below, DictConfig):
             continue
-        if not set(map(str, below)) & (Settings.model_fields.keys() - own):
+        if not set(map(str, below)) & (Settings.model_fields.keys() - group_keys):
             continue
         for file in source.files(f"{group}/{choice}"):
             if not GLOBAL.search(file.read_text(encoding="utf-8")):

@@ -168,7 +168,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     @classmethod
     def _of_the_domain(cls, value: Any, info: ValidationInfo) -> Any:
         if (domain := info.data.get("domain")) is None:
-            return value  # the domain has an error of its own
+            return value  # the domain reports its own error
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
 

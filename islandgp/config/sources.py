@@ -37,17 +37,17 @@ class ConfigSource:
     def of(cls, args: argparse.Namespace) -> Self:
         """The source by the command's options. Raises ConfigError if a folder does not exist."""
         folder = Path(args.config_path or resource("conf")).resolve()
-        own = Path(args.config_dir).resolve() if args.config_dir else None
-        for option, path in (("--config-path", folder), ("--config-dir", own)):
+        user_folder = Path(args.config_dir).resolve() if args.config_dir else None
+        for option, path in (("--config-path", folder), ("--config-dir", user_folder)):
             if path is not None and not path.is_dir():
                 raise ConfigError(
                     f"{option}: expected a folder of configuration, found none at {path};"
                     " give the path of one that is there."
                 )
-        if own is not None and own != folder:
-            _must_hide_nothing(own, folder)
-            trust_folder(own)
-        return cls(folder, args.config_name or "config", own)
+        if user_folder is not None and user_folder != folder:
+            _must_hide_nothing(user_folder, folder)
+            trust_folder(user_folder)
+        return cls(folder, args.config_name or "config", user_folder)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
         """The configuration, with Hydra's own part. Raises what Hydra raises."""

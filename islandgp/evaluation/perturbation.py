@@ -99,8 +99,8 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         for name, (least, most) in self.world.items():
             path = f"perturb.world.{name}"
             if name not in known:
-                own = name.rpartition(".")[2]
-                same = [other for other in known if other.rpartition(".")[2] == own]
+                last_name = name.rpartition(".")[2]
+                same = [other for other in known if other.rpartition(".")[2] == last_name]
                 near = same or get_close_matches(name, known, 1, 0.5)
                 hint = f"did you mean perturb.world.{near[0]}?" if near else "it is no number"
                 yield f"{path}: expected a number among the world's settings, found none; {hint}"

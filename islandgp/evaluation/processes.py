@@ -124,8 +124,8 @@ class Processes:
     def _new_pool(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
         if os.name == "posix":
-            own = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
-            context.set_forkserver_preload([*own, type(self.problem.domain).__module__])
+            modules = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
+            context.set_forkserver_preload([*modules, type(self.problem.domain).__module__])
         return ProcessPoolExecutor(
             self.workers, context, _start, (self.problem, self.episode_timeout)
         )

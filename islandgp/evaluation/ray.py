@@ -140,8 +140,8 @@ class Ray:
                 raise EvaluationError(str(error.cause)) from error
             except RayError as error:
                 if len(batch) == 1:
-                    what = "that its worker died again and again"
-                    raise EvaluationError(blame(batch[0], what)) from error
+                    reason = "that its worker died again and again"
+                    raise EvaluationError(blame(batch[0], reason)) from error
                 each = [self._result([job], self._submitted([job])) for job in batch]
                 return Batch([r.outcomes[0] for r in each], sum(r.seconds for r in each))
             else:
@@ -205,8 +205,8 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
 
 def _own_node(ray: Any) -> str:
     """The address of this machine's part of the cluster."""
-    own = ray.get_runtime_context().get_node_id()
-    (node,) = (node for node in ray.nodes() if node["NodeID"] == own)
+    node_id = ray.get_runtime_context().get_node_id()
+    (node,) = (node for node in ray.nodes() if node["NodeID"] == node_id)
     return f"{node['NodeManagerAddress']}:{node['NodeManagerPort']}"
 
 

@@ -48,8 +48,9 @@ from islandgp.records.lines import (
     wrong_record,
 )
 from islandgp.records.locks import locked, take
+from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import (
-    MADE_AGAIN,
+    RESTORABLE,
     Damage,
     damaged_files,
     must_be_as_written,
@@ -57,7 +58,6 @@ from islandgp.records.manifest import (
     refused,
     write_manifest,
 )
-from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.parameters import with_todays_names, without_credentials
 from islandgp.records.resume import sound_state
 from islandgp.trust import must_have_no_links
@@ -206,9 +206,9 @@ class RunFolder:
         the run's page as well.
         """
         for damaged_file in damaged_files(self.path):
-            again = damaged_file.damage is Damage.MISSING and damaged_file.name in MADE_AGAIN
+            restorable = damaged_file.damage is Damage.MISSING and damaged_file.name in RESTORABLE
             if (
-                again
+                restorable
                 or damaged_file.damage is Damage.ADDED
                 or (damaged_file.name == PAGE and not page)
             ):

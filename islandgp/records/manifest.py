@@ -38,7 +38,7 @@ NEEDED: Final = (
 )
 """Files of every finished run."""
 
-MADE_AGAIN: Final = frozenset({"best.bt", "lineage.csv", PAGE})
+RESTORABLE: Final = frozenset({"best.bt", "lineage.csv", PAGE})
 """Files that the run's command makes again from the others if they are missing."""
 
 
@@ -58,8 +58,8 @@ class DamagedFile:
     damage: Damage
 
     def __str__(self) -> str:
-        again = self.damage is Damage.MISSING and self.name in MADE_AGAIN
-        return f"{self.name}: {self.damage}{'; the command of the run makes it again' * again}"
+        restorable = self.damage is Damage.MISSING and self.name in RESTORABLE
+        return f"{self.name}: {self.damage}{'; the command of the run makes it again' * restorable}"
 
 
 @dataclass(frozen=True, slots=True)

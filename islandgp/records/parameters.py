@@ -60,8 +60,8 @@ def runtime_keys(*configs: Mapping[str, Any]) -> frozenset[str]:
 
     The evaluators of this package give the same outcomes, those of others need not.
     """
-    own = all(_factory(config, "evaluator").startswith("islandgp.") for config in configs)
-    return RUNTIME_KEYS if own else RUNTIME_KEYS - {"evaluator"}
+    only_built_in = all(_factory(config, "evaluator").startswith("islandgp.") for config in configs)
+    return RUNTIME_KEYS if only_built_in else RUNTIME_KEYS - {"evaluator"}
 
 
 def _factory(config: Mapping[str, Any], key: str) -> str:

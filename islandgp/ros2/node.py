@@ -160,8 +160,8 @@ def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
         def spin(seconds: float) -> None:
             end = monotonic() + seconds
             executor.spin_once(timeout_sec=max(seconds, 0))
-            while (left := end - monotonic()) > 0:
-                executor.spin_once(timeout_sec=left)
+            while (remaining := end - monotonic()) > 0:
+                executor.spin_once(timeout_sec=remaining)
 
         yield node, spin
         executor.shutdown()
@@ -192,8 +192,8 @@ def run(
             if once and status in (NodeStatus.SUCCESS, NodeStatus.FAILURE):
                 return status
             due = max(due + 1 / rate, monotonic())  # a late tick is not caught up
-            while not stopping() and (left := due - monotonic()) > 0:
-                spin(min(left, STOP_S))
+            while not stopping() and (remaining := due - monotonic()) > 0:
+                spin(min(remaining, STOP_S))
         return None
     finally:
         tree_node.stop()

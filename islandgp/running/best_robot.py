@@ -51,8 +51,8 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             constraints=settings.constraints,
         )[0]
     born = next(target.records(winner.generation))
-    own = next(i for i in born["individuals"] if i["id"] == winner.id)
-    return Best(winner.generation, own, verdict)
+    champion = next(i for i in born["individuals"] if i["id"] == winner.id)
+    return Best(winner.generation, champion, verdict)
 
 
 def validation_episodes(settings: Settings, target: RunFolder) -> int:

@@ -35,9 +35,9 @@ FEWEST: Final = 3  # generations in the live table, however low the terminal is
 
 def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
     """Names and widths of all columns; `rate`: with the mutation rate."""
-    *first, mutation, left = COLUMNS.items()
-    own = ((name, max(4, len(name))) for name in milestones)
-    return dict([*first, *own, *[mutation] * rate, left])
+    *first, mutation, time_left = COLUMNS.items()
+    milestone_columns = ((name, max(4, len(name))) for name in milestones)
+    return dict([*first, *milestone_columns, *[mutation] * rate, time_left])
 
 
 def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]:
@@ -46,8 +46,8 @@ def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]
     Columns are left out in the order of DISPENSABLE, then milestones, the easiest first.
     """
     shown = list(widths)
-    own = [name for name in widths if name not in COLUMNS]
-    for name in (*DISPENSABLE, *own, "mutation", "time left", "best"):
+    milestone_names = [name for name in widths if name not in COLUMNS]
+    for name in (*DISPENSABLE, *milestone_names, "mutation", "time left", "best"):
         if sum(widths[other] + 1 for other in shown) - 1 <= room:
             break
         shown.remove(name)
@@ -151,8 +151,8 @@ class Progress:
         """Show one more generation."""
         self.done += 1
         a_generation = (monotonic() - self.began) / (self.done - self.before)
-        left = a_generation * (self.generations - self.done)
-        self.rows.append(row(step, self.generations, left, self.milestones, rate=self.rate))
+        seconds_left = a_generation * (self.generations - self.done)
+        self.rows.append(row(step, self.generations, seconds_left, self.milestones, rate=self.rate))
         if self._live is not None:
             self._live.update(self.drawn(self._live.console.height))
         elif self.how != "off":

@@ -105,9 +105,9 @@ def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
 def _known_episodes(target: RunFolder) -> Iterator[str]:
     """A line on the episodes that were not simulated, as their outcomes were known."""
     costs = [*target.costs()]
-    own = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
-    if known := own - sum(cost["simulated"] for cost in costs):
-        yield f"Episodes in training: {own:,}, {known:,} of them known from before"
+    asked_episodes = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
+    if known := asked_episodes - sum(cost["simulated"] for cost in costs):
+        yield f"Episodes in training: {asked_episodes:,}, {known:,} of them known from before"
 
 
 def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:

@@ -89,8 +89,8 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
                 order.insert(order.index(waiting.pop(name)), name)
         for name, other in waiting.items():
             raise ValueError(
-                f"{name}.better_than: expected a tier with a place of its own, found {other},"
-                " which is better than it; leave out one of the two"
+                f"{name}.better_than: expected no cycle, found {other}, which is better than it;"
+                " leave out one of the two"
             )
         return {name: tiers[name] for name in order}
 

@@ -67,8 +67,8 @@ def generation_stats(
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> GenerationStats:
     """Line 5 of Algorithm 1: the numbers of an evaluated population, which `rate` made."""
-    specialists = [own.specialist for own in labels]
-    reached = Counter(tier for own in labels for tier in own.tiers)
+    specialists = [label.specialist for label in labels]
+    tier_counts = Counter(tier for label in labels for tier in label.tiers)
     fitness = [o.fitness for o in outcomes]
     merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
     counts = Counter(specialists)
@@ -83,10 +83,10 @@ def generation_stats(
         sd=pstdev(fitness),
         diversity=diversity(specialists),
         overlapping=overlapping(behaviours),
-        working=sum(own.working for own in labels) / len(labels),
+        working=sum(label.working for label in labels) / len(labels),
         specialists={name: counts[name] for name in classes.specialist_names},
         behaviour_counts=behaviours,
-        tiers={name: reached[name] for name in classes.tiers},
+        tiers={name: tier_counts[name] for name in classes.tiers},
         counters={name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters},
         size=fmean(sizes),
         rate=rate,

@@ -82,10 +82,10 @@ def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     for event, reward in table.events.items():
         name = reward.component
         rows[event] = (name, _points(reward), float(weights.get(name, 1.0)) / shares.get(name, 1.0))
-    nothing = ("", NOTHING.points, 0.0)
+    no_reward = ("", NOTHING.points, 0.0)
 
     def value(event: str, amount: float) -> tuple[str, float]:
-        component, points, scale = rows.get(event, nothing)
+        component, points, scale = rows.get(event, no_reward)
         return component, scale * points(amount)
 
     return value

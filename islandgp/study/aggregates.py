@@ -155,12 +155,12 @@ def improvement_interval(first: Strata, second: Strata, *, paired: bool = False)
         return Interval(estimate, nan, nan)
     sizes = [[len(sample) for sample in arm] for arm in zip(*worlds, strict=True)]
     block = sum(map(sum, sizes))
-    mine = _resamples(sizes[0], block)
-    theirs = mine if paired else _resamples(sizes[1], block, sample=1)
+    first_samples = _resamples(sizes[0], block)
+    second_samples = first_samples if paired else _resamples(sizes[1], block, sample=1)
     codes = [_codes(x, y) for x, y in worlds]
     estimates = []
-    for places in mine:
-        others = places if paired else next(theirs)
+    for places in first_samples:
+        others = places if paired else next(second_samples)
         each = [_improvement(*c, i, j) for c, i, j in zip(codes, places, others, strict=True)]
         estimates.append(np.mean(each, axis=0))
     return _with_ends(estimate, np.concatenate(estimates))
@@ -174,9 +174,9 @@ def _codes(x: Any, y: Any) -> tuple[Any, Any, int]:
 
 def _improvement(x: Any, y: Any, different: int, places: Any, others: Any) -> Any:
     """U / (n1 n2) of each resample, from how often each value was drawn."""
-    mine, theirs = _counts(x[places], different), _counts(y[others], different)
-    below = np.cumsum(theirs, axis=1) - theirs
-    return np.sum(mine * (below + theirs / 2), axis=1) / (len(x) * len(y))
+    first_counts, second_counts = _counts(x[places], different), _counts(y[others], different)
+    below = np.cumsum(second_counts, axis=1) - second_counts
+    return np.sum(first_counts * (below + second_counts / 2), axis=1) / (len(x) * len(y))
 
 
 def _counts(codes: Any, different: int) -> Any:

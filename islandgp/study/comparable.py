@@ -93,9 +93,13 @@ def compare_arms(
 def _alike(arms: Sequence[Arm]) -> Iterator[str]:
     """A note for each pair of arms whose runs evolved the very same populations."""
     for a, b in combinations(arms, 2):
-        others = {run.seed: [r.individuals for r in run.records] for run in b.runs}
-        mine = {run.seed: [r.individuals for r in run.records] for run in a.runs}
-        same = [seed for seed, individuals in mine.items() if individuals == others.get(seed)]
+        other_populations = {run.seed: [r.individuals for r in run.records] for run in b.runs}
+        populations = {run.seed: [r.individuals for r in run.records] for run in a.runs}
+        same = [
+            seed
+            for seed, individuals in populations.items()
+            if individuals == other_populations.get(seed)
+        ]
         if same:
             seeds = in_short(sorted(same))
             yield note("same", a=a.name, b=b.name, same=len(same), runs=len(a.runs), seeds=seeds)
@@ -208,7 +212,7 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
         if _group(key) in irrelevant or key == "supervisor.factory":
             continue
         if len(kinds) > 1 and key.startswith("supervisor.policy."):
-            continue  # each kind of supervisor has settings of its own
+            continue  # settings differ with the kind of supervisor
         values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
         if key == "supervisor.name" and values == [arm.name for arm in arms]:
             continue  # the names of the arms show it

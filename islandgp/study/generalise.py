@@ -1,7 +1,7 @@
 """Evaluates the best trees in unseen worlds, and the library's trees in the worlds of the runs.
 
-A run chooses its champion, its best robot, in worlds of its own. Here the champions of all
-runs meet the same unseen worlds, in the last stage.
+A run chooses its champion, its best robot, in its own validation worlds. Here the champions of all
+runs are evaluated in the same unseen worlds, in the last stage.
 
 A supervisor that injects trees of a library could hand them out as they are. So each of those
 has one episode in each generation's world, under its stage's multipliers, and what evolution
@@ -204,7 +204,7 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
         text: {seed: [Job(text, *place) for place in row] for seed, row in places.items()}
         for text in trees
     }
-    wanted = (job for own in jobs.values() for row in own.values() for job in row)
+    wanted = (job for by_seed in jobs.values() for row in by_seed.values() for job in row)
     outcomes = _outcomes(make(problem_of(runs[0])), wanted)
     return tuple(
         Control(

@@ -75,9 +75,9 @@ def parse_plan(
     """Parses the options of a plan. Raises StudyError if one is not valid."""
     named = list(map(parse_family, families))
     bounds = list(map(parse_margin, margins))
-    for what, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
+    for option, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
         if twice := [key for key in dict.fromkeys(keys) if keys.count(key) > 1]:
-            raise StudyError(f"Expected each {what} once, found {twice[0]} twice; leave one out.")
+            raise StudyError(f"Expected each {option} once, found {twice[0]} twice; leave one out.")
     if {CLAIMS, FIRST, REST} & set(dict(named)):
         raise StudyError(
             f"Expected other names for families than {CLAIMS!r}, {FIRST!r} and {REST!r}, which are"
@@ -118,22 +118,22 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     """
     paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
     measures = frozenset(plan.margins) or paper
-    left = [(a.name, b.name) for a, b in study.pairs]
-    result = [Family(CLAIMS if study.paper else FIRST, (left.pop(0),), paper)]
+    remaining = [(a.name, b.name) for a, b in study.pairs]
+    result = [Family(CLAIMS if study.paper else FIRST, (remaining.pop(0),), paper)]
     inject = [a for a in study.arms if any(g.injected for run in a.runs for g in run.guidance)]
     injecting = {LIBRARY: tuple(arm.name for arm in inject)}
     for name, arms in (plan.families or injecting).items():
-        mine = tuple(pair for pair in left if set(pair) <= set(arms))
-        if mine:
-            result.append(Family(name, mine, measures))
+        pairs = tuple(pair for pair in remaining if set(pair) <= set(arms))
+        if pairs:
+            result.append(Family(name, pairs, measures))
         elif plan.families:
             raise StudyError(
                 f"Expected pairs of arms in --family {name} that are in no family before it, found"
                 " none; the first pair of arms belongs to the paper's claims."
             )
-        left = [pair for pair in left if pair not in mine]
-    if left:
-        result.append(Family(REST, tuple(left), measures))
+        remaining = [pair for pair in remaining if pair not in pairs]
+    if remaining:
+        result.append(Family(REST, tuple(remaining), measures))
     return tuple(result)
 
 

@@ -40,8 +40,8 @@ from islandgp.study.tables.champions import (
 )
 from islandgp.study.tables.claims import (
     claims_table,
+    comparison_verdict,
     estimate_cells,
-    found,
     primary_table,
     questions_table,
     test_name,
@@ -189,9 +189,9 @@ def _for_pairs(
     """A table of these measures for each pair of arms, by `make(key, title, findings)`."""
     keys, several = {m.key for m in measures}, len(study.pairs) > 1
     for a, b in ((a.name, b.name) for a, b in study.pairs):
-        mine = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
+        selected = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
         end, of = (f"-{a}-{b}", f": {a} against {b}") if several else ("", "")
-        yield make(f"{key}{end}", f"{title}{of}", mine)
+        yield make(f"{key}{end}", f"{title}{of}", selected)
 
 
 def _primary(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
@@ -209,8 +209,8 @@ def _claims(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterat
 
 def _questions(study: Comparison, plan: AnalysisPlan, findings: Findings) -> Iterator[Item]:
     for k, family in enumerate(families(study, plan)[1:], 1):
-        mine = [f for f in findings if f.family == family.name]
-        yield questions_table(f"questions-{k}", family.name, mine, plan.margins)
+        selected = [f for f in findings if f.family == family.name]
+        yield questions_table(f"questions-{k}", family.name, selected, plan.margins)
 
 
 def _scores(study: Comparison, scores: Scores, rows: Sequence[ScoreRow]) -> Iterator[Item]:
@@ -302,7 +302,7 @@ def result(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -
         for a, b in study.pairs:
             f = finding(findings, key, (a.name, b.name))
             p = f.test.p if plan.primary == key and (a, b) == study.pairs[0] else None
-            yield _sentence(f, found(f, plan.margins.get(key), p))
+            yield _sentence(f, comparison_verdict(f, plan.margins.get(key), p))
 
 
 def _sentence(f: Finding, verdict: str) -> str:

@@ -208,10 +208,10 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
     chosen = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
     notes: tuple[str, ...] = ()
-    if left := [f.path.name for f in fitting if not f.finished]:
+    if left_out := [f.path.name for f in fitting if not f.finished]:
         notes = (
-            f"{name}: {len(left)} unfinished runs are left out ({', '.join(left[:3])}"
-            f"{', ...' if len(left) > 3 else ''}); the command that started them finishes them.",
+            f"{name}: {len(left_out)} unfinished runs are left out ({', '.join(left_out[:3])}"
+            f"{', ...' * (len(left_out) > 3)}); the command that started them finishes them.",
         )
     return Arm(name, text, tuple(chosen)), notes
 

@@ -22,14 +22,14 @@ def in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tu
 
     They are rounded to DECIMALS, as `rank_test` rounds them.
     """
-    mine, theirs = arrays_of(first), arrays_of(second)
-    if len(mine) != len(theirs):
+    first_arrays, second_arrays = arrays_of(first), arrays_of(second)
+    if len(first_arrays) != len(second_arrays):
         raise StudyError(
-            f"Expected scores of both arms in the same worlds, found {len(mine)} worlds and"
-            f" {len(theirs)}; leave out worlds that one of them lacks."
+            f"Expected scores of both arms in the same worlds, found {len(first_arrays)} worlds and"
+            f" {len(second_arrays)}; leave out worlds that one of them lacks."
         )
     worlds = []
-    for a, b in zip(mine, theirs, strict=True):
+    for a, b in zip(first_arrays, second_arrays, strict=True):
         x, y = np.round(a, DECIMALS), np.round(b, DECIMALS)
         if paired and len(x) != len(y):
             raise StudyError(

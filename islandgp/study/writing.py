@@ -132,10 +132,10 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 def _row(f: Finding) -> dict[str, object]:
     t, p, shift = f.rank, f.paired, f.shift
     hazard = f.hazard if f.measure.emergence else Interval(nan, nan, nan)
-    left = [sample.count(None) for sample in f.samples]
+    censored_counts = [sample.count(None) for sample in f.samples]
     means = [
         (None, None) if censored else tuple(map(_known, mean_sd(values)))
-        for values, censored in zip(f.numbers, left, strict=True)
+        for values, censored in zip(f.numbers, censored_counts, strict=True)
     ]
     without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
     return {
@@ -151,7 +151,7 @@ def _row(f: Finding) -> dict[str, object]:
         "mean_second": means[1][0],
         "sd_second": means[1][1],
         **_two("median", (quantile(sample, 0.5) for sample in f.samples)),
-        **_two("censored", left),
+        **_two("censored", censored_counts),
         "U": t.u,
         "z": t.z,
         "p": t.p,

@@ -56,7 +56,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         hydra = HydraConfig.get()
         home = Path(hydra.runtime.cwd)
         named = run_folder(plain, list(hydra.overrides.task), home)
-        with tolerant_stderr():  # in a process of its own the command's is not known
+        with tolerant_stderr():  # a separate process does not inherit the command's
             target, fitted_settings = (
                 start.run(named),
                 fitted(settings, hydra.launcher, len(start.jobs)),

@@ -168,13 +168,13 @@ class DomainSuite:
         reached: set[Hashable] = set()
         number = count()
         waiting: list[tuple[int, int, int, tuple[Node, ...]]] = [(0, 0, next(number), ())]
-        left = self.grown_trees
+        remaining = self.grown_trees
         while waiting:
             *_, chain = heappop(waiting)
             for action in actions:
-                if not left:
+                if not remaining:
                     return
-                left -= 1
+                remaining -= 1
                 longer = (*chain, action)
                 run = self._look(survey, sequence(*longer))
                 if run is None:
@@ -187,8 +187,8 @@ class DomainSuite:
 
     def _visit(self, survey: Survey) -> None:
         """Runs `own_trees` in further worlds until everything is reached."""
-        domain, own = survey.domain, [*self.own_trees(survey.domain)]
-        trees = [run.tree for run in survey.runs if run.tree in own]
+        domain, own_trees = survey.domain, [*self.own_trees(survey.domain)]
+        trees = [run.tree for run in survey.runs if run.tree in own_trees]
         for n in range(self.more_episodes if trees else 0):
             seed, tree = SEEDS[0] + 1 + n // len(trees), trees[n % len(trees)]
             if not any(unreached(survey)):

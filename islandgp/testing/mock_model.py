@@ -1,7 +1,7 @@
 """A mock of a language model: rules over the prompt's text, with noise and faults. No model.
 
 It reads nothing but the prompt, as a model does, so that the whole path can be measured
-without one. Rules of Tables 7 and 8 choose a phase and a target; where informed prompts tell
+without one. Rules of Tables 7 and 8 choose a phase and a target; where informed prompts contain
 fates and traces, it goes by them. Its results do not predict those of a real model.
 """
 
@@ -125,8 +125,8 @@ def _tree(
     shown = system.partition("## Examples")[2].partition("\n## ")[0]
     examples = _EXAMPLE.findall(shown)
     target = _target(state, [name for name, _ in examples], user, rng, guess)
-    own = [tree for names, tree in examples if target in names.split(", ")]
-    first = parse((own or [tree for _, tree in examples])[0])
+    matching = [tree for names, tree in examples if target in names.split(", ")]
+    first = parse((matching or [tree for _, tree in examples])[0])
     most = _LIMITS.search(system)
     limits = Limits(int(most[1]), int(most[2])) if most else Limits(8, 50)
     ideas = [first]
@@ -148,8 +148,8 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
     """An edit that adds an example's first branch for the rarest behaviour to the first tree."""
     shown = system.partition("## Examples")[2].partition("\n## ")[0]
     examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(shown)]
-    lacking = _URGENT.findall(user)
-    fit = [tree for names, tree in examples if lacking and lacking[0] in names]
+    rarest = _URGENT.findall(user)
+    fit = [tree for names, tree in examples if rarest and rarest[0] in names]
     tree = (fit or [tree for _, tree in examples])[rng.integers(max(1, len(fit)))]
     match = _PARENT.search(user)
     edit = {
@@ -157,7 +157,7 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
         "of": match[1] if match else "",
         "at": "",
         "branch": to_text(tree.children[0] if tree.children else tree),
-        "reason": f"Mock answer: {lacking[0] if lacking else 'nothing'} is lacking.",
+        "reason": f"Mock answer: {rarest[0] if rarest else 'nothing'} is lacking.",
     }
     return {"reasoning": "Mock answer.", "edits": [edit]}
 
@@ -170,12 +170,12 @@ def _target(
     guess: bool,
 ) -> str:
     """The rarest behaviour, or another one if trees for it have died out DIED times."""
-    lacking: list[str] = state["behaviours"]["lacking"]
+    rarest: list[str] = state["behaviours"]["lacking"]
     if guess:
-        known = [*lacking, *(t for names in named for t in names.split(", ") if t)]
+        known = [*rarest, *(t for names in named for t in names.split(", ") if t)]
         return known[rng.integers(len(known))]
-    few = 0.1 * state["parameters"]["population"]
-    missing = [name for name in lacking if state["doing"][name] < few]
+    rare_below = 0.1 * state["parameters"]["population"]
+    missing = [name for name in rarest if state["doing"][name] < rare_below]
     died = _FATE.findall(user)
     alive = [name for name in missing if died.count(name) < DIED]
     return (alive or missing or ["integration"])[0]

@@ -192,8 +192,8 @@ class _Handler(BaseHTTPRequestHandler):
         headers: Mapping[str, str] | None = None,
     ) -> None:
         self.send_response(status)
-        own = {"content-type": kind, "content-length": str(length)}
-        for name, value in {**own, **(headers or {})}.items():
+        standard_headers = {"content-type": kind, "content-length": str(length)}
+        for name, value in {**standard_headers, **(headers or {})}.items():
             self.send_header(name, value)
         self.end_headers()
 

@@ -133,11 +133,14 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
 
 def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
     """Shares of the run's evaluated edits, in [0, 1]."""
-    tried = [fate for fate in fates if fate.trial is not None]
-    if tried:
-        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in tried) / len(tried)
-        yield "run/edits_with_children", sum(fate.children > 0 for fate in tried) / len(tried)
-        yield "run/edits_lived", sum(fate.lived for fate in tried) / len(tried)
+    evaluated = [fate for fate in fates if fate.trial is not None]
+    if evaluated:
+        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in evaluated) / len(evaluated)
+        yield (
+            "run/edits_with_children",
+            sum(fate.children > 0 for fate in evaluated) / len(evaluated),
+        )
+        yield "run/edits_lived", sum(fate.lived for fate in evaluated) / len(evaluated)
 
 
 def _decisions(decisions: Decisions) -> Iterator[tuple[str, float]]:

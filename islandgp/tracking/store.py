@@ -176,14 +176,14 @@ class Store:
         self, key: str, name: str, *, command: str, started: int, tags: Mapping[str, str]
     ) -> str:
         """Creates a run with the key `key` and returns its id. `started`: ms since 1970."""
-        own = {
+        standard_tags = {
             KEY: key,
             "mlflow.user": getuser(),
             "mlflow.source.type": "LOCAL",
             "mlflow.source.name": command,
         }
         run = self.client.create_run(
-            self.experiment, start_time=started, tags={**tags, **own}, run_name=name
+            self.experiment, start_time=started, tags={**tags, **standard_tags}, run_name=name
         )
         return str(run.info.run_id)
 
@@ -265,7 +265,7 @@ def _client(place: Place, preparing: Preparing) -> MlflowClient:
     preparing("loading MLflow")
     from mlflow.tracking import MlflowClient
 
-    if place.file is not None and not there(place.file):
+    if place.file is not None and not has_data(place.file):
         preparing(f"making {place.file}")
     created = place.file is not None and _make(place.file)
     preparing("")
@@ -279,7 +279,7 @@ def _client(place: Place, preparing: Preparing) -> MlflowClient:
 
 ACCOUNT: Final = ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD")
 
-_own: Final[dict[str, str | None]] = {}
+_user_values: Final[dict[str, str | None]] = {}
 """The user's own values of these variables, while those of an address take their place."""
 
 
@@ -291,26 +291,26 @@ def _authenticate(place: Place) -> None:
     name, _, password = place.credentials.partition(":")
     if name not in ("", HIDDEN):  # hidden where the address was read from a run's folder
         for variable, value in zip(ACCOUNT, (unquote(name), unquote(password)), strict=True):
-            _own.setdefault(variable, os.environ.get(variable))
+            _user_values.setdefault(variable, os.environ.get(variable))
             os.environ[variable] = value
         return
-    for variable, before in _own.items():
+    for variable, before in _user_values.items():
         if before is None:
             os.environ.pop(variable, None)
         else:
             os.environ[variable] = before
-    _own.clear()
+    _user_values.clear()
 
 
 def _make(file: Path) -> bool:
     """Makes the SQLite file if there is none: whole, and by one process. Whether it did."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    if there(file):
+    if has_data(file):
         return False
     from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
     with FileLock(file.with_name(f".{file.stem}.lock")):
-        if there(file):
+        if has_data(file):
             return True
         new = file.with_name(f".{file.stem}.new")
         new.unlink(missing_ok=True)
@@ -321,6 +321,6 @@ def _make(file: Path) -> bool:
     return True
 
 
-def there(file: Path) -> bool:
+def has_data(file: Path) -> bool:
     """True if there is a SQLite file that is not empty."""
     return file.exists() and file.stat().st_size > 0

@@ -184,13 +184,15 @@ class _Scene:
         return [look, round((x - self.x) / self.unit), round((y - self.y) / self.unit)]
 
     def _movers(self, movers: Sequence[Sequence[Thing]]) -> list[dict[str, Any]]:
-        ways = [[(thing.x, thing.y) for thing in mover] for mover in movers]
+        paths = [[(thing.x, thing.y) for thing in mover] for mover in movers]
         encoded = []
-        for place, (way, mover) in enumerate(zip(ways, movers, strict=True)):
-            first = ways.index(way)  # movers with equal positions share them
+        for place, (path_points, mover) in enumerate(zip(paths, movers, strict=True)):
+            first = paths.index(path_points)  # movers with equal positions share them
             looks = changes((form, size, text) for form, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
-            encoded.append({"way": first if first < place else self._way(way), "looks": looks})
+            encoded.append(
+                {"way": first if first < place else self._way(path_points), "looks": looks}
+            )
         return encoded
 
     def _way(self, places: Sequence[tuple[float, float]]) -> list[int]:

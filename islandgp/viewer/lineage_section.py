@@ -27,8 +27,8 @@ def lineage_section(view: RunView) -> Iterator[str]:
     yield '<ol class="lineage">'
     if len(steps) > first + last:
         yield from (_item(view, step, most) for step in steps[:first])
-        left = len(steps) - first - last
-        yield f'<li class="gap">{left:,} trees between these are not shown.</li>'
+        hidden = len(steps) - first - last
+        yield f'<li class="gap">{hidden:,} trees between these are not shown.</li>'
         steps = steps[-last:]
     yield from (_item(view, step, most) for step in steps)
     yield "</ol>"

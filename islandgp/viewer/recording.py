@@ -228,25 +228,27 @@ class Camera:
 
     def film(self, ticks: int, schema: Schema) -> SceneTrack:
         """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
-        left = [ItemSpan(thing, since, ticks) for (thing, _), since in self._present.items()]
+        open_spans = [ItemSpan(thing, since, ticks) for (thing, _), since in self._present.items()]
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
-        film = SceneTrack(
+        track = SceneTrack(
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
             fixed=self._fixed,
-            items=tuple(sorted([*self._gone, *left], key=lambda item: (item.begin, item.thing))),
+            items=tuple(
+                sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.thing))
+            ),
             movers=self._columns(ticks),
             frames=tuple(self._frames),
         )
-        _must_be_numbers("the bounds of a scene", film.bounds)
-        places = chain.from_iterable(thing[1:4] for thing in film.things())
+        _must_be_numbers("the bounds of a scene", track.bounds)
+        places = chain.from_iterable(thing[1:4] for thing in track.things())
         _must_be_numbers("the places and sizes of things", places)
-        if unknown := film.forms() - schema.forms.keys():
+        if unknown := track.forms() - schema.forms.keys():
             known = ", ".join(schema.forms) or "none"
             raise DomainError(
                 f"Expected things of the schema's forms ({known}), found {min(unknown)!r} in a"
                 " scene; declare it among the forms."
             )
-        return film
+        return track
 
     def _columns(self, ticks: int) -> tuple[tuple[Thing, ...], ...]:
         """Each mover at each tick. Raises DomainError where their number changes."""

@@ -79,11 +79,11 @@ def frame(recording: Recording, tick: int) -> Group:
     return Group(Text(title, "bold"), side)
 
 
-def _map(recording: Recording, film: SceneTrack, tick: int) -> Text:
+def _map(recording: Recording, track: SceneTrack, tick: int) -> Text:
     """The world as letters; later things are drawn over earlier ones."""
     from rich.text import Text
 
-    left, low, right, top = film.bounds
+    left, low, right, top = track.bounds
     width, height = right - left or 1.0, top - low or 1.0
     columns = max(1, round(COLUMNS * min(1.0, width / height)))
     rows = max(1, round(ROWS * min(1.0, height / width)))
@@ -96,10 +96,10 @@ def _map(recording: Recording, film: SceneTrack, tick: int) -> Text:
             row = min(rows - 1, max(0, int((top - y) / height * rows)))
             cells[row][column] = (drawn.sign[0], f"{drawn.colour}{style}")
 
-    for thing in (*film.fixed, *(s.thing for s in film.items if s.begin <= tick < s.end)):
+    for thing in (*track.fixed, *(s.thing for s in track.items if s.begin <= tick < s.end)):
         put(thing.form, thing.x, thing.y)
-    for mover in film.movers:
-        style = " bold reverse" if mover is film.movers[-1] else " bold"
+    for mover in track.movers:
+        style = " bold reverse" if mover is track.movers[-1] else " bold"
         put(mover[tick].form, mover[tick].x, mover[tick].y, style)
     return Text("\n").join(Text.assemble(*((sign, style) for sign, style in row)) for row in cells)
 

@@ -34,7 +34,7 @@ MOST_TICKS = 4_000
 def machine_of(tree: Node) -> Machine:
     """A machine with the island's words, that may do any work."""
     machine = Machine(tree, VOCABULARY, BoardSets(VOCABULARY.keys))
-    machine.left = 10**9
+    machine.steps_left = 10**9
     return machine
 
 
@@ -198,6 +198,6 @@ def test_no_proofs(text: str, action: str, condition: str) -> None:
 def test_work_is_bounded() -> None:
     """A machine with no steps left refuses to go on."""
     machine = machine_of(parse("parallel { PatrolWaypoint SeekCharger }"))
-    machine.left = 3
+    machine.steps_left = 3
     with pytest.raises(SpentError):
         list(moves(machine, None, [0.0] * 5))

@@ -92,8 +92,8 @@ def test_a_tier_may_say_which_one_it_is_better_than(others: dict[str, str], orde
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        (between(a="b", b="a"), "a.better_than: expected a tier with a place of its own, found b"),
-        (between(a="a"), "a.better_than: expected a tier with a place of its own, found a"),
+        (between(a="b", b="a"), "a.better_than: expected no cycle, found b"),
+        (between(a="a"), "a.better_than: expected no cycle, found a"),
         (between(a="x"), "a.better_than: expected one of a, b, c, found 'x'"),
         ({"tiers": {"a": row("a")}, "milestones": ["a"]}, "expected an end, found a needs a"),
         (

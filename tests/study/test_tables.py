@@ -24,7 +24,7 @@ from islandgp.study.table import (
     to_csv,
 )
 from islandgp.study.tables import claims
-from islandgp.study.tables.claims import found, verdict
+from islandgp.study.tables.claims import comparison_verdict, verdict
 from islandgp.study.tables.comparisons import difference
 from islandgp.study.writing import to_markdown, to_page
 
@@ -145,7 +145,7 @@ def test_alike_is_said_within_a_margin_only(
     second = tuple(100.0 + 10 * k for k in range(len(differences)))
     first = tuple(a + b for a, b in zip(second, differences, strict=True))
     f = examine(TABLE_9[0], ("a", "b"), (first, second), 41, in_pairs=True)
-    assert found(f, margin) == expected
+    assert comparison_verdict(f, margin) == expected
 
 
 @pytest.mark.parametrize(

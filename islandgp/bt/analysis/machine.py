@@ -51,7 +51,7 @@ class BranchMemory(NamedTuple):
 class RepeaterMemory(NamedTuple):
     """Memory of a running repeater."""
 
-    left: float  # ends of its child that count, still to come, >= 1
+    remaining: float  # ends of its child that count, still to come, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
@@ -85,7 +85,7 @@ class Machine:
 
     def __init__(self, tree: Node, vocabulary: Vocabulary, sets: BoardSets) -> None:
         self.sets = sets
-        self.left = 0  # steps that may still be done; see `spend`
+        self.steps_left = 0  # steps that may still be done; see `spend`
         self.nodes: list[Node] = []
         self.children: list[tuple[int, ...]] = []
         self.above: list[int] = []  # the place of the node above each node; of the root: -1
@@ -151,9 +151,9 @@ class Machine:
         return self._targets[place, kept]
 
     def spend(self, steps: int = 1) -> None:
-        """Counts work. Raises SpentError when `left` does not allow it."""
-        self.left -= steps
-        if self.left < 0:
+        """Counts work. Raises SpentError when `steps_left` does not allow it."""
+        self.steps_left -= steps
+        if self.steps_left < 0:
             raise SpentError
 
     # How a node can end a tick
@@ -221,8 +221,8 @@ class Machine:
         if kind.later:
             return NO_BOARD, NO_BOARD, ANY_BOARD
         if kind.counts is not None:
-            left, inner = self.repetition(place, memory)
-            return repeated(self.sets, node, self.now(children[0], inner), last=left == 1)
+            remaining, inner = self.repetition(place, memory)
+            return repeated(self.sets, node, self.now(children[0], inner), last=remaining == 1)
         if kind.decorates:
             return turned(self.sets, node, self.now(children[0], memory))
         if isinstance(node.args, ParallelArgs):
@@ -296,8 +296,8 @@ class Machine:
             assert isinstance(memory, BranchMemory)
             return self._aimed_branch(place, memory, target)
         if kind.counts is not None:
-            left, inner = self.repetition(place, memory)
-            return repeated(self.sets, node, self.aimed(child, inner, target), last=left == 1)
+            remaining, inner = self.repetition(place, memory)
+            return repeated(self.sets, node, self.aimed(child, inner, target), last=remaining == 1)
         inside = self.aimed(child, memory, target)
         if node.guard is None:
             return turned(self.sets, node, inside)

@@ -118,11 +118,11 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
         why = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
         return RuleResult(rule, "unknown", why)
-    machine.left = steps
+    machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
 
 
-class _Way(NamedTuple):
+class _MemoryOrigin(NamedTuple):
     """The origin of a memory."""
 
     before: Memory | None
@@ -139,14 +139,14 @@ def _explored(
 ) -> RuleResult:
     """Searches for a tick that breaks the rule, after the shortest sequences of ticks first."""
     cells, whole = _cells(machine)
-    ways: dict[Memory | None, _Way | None] = {None: None}
+    origins: dict[Memory | None, _MemoryOrigin | None] = {None: None}
     waiting: deque[Memory | None] = deque([None])
     doubtful = False
     try:
         while waiting:
             memory = waiting.popleft()
-            way = ways[memory]
-            near = () if way is None else way.board
+            origin = origins[memory]
+            near = () if origin is None else origin.board
             for place in places:
                 target = machine.target(place, kept=False)
                 boards = machine.sets.both(machine.reach(memory, target), forbidden)
@@ -158,7 +158,7 @@ def _explored(
                         machine.nodes[0],
                         vocabulary,
                         rule,
-                        [*_back(ways, memory), (board, move.calls)],
+                        [*_back(origins, memory), (board, move.calls)],
                     )
                     return RuleResult(
                         rule,
@@ -170,17 +170,19 @@ def _explored(
                 doubtful = True
             for board in cells:
                 for move in moves(machine, memory, board):
-                    if move.memory not in ways:
-                        ways[move.memory] = _Way(memory, board, move.calls)
+                    if move.memory not in origins:
+                        origins[move.memory] = _MemoryOrigin(memory, board, move.calls)
                         waiting.append(move.memory)
     except SpentError:
-        why = f"neither proven nor refuted in {len(ways):,} states of the tree; give more --steps"
+        why = (
+            f"neither proven nor refuted in {len(origins):,} states of the tree; give more --steps"
+        )
         return RuleResult(rule, "unknown", why)
     if doubtful or not whole or not machine.sets.exact:
         why = "neither proven nor refuted: its conditions distinguish too many blackboards"
         return RuleResult(rule, "unknown", why)
     return RuleResult(
-        rule, "proven", f"no tick breaks it in any of {len(ways):,} states of the tree"
+        rule, "proven", f"no tick breaks it in any of {len(origins):,} states of the tree"
     )
 
 
@@ -200,13 +202,13 @@ def _picked(sets: BoardSets, cells: Sequence[Boards]) -> list[list[float]]:
 
 
 def _back(
-    ways: dict[Memory | None, _Way | None], memory: Memory | None
+    origins: dict[Memory | None, _MemoryOrigin | None], memory: Memory | None
 ) -> list[tuple[Sequence[float], ActionCalls]]:
     """The blackboards and calls that lead to a memory, oldest first."""
     steps = []
-    while (way := ways[memory]) is not None:
-        steps.append((way.board, way.calls))
-        memory = way.before
+    while (origin := origins[memory]) is not None:
+        steps.append((origin.board, origin.calls))
+        memory = origin.before
     return steps[::-1]
 
 

@@ -63,7 +63,7 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
 
 
 class _Comment(NamedTuple):
-    """A comment on a line of its own."""
+    """A comment on a separate line."""
 
     text: str  # with its #
     blank_before: bool  # after a blank line

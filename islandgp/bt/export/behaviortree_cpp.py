@@ -165,7 +165,7 @@ def to_xml(
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
     Args:
-        tree: what to write; each `Used` in it becomes a tree of its own in the file.
+        tree: what to write; each `Used` in it becomes a separate tree in the file.
         vocabulary: its actions and keys.
         plain: only nodes of the library; `losses` lists the differences.
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.

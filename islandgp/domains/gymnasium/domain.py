@@ -38,7 +38,7 @@ def environment(name: str, options: str, render: bool) -> Any:
         render: whether pictures will be asked for.
     """
     with warnings.catch_warnings():
-        # Importing Box2D warns of its own types; where warnings are errors, it crashes.
+        # Importing Box2D emits warnings about its types; where warnings are errors, it crashes.
         warnings.simplefilter("ignore")
         import gymnasium
 
@@ -94,10 +94,10 @@ class Gymnasium(Stepped):
             drawn = environment(world.environment, dumps(world.options), True)
             return rendering.without_shadows(drawn) if mujoco else drawn
         except Exception as error:  # Gymnasium and environments raise anything
-            what = rendering.import_fault(str(error)) or " ".join(str(error).split())
+            reason = rendering.import_fault(str(error)) or " ".join(str(error).split())
             raise ConfigError(
                 f"world.environment: expected one that gymnasium.make knows, found"
-                f" {world.environment!r}: {what}"
+                f" {world.environment!r}: {reason}"
             ) from error
 
     def begin(self, seed: int, log: EventLog, *, watched: bool) -> tuple[Any, Mapping[str, Leaf]]:

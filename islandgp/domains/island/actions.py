@@ -113,16 +113,16 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
     robot, points, lead = island.robot, island.world.clearing_points, inf
     if fresh:
         robot.clearing_point, lead = _nearest(island, points)
-    here = robot.clearing_point
-    if drive(island, *points[here], robot.settings.station_reach, lead) == RUNNING:
+    target = robot.clearing_point
+    if drive(island, *points[target], robot.settings.station_reach, lead) == RUNNING:
         return RUNNING
     island.same_for(lead / 2)  # then another clearing point may be the nearest
     if robot.load > 0:
         island.act(IslandEvent.DELIVERY, robot.load)
         robot.load = 0
         return SUCCESS
-    if robot.fined_at != here:
-        robot.fined_at = here
+    if robot.fined_at != target:
+        robot.fined_at = target
         island.act(IslandEvent.EMPTY_DELIVERY, 1)
     return FAILURE
 
@@ -186,10 +186,10 @@ def _pursue(island: State, at: complex, gap: float) -> None:
         island.aim = at
         island.aim_end = island.step + AIM_EVERY
     robot.drive_to(island.aim.real, island.aim.imag, 0.0)
-    there = steps_to(abs(island.aim - here) - robot.stride, robot.stride)
+    aim_steps = steps_to(abs(island.aim - here) - robot.stride, robot.stride)
     room = min(gap - people.settings.reach, robot.settings.perception - gap)
-    met = steps_to(room, robot.stride + island.walk)
-    island.wake_at(min(island.aim_end, island.step + min(there, met)))
+    meeting_steps = steps_to(room, robot.stride + island.walk)
+    island.wake_at(min(island.aim_end, island.step + min(aim_steps, meeting_steps)))
 
 
 def _load(island: State, items: int) -> int:

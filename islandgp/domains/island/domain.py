@@ -51,10 +51,10 @@ class Island:
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
         """Raises ConfigError where obstacles do not fit, DomainError where an action lacks."""
-        if lacking := self.schema.vocabulary.actions.keys() - self.actions.keys():
+        if missing := self.schema.vocabulary.actions.keys() - self.actions.keys():
             raise DomainError(
                 f"Expected a function in {type(self).__name__}.actions for each action of its"
-                f" schema, found none for {min(lacking)}; add it."
+                f" schema, found none for {min(missing)}; add it."
             )
         obstacles(world)
         self.world = world

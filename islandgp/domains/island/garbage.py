@@ -76,14 +76,14 @@ class Ground:
     def items(self) -> list[complex]:
         """Positions of all items, x + iy in metres, in the order of their appearance."""
         places = zip(self.places.x, self.places.y, self.there, strict=True)
-        return [complex(x, y) for x, y, there in places if there]
+        return [complex(x, y) for x, y, is_present in places if is_present]
 
     def nearest(self, x: float, y: float) -> tuple[int, float, float]:
         """The nearest item around, and the metres to it and to the next (-1, inf: no item)."""
         best, least, second = -1, inf, inf
-        xs, ys, there = self.places.x, self.places.y, self.there
+        xs, ys, present = self.places.x, self.places.y, self.there
         for item in self.places.around(x, y):
-            if not there[item]:
+            if not present[item]:
                 continue
             dx, dy = xs[item] - x, ys[item] - y
             square = dx * dx + dy * dy

@@ -85,14 +85,14 @@ def _look(island: State) -> tuple[int, int]:
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
     square = robot.sight
     in_sight, new = 0, 0
-    places, there, seen = ground.places, ground.there, ground.seen
+    places, present, seen = ground.places, ground.there, ground.seen
     xs, ys, cell = places.x, places.y, places.cell
     (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
     border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     last, change, back = 0.0, min(border_x, border_y) + robot.stride, inf
     for item in places.near[(int(row) + 1) * places.columns + int(column) + 1]:
-        if not there[item]:
+        if not present[item]:
             continue
         dx, dy = xs[item] - x, ys[item] - y
         gap = dx * dx + dy * dy

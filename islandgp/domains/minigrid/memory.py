@@ -102,15 +102,15 @@ class Memory:
         """
         if start & ends:
             return []
-        left, layers = self.free & self.seen & ~start, [start]
+        unvisited, layers = self.free & self.seen & ~start, [start]
         while True:
-            layer = self.around(layers[-1]) & left
+            layer = self.around(layers[-1]) & unvisited
             if not layer:
                 return None
             if neighbours := layer & ends:
                 break
             layers.append(layer)
-            left &= ~layer
+            unvisited &= ~layer
         way = [neighbours & -neighbours]
         for layer in layers[:0:-1]:
             neighbours = self.around(way[-1]) & layer

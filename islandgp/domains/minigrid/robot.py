@@ -157,10 +157,10 @@ class GridRobot:
 
     def Explore(self) -> Skill:
         before = self.memory.seen
-        way = self.memory.way(self.here, self.memory.frontier)
-        if way is None:
+        path = self.memory.way(self.here, self.memory.frontier)
+        if path is None:
             return False
-        for place in way:
+        for place in path:
             yield from self._step_onto(place)
             if self.memory.seen != before:
                 return True
@@ -193,10 +193,10 @@ class GridRobot:
         return False
 
     def _go(self, ends: int) -> Skill:
-        way = self.memory.way(self.here, ends)
-        if way is None:
+        path = self.memory.way(self.here, ends)
+        if path is None:
             return False
-        for place in way:
+        for place in path:
             yield from self._step_onto(place)
             if self.here != place:
                 return False

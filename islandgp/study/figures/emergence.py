@@ -175,8 +175,8 @@ def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawin
 def _at_risk(axes: Axes, last: int, firsts: Firsts, how: drawing.Style, row: int) -> None:
     """Below the axes: how many runs had none before a tick's generation."""
     for tick in sorted({round(last * k / 4) for k in range(5)}):
-        left = sum(g is None or g >= tick for g in firsts)
-        _below(axes, tick, TOP - ROW * (row + 1), str(left), how.colour, ha="center")
+        at_risk = sum(g is None or g >= tick for g in firsts)
+        _below(axes, tick, TOP - ROW * (row + 1), str(at_risk), how.colour, ha="center")
 
 
 def _below(axes: Axes, x: float, y: float, text: str, colour: str, *, ha: str) -> None:

@@ -25,10 +25,10 @@ def lineage(study: Comparison) -> drawing.Picture | None:
     for i, arm in enumerate(study.arms):
         all_newcomers = [n for run in arm.runs for n in newcomers(run)]
         for k, origin in enumerate((Origin.INJECTED, Origin.RANDOM, Origin.EDITED)):
-            mine = [n for n in all_newcomers if n.origin == origin]
-            if mine:
-                label = f"{drawing.plain(arm.name)}: {origin.value} (n = {len(mine):,})"
-                curves.append((label, i, k, alive(mine, study.generations - 1)))
+            of_origin = [n for n in all_newcomers if n.origin == origin]
+            if of_origin:
+                label = f"{drawing.plain(arm.name)}: {origin.value} (n = {len(of_origin):,})"
+                curves.append((label, i, k, alive(of_origin, study.generations - 1)))
     if not curves:
         return None
 
@@ -110,8 +110,8 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
 
 def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
     for arm, how in drawing.looks(study):
-        if mine := champions[arm.name]:
-            trained, unseen = [g.trained or 0.0 for g in mine], [g.unseen for g in mine]
+        if points := champions[arm.name]:
+            trained, unseen = [g.trained or 0.0 for g in points], [g.unseen for g in points]
             axes.scatter(trained, unseen, s=22, label=drawing.named(arm), **drawing.dots(how))
     axes.xaxis.set_major_formatter(drawing.THOUSANDS)
     axes.set(title="(b) Against training", xlabel="Fitness in training, one episode (points)")

@@ -57,11 +57,14 @@ def components_table(study: Comparison) -> Table:
     rows = [
         [
             ("Component", title(name)),
-            *((a, spread(*mean_sd([r.components[name] for r in own]))) for a, own in champions),
+            *(
+                (a, spread(*mean_sd([r.components[name] for r in records])))
+                for a, records in champions
+            ),
         ]
         for name in champions[0][1][0].components
     ]
-    total = [(arm, spread(*mean_sd([r.fitness for r in own]))) for arm, own in champions]
+    total = [(arm, spread(*mean_sd([r.fitness for r in records]))) for arm, records in champions]
     return Table.of(
         "components",
         "Fitness of the champions by component (points)",
@@ -158,7 +161,7 @@ def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
         return NONE
     pairs = zip(arm.runs, _series(arm), strict=True)
     return signed_interval(
-        mean_interval([fmean(own) - fmean(best[run.seed]) for run, own in pairs])
+        mean_interval([fmean(series) - fmean(best[run.seed]) for run, series in pairs])
     )
 
 

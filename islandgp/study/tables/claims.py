@@ -37,7 +37,7 @@ def claims_table(
     margins: Mapping[str, float],
 ) -> Table:
     """One row a claim, the first arm standing for the paper's proposed system."""
-    own = [finding(findings, claim.measure, arms) for claim in paper.claims]
+    claim_findings = [finding(findings, claim.measure, arms) for claim in paper.claims]
     rows = (
         [
             ("Claim", claim.text),
@@ -47,7 +47,7 @@ def claims_table(
             (f"{MARK} p BH", probability(claim.p_bh)),
             ("verdict", verdict(claim.direction, f, margins.get(claim.measure))),
         ]
-        for claim, f in zip(paper.claims, own, strict=True)
+        for claim, f in zip(paper.claims, claim_findings, strict=True)
     )
     return Table.of(
         "claims",
@@ -55,7 +55,7 @@ def claims_table(
         rows,
         (
             note("reading"),
-            families_note(own),
+            families_note(claim_findings),
             note("claims", first=arms[0], second=arms[1], level=LEVEL),
             paper.footnote,
         ),
@@ -73,7 +73,7 @@ def questions_table(
             *estimate_cells(f),
             *test_cells(f),
             ("margin", NONE if (m := margins.get(f.measure.key)) is None else f"±{m:,g}"),
-            ("verdict", found(f, m)),
+            ("verdict", comparison_verdict(f, m)),
         ]
         for f in findings
     )
@@ -99,7 +99,7 @@ def primary_table(f: Finding, margin: float | None) -> Table:
         (f"pairs: {a} lower : equal : higher", pairs),
         ("test", test_name(f)),
         ("p, not adjusted", tested(f.test)),
-        ("verdict", found(f, margin, f.test.p)),
+        ("verdict", comparison_verdict(f, margin, f.test.p)),
     ]
     return Table.of(
         "primary",
@@ -147,11 +147,11 @@ def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
             return f"agrees: alike within ±{margin:,g}"
         return f"differs: {_side(f)}, shown" if shown else UNDECIDED
     if not shown:
-        return found(f, margin)
+        return comparison_verdict(f, margin)
     return "agrees, shown" if (f.shift.estimate > 0) == (direction > 0) else "opposite, shown"
 
 
-def found(f: Finding, margin: float | None, p: float | None = None) -> str:
+def comparison_verdict(f: Finding, margin: float | None, p: float | None = None) -> str:
     """The verdict of a test on two arms; `p` replaces the adjusted p-value."""
     if f.never:
         return NEVER

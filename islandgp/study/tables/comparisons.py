@@ -69,7 +69,7 @@ def rank_cells(f: Finding) -> Row:
     yield "r", effect(f.rank.r)
 
 
-def _ours(f: Finding) -> Row:
+def _result_cells(f: Finding) -> Row:
     """Mean and deviation of each arm, and how they differ."""
     for arm, sample in zip(f.arms, f.numbers, strict=True):
         yield arm, spread(*mean_sd(sample), DIGITS[f.measure.unit])
@@ -133,12 +133,19 @@ def _table(
     paper: PublishedFigures | None,
     first: str,
     known: Mapping[str, T] | None,
-    theirs: Cells[T],
+    published_cells: Cells[T],
     more: tuple[str, ...] = (),
 ) -> Table:
-    """A row for each measure; `first` heads the first column, `theirs` are the paper's columns."""
+    """A row for each measure; `first` heads the first column.
+
+    `published_cells` are the paper's columns.
+    """
     rows = (
-        [(first, f.measure.label), *_ours(f), *published(known, f.measure.key, theirs)]
+        [
+            (first, f.measure.label),
+            *_result_cells(f),
+            *published(known, f.measure.key, published_cells),
+        ]
         for f in findings
     )
     notes = (note("signs"), families_note(findings), *more, *footnotes(paper))

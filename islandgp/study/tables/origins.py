@@ -27,17 +27,17 @@ def lineage_table(study: Comparison) -> Table:
     for arm in study.arms:
         trees = [n for run in arm.runs for n in lineage.newcomers(run)]
         for origin in (*lineage.ADVISED, Origin.RANDOM):
-            if mine := [n for n in trees if n.origin == origin]:
-                life = lineage.median_life(mine, study.generations)
+            if newcomers := [n for n in trees if n.origin == origin]:
+                life = lineage.median_life(newcomers, study.generations)
                 elite = fmean(lineage.elite_share(run, origin) for run in arm.runs)
-                alive_later = lineage.alive(mine, LATER + 1)[LATER]
+                alive_later = lineage.alive(newcomers, LATER + 1)[LATER]
                 row = {
                     "Arm and origin": f"{arm.name}: {origin.value}",
-                    "newcomers": number(len(mine)),
-                    "mean fitness on arrival": number(fmean(n.fitness for n in mine)),
+                    "newcomers": number(len(newcomers)),
+                    "mean fitness on arrival": number(fmean(n.fitness for n in newcomers)),
                     "median generations lived": "not reached" if life is None else str(life),
                     f"alive after {LATER} generations": f"{alive_later:.0%}",
-                    "mean descendants": number(fmean(n.descendants for n in mine), 1),
+                    "mean descendants": number(fmean(n.descendants for n in newcomers), 1),
                     "share of the final elite": f"{elite:.0%}",
                 }
                 rows.append(row.items())
@@ -54,9 +54,9 @@ def edits_table(study: Comparison) -> Table | None:
     rows = []
     for arm in study.arms:
         fates = [fate for run in arm.runs for fate in edit_fates(run.records)]
-        tried = [fate for fate in fates if fate.trial is not None]
-        if tried:
-            gains = [fate.gain or 0.0 for fate in tried]
+        evaluated = [fate for fate in fates if fate.trial is not None]
+        if evaluated:
+            gains = [fate.gain or 0.0 for fate in evaluated]
             row = {
                 "Arm": arm.name,
                 "advised": number(len(fates)),
@@ -64,8 +64,8 @@ def edits_table(study: Comparison) -> Table | None:
                 "better than the tree before": f"{sum(g > 0 for g in gains) / len(gains):.0%}",
                 "worse": f"{sum(g < 0 for g in gains) / len(gains):.0%}",
                 "median gain": number(median(gains)),
-                "became a parent": f"{sum(f.children > 0 for f in tried) / len(tried):.0%}",
-                "mean generations lived": number(fmean(f.lived for f in tried), 1),
+                "became a parent": f"{sum(f.children > 0 for f in evaluated) / len(evaluated):.0%}",
+                "mean generations lived": number(fmean(f.lived for f in evaluated), 1),
             }
             rows.append(row.items())
     return Table.of("edits", "What became of edits", rows, (note("edits"),)) if rows else None
@@ -119,7 +119,9 @@ def champion_sources_table(study: Comparison) -> Table:
         rows.append((source, *cells))
     rates = [cell for arm in study.arms for cell in _base_rates(arm)]
     rows.append(("for comparison: population with an injected ancestor", *rates))
-    columns = [f"{a.name}: {what}" for a in study.arms for what in ("best (runs)", "final elite")]
+    columns = [
+        f"{a.name}: {column}" for a in study.arms for column in ("best (runs)", "final elite")
+    ]
     return Table(
         "champion-sources",
         "Where champions come from",

@@ -107,11 +107,11 @@ def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
         reasons.append(note("no-scale"))
     worlds = list(dict.fromkeys(row.world for row in rows if row.world != ALL_WORLDS))
     have = {(row.world, row.arm) for row in rows}
-    lacking = {
+    missing_worlds = {
         arm: [world for world in worlds if (world, arm) not in have]
         for arm in dict.fromkeys(row.arm for row in rows)
     }
-    for arm, missing in lacking.items():
+    for arm, missing in missing_worlds.items():
         if missing:
             reasons.append(note("lacking", arm=arm, worlds=", ".join(missing)))
     return reasons

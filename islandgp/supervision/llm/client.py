@@ -119,12 +119,12 @@ class AnthropicClient:
         self, sdk: anthropic.AsyncAnthropic, request: Request, seconds: float
     ) -> Reply | Failure:
         """An attempt that ends at the deadline."""
-        begun = [] if self._transport is None else ["transport"]  # it emits no events
-        BEGUN.set(begun)
+        events = [] if self._transport is None else ["transport"]  # it emits no events
+        BEGUN.set(events)
         try:
             return await asyncio.wait_for(self._attempt(sdk, request), seconds)
         except TimeoutError:
-            if begun:
+            if events:
                 return _late(seconds)
             return Failure(FailureKind.UNREACHABLE, f"no connection within {seconds:g} s")
 

@@ -154,7 +154,7 @@ def _http(transport: httpx2.AsyncBaseTransport | None) -> httpx2.AsyncClient:
             response.stream = Bounded(response.stream)
 
     async def watch(request: httpx2.Request) -> None:
-        begun = BEGUN.get()
+        events = BEGUN.get()
 
         async def note(event: str, info: dict[str, Any]) -> None:
             # CONNECT is the request to a proxy, before the actual request.
@@ -162,7 +162,7 @@ def _http(transport: httpx2.AsyncBaseTransport | None) -> httpx2.AsyncClient:
                 event.endswith("send_request_headers.started")
                 and info["request"].method != b"CONNECT"
             ):
-                begun.append(event)
+                events.append(event)
 
         request.extensions["trace"] = note
 

@@ -97,7 +97,7 @@ const points = value => {
   return /[1-9]/.test(text) ? text : text.replace("-", "");  // no -0
 };
 
-// A colour of the style sheet, by name; read anew when the theme changes.
+// A colour of the style sheet, by name; read again when the theme changes.
 const colours = {};
 function colour(name) {
   return colours[name] ??= getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();

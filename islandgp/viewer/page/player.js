@@ -158,16 +158,16 @@ const player = (() => {
   timeline.canvas.addEventListener("pointerdown", scrub);
   timeline.canvas.addEventListener("pointermove", scrub);
 
-  const anew = () => {
+  const redrawAll = () => {
     for (const name of Object.keys(colours)) delete colours[name];
     tree.room();
     timeline.room();
     tree.place();
     stale = true;
   };
-  const sizes = new ResizeObserver(anew);
+  const sizes = new ResizeObserver(redrawAll);
   for (const element of [document.body, tree.svg, ...document.querySelectorAll("canvas")]) sizes.observe(element);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", anew);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redrawAll);
 
   one("facts").textContent = [episode.domain, `seed ${episode.seed}`, `stage ${episode.stage}`,
     `${timeText(Number(episode.seconds.toPrecision(4)))}, ended by ${episode.ending}`,
@@ -179,7 +179,7 @@ const player = (() => {
   speed(SPEEDS.find(value => seconds(episode.ticks) / value <= 60) ?? SPEEDS[SPEEDS.length - 1]);
   if (asked.has("t")) seek(Math.round(Number(asked.get("t")) / episode.step));
   if (asked.has("play")) { if (SPEEDS.includes(Number(asked.get("play")))) speed(Number(asked.get("play"))); play(true); }
-  anew();
+  redrawAll();
   requestAnimationFrame(now => { before = now; frame(now); });
   return {state, play, seek, speed, step, follow};
 })();

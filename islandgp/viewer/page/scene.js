@@ -92,7 +92,7 @@ const scene = (() => {
   const FILLED = ["circle", "square", "diamond"];
   const FONT = 'system-ui, "DejaVu Sans", sans-serif';
 
-  // A short text stands on a thing that is large enough, any other beside it.
+  // A short text is drawn on its thing if that is large enough, otherwise beside it.
   function write(c, {form, text}, x, y, r) {
     if (!text) return;
     c.textBaseline = "middle";

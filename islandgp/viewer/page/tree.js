@@ -83,7 +83,7 @@ const tree = (() => {
         lit[place - 1] = on;
       }
     }
-    tellWhy(now);
+    showWhy(now);
     reveal();
   }
 
@@ -101,15 +101,15 @@ const tree = (() => {
 
   // What the robot does now: the running actions, each with the nodes that lead to it.
   const why = document.getElementById("why");
-  let told = null;
-  function tellWhy(tick) {
+  let lastKey = null;
+  function showWhy(tick) {
     const acting = [];
     episode.nodes.forEach((node, place) => {
       if (node.kind === "action" && status(place, tick, 0) !== "." && status(place, tick, 0) !== "x") acting.push(place);
     });
     const key = acting.map(place => place + status(place, tick, 0)).join();
-    if (key === told) return;
-    told = key;
+    if (key === lastKey) return;
+    lastKey = key;
     const paths = acting.map(place => {
       const above = [];
       for (let at = episode.nodes[place].parent; at > 0; at = episode.nodes[at].parent) {
