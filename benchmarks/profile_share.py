@@ -27,10 +27,13 @@ BATCH: Final = {Effort.TINY: 10, Effort.QUICK: 30, Effort.FULL: 30}  # episodes 
 
 PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     # name: what it is, and what "path:function" in it holds
-    "engine": ("Chipmunk's steps, and the loop around them", ("island/space.py:run",)),
+    "engine": (
+        "Chipmunk's steps, and the loop around them",
+        ("island/space.py:run", "island/compiled.py:run"),
+    ),
     "sensing": (
         "sensing, and when to sense again",
-        ("island/sensing.py", "island/garbage.py"),
+        ("island/sensing.py", "island/garbage.py", "island/compiled.py:look"),
     ),
     "tree": ("the tree and its actions", ("islandgp/bt/", "island/actions.py")),
     "time": (
