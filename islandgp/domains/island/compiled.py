@@ -134,7 +134,7 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
         k.THERE: ground.there, k.SEEN: ground.seen, k.FIRST: first, k.MEMBERS: members,
         k.ROCK: rocks,
     }  # fmt: skip
-    n, f = array("q", bytes(8 * (k.ROCK + 1))), array("d", bytes(8 * (k.HUMANOID_RADIUS + 1)))
+    n, f = array("q", bytes(8 * (k.QUIET + 1))), array("d", bytes(8 * (k.HUMANOID_RADIUS + 1)))
     for place, held in arrays.items():
         n[place] = engine.data_address(held)
     n[k.PEOPLE], n[k.COLUMNS] = len(people.items), ground.places.columns

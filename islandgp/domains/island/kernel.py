@@ -5,10 +5,10 @@ humanoids turn, and looks show nothing new. It stops before any other look, whic
 so it may look too early, but never too late, and outcomes are the same to the last bit.
 
 While no body can touch anything, each moves on a straight line. Such steps are left to additions,
-the same that Chipmunk makes. Chipmunk makes at least SETTLE steps before each contact, and has
-forgotten former contacts by then. The order in which it solves several contacts of one body
-depends on the steps before. So a body with two contacts at once sets CROWDED, and the episode is
-repeated with every step.
+the same that Chipmunk makes. Chipmunk makes at least SETTLE steps after each contact, and has
+forgotten it by then. The order in which it solves several contacts of one body depends on the
+steps before. So a body with two contacts at once sets CROWDED, and the episode is repeated with
+every step.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, NEW, DRIVING = range(7)
 PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(7, 13)
 SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(13, 20)
 ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(20, 30)
-# FLIES: steps may be left out; CLEAR: no contact before
-# this step, as of the step CHECKED; ROCKS: how many; ROCK: x, y, r.
-FLIES, CLEAR, CHECKED, CROWDED, ROCKS, ROCK = range(30, 36)
+# FLIES: steps may be left out; CLEAR: no contact before this step, as of the step CHECKED; ROCKS:
+# how many; ROCK: x, y, r of each; QUIET: steps of Chipmunk since the last contact.
+FLIES, CLEAR, CHECKED, CROWDED, ROCKS, ROCK, QUIET = range(30, 37)
 # Places of numbers: the robot's heading, and settings.
 HEADING_X, HEADING_Y, DT, PERCEPTION, SIGHT, STRIDE, WALK, CELL, TOLERANCE = range(9)
 SIDE, ROBOT_RADIUS, HUMANOID_RADIUS = range(9, 12)
-SETTLE = 5  # steps of Chipmunk before a contact; it forgets a contact after three
+SETTLE = 4  # steps of Chipmunk after a contact, which it forgets after three
 
 DOUBLE, ADDRESS = ir.DoubleType(), ir.IntType(8).as_pointer()
 
@@ -230,8 +230,11 @@ def too_fast(body, dt, stride):
 
 @njit
 def clear_steps(n, f):
-    """Steps, less SETTLE, before which no body can touch anything; 0: one may; -1: crowded."""
-    bodies, slack = ints(n[BODIES]), f[TOLERANCE]
+    """Steps in which no body can touch anything; -1: one touches two things.
+
+    A contact now sets QUIET, the number of steps since the last one, to 0.
+    """
+    bodies, slack, touches = ints(n[BODIES]), f[TOLERANCE], 0
     x, y = position(n[ROBOT])
     least, touched = fixed_gap(n, f, x, y, f[ROBOT_RADIUS])
     steps = (least - slack) / f[STRIDE]
@@ -245,11 +248,14 @@ def clear_steps(n, f):
             fixed += 1
         if fixed > 1:
             return -1
+        touches += fixed
         steps = min(steps, (least - slack) / f[WALK], (gap - slack) / (f[STRIDE] + f[WALK]))
         fast = fast or too_fast(bodies[h], f[DT], f[WALK])
     if touched > 1:
         return -1
-    return 0 if fast else max(0, int(min(steps, n[FAR])) - SETTLE)
+    if touched or touches:
+        n[QUIET] = 0
+    return 0 if fast else max(0, int(min(steps, n[FAR])))
 
 
 @njit
@@ -272,7 +278,7 @@ def move(n, f, step, stop):
         if n[FLIES] and n[CLEAR] <= step and n[CHECKED] != step:
             n[CLEAR] = step + clear_steps(n, f)
             n[CHECKED] = step
-        if step < n[CLEAR]:
+        if step < n[CLEAR] and n[QUIET] >= SETTLE:
             steps = min(stop, n[CLEAR]) - step
             fly(n[ROBOT], f[DT], steps)
             for h in range(n[PEOPLE]):
@@ -281,6 +287,7 @@ def move(n, f, step, stop):
             continue
         step_space(n[SPACE], f[DT])
         step += 1
+        n[QUIET] += 1
         if n[FLIES]:
             clear = clear_steps(n, f)
             n[CLEAR], n[CHECKED] = step + clear, step
