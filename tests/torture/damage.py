@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from islandgp.records.manifest import MADE_AGAIN
+from islandgp.records.manifest import RESTORABLE
 from tests.torture.lab import QUICK, SLOW, Lab, assert_refused, communicate, start, under_way
 
 FILES: Final = ("generations.jsonl", "config.yaml", "about.json", "lineage.csv", "summary.json")
@@ -50,7 +50,7 @@ def finished_run(lab: Lab) -> None:
             sound = (run / name).read_bytes()
             damage(run / name)
             done = lab.run(home, *QUICK)
-            if damage is Path.unlink and name in MADE_AGAIN:
+            if damage is Path.unlink and name in RESTORABLE:
                 assert done.code == 0, done
                 assert (run / name).read_bytes() == sound
                 continue
