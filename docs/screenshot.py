@@ -16,7 +16,8 @@ from PIL import Image  # matplotlib brings it
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.commands.setting import Chosen, tree_in_domain  # noqa: E402 -- from this checkout
+from islandgp.commands.options import Chosen  # noqa: E402 -- from this checkout
+from islandgp.commands.setting import tree_in_domain  # noqa: E402 -- from this checkout
 from islandgp.viewer.page import page  # noqa: E402
 from islandgp.viewer.recording import record  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402

@@ -1,4 +1,4 @@
-"""`islandgp best`: the best trees of a finished run or sweep, in worlds that chose nothing."""
+"""`islandgp best`: the best trees of a finished run or sweep, in unseen worlds."""
 
 from __future__ import annotations
 
@@ -6,35 +6,40 @@ import json
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN, write_text
-from islandgp.commands.trust_options import with_trust_options
+from islandgp.commands.options import with_trust_options
+from islandgp.commands.tables import Column, print_table, standard_output
 from islandgp.errors import ConfigError, RunError
-from islandgp.evaluation.base import Job
-
-if TYPE_CHECKING:
-    from islandgp.commands.tables import Column
-    from islandgp.evaluation.base import Evaluator
-    from islandgp.evolution.validation import Candidate
-    from islandgp.records.folder import RunFolder
-    from islandgp.scoring.classes import Classes
-    from islandgp.scoring.constraints import Constraints
+from islandgp.evaluation.base import Evaluator, Problem, evaluated
+from islandgp.evaluation.perturbation import recorded_perturbation
+from islandgp.evaluation.processes import Processes, cores
+from islandgp.evolution.validation import Candidate, candidates, validate, validation_seeds
+from islandgp.intervals import interval
+from islandgp.records.folder import RunFolder
+from islandgp.scoring.classes import Classes, tiers
+from islandgp.scoring.constraints import Constraints, feasible_share, recorded_constraints
+from islandgp.seeding import Stream
+from islandgp.study.comparable import TASK
+from islandgp.study.library import reference_trees
+from islandgp.text import title
 
 TIMEOUT: Final = 600.0  # s that an episode may take
 EFFORT: Final = 20
-"""Episodes of the race for each of --worlds."""
+"""Episodes of successive halving for each of --worlds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
     """A tree in the test worlds."""
 
-    name: str  # what it is
+    name: str
     mean: float  # points, mean over the worlds
     low: float  # 95 % interval of the mean
     high: float
@@ -42,7 +47,7 @@ class Row:
     difference: float  # points, mean of the paired differences to the first row
     difference_low: float  # its 95 % interval
     difference_high: float
-    evolved: bool  # it is a run's, not the library's
+    evolved: bool  # False: a tree of the library
     tree: str
     feasible: float | None = None  # share of the worlds in which it keeps all constraints
     perturbed: float | None = None  # points, mean over the worlds after their perturbation
@@ -83,35 +88,29 @@ def command(
     library's reference trees are then evaluated in test worlds, which were used neither for
     training nor for selection.
     """
-    from islandgp.evaluation.base import Problem
-    from islandgp.evaluation.perturbation import recorded_perturbation
-    from islandgp.evaluation.processes import Processes, cores
-
     runs = _finished(run)
-    problem = Problem.recorded(runs[0].configuration())
-    with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
+    config = runs[0].configuration()
+    processes = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
+    with closing(processes(Problem.recorded(config))) as evaluator:
         rows, test = _rows(runs, evaluator, tier, worlds)
-    if recorded_perturbation(runs[0].configuration()) is not None:
-        problem = Problem.recorded(runs[0].configuration(), perturbed=True)
-        with closing(Processes(problem, workers or cores(), episode_timeout=TIMEOUT)) as evaluator:
-            rows = _robust(rows, evaluator, test)
+    if recorded_perturbation(config) is not None:
+        with closing(processes(Problem.recorded(config, perturbed=True))) as evaluator:
+            rows = _with_perturbed(rows, evaluator, test)
     if output is not None:
         write_text(output, rows[0].tree)
     if as_json:
-        click.echo(json.dumps([_plain(row) for row in rows], indent=2))
+        plain = [{k: v for k, v in asdict(row).items() if v is not None} for row in rows]
+        click.echo(json.dumps(plain, indent=2))
     elif output != STDIN:
         _print(rows, worlds)
 
 
-def _plain(row: Row) -> dict[str, Any]:
-    """As JSON has it, without what only runs with constraints or perturbed worlds have."""
-    return {name: value for name, value in asdict(row).items() if value is not None}
-
-
 def _finished(path: Path) -> list[RunFolder]:
-    """The run in a folder, or those of the sweep. Raises RunError where there is none."""
-    from islandgp.records.folder import RunFolder
+    """The run in a folder, or those of the sweep.
 
+    Raises:
+        RunError: there is none, or the points of two runs cannot be compared.
+    """
     one = RunFolder(path)
     below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
     runs = [run for run in ([one] if one.finished() else below) if run.finished()]
@@ -121,45 +120,29 @@ def _finished(path: Path) -> list[RunFolder]:
         click.echo(
             f"islandgp: left out, as they are not finished: {', '.join(unfinished)}", err=True
         )
-    for run in runs:
-        _must_be_alike(runs[0], run)
+    first = runs[0].configuration()
+    for run in runs[1:]:
+        config = run.configuration()
+        for group in sorted({*TASK, "constraints", "perturb"}):
+            if (first.get(group) or {}) != (config.get(group) or {}):
+                raise RunError(
+                    f"Expected runs with one {group}, found that {runs[0].path.name} and"
+                    f" {run.path.name} differ in it; give a run's own folder."
+                )
     return runs
-
-
-def _must_be_alike(first: RunFolder, other: RunFolder) -> None:
-    """Raises RunError where points are not worth the same in two runs."""
-    from islandgp.study.comparable import TASK
-
-    a, b = first.configuration(), other.configuration()
-    groups = sorted({*TASK, "constraints", "perturb"})
-    if differ := [group for group in groups if (a.get(group) or {}) != (b.get(group) or {})]:
-        raise RunError(
-            f"Expected runs with one {differ[0]}, found that {first.path.name} and"
-            f" {other.path.name} differ in it; give a run's own folder."
-        )
 
 
 def _rows(
     runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
 ) -> tuple[list[Row], UnseenWorlds]:
-    """The race's winner first, the others by falling mean in validation worlds; and the test."""
-    from islandgp.evolution.validation import validate, validation_seeds
-    from islandgp.intervals import interval
-    from islandgp.scoring.classes import Classes, tiers
-    from islandgp.scoring.constraints import feasible_share, recorded_constraints
-    from islandgp.seeding import Stream
-    from islandgp.study.library import reference_trees
-
+    """The winner first, the others by falling mean in validation worlds; and the test worlds."""
     config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
     constraints = recorded_constraints(config)
-    if len(runs) == 1:
-        contenders = _robots(runs[0], classes, tier, constraints)
-    else:
-        contenders = _best_robots(runs, tier)
-    used = frozenset(world for run in runs for world in _used(run))
+    contenders = _candidates(runs, classes, tier, constraints)
+    used = frozenset(world for run in runs for world in _used_worlds(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
     race = validation_seeds(seed, used, EFFORT * worlds)
     finalists = validate(
@@ -172,28 +155,26 @@ def _rows(
         constraints=constraints,
     )
     test = validation_seeds(seed, used.union(race), worlds, Stream.TEST)
-    trees: dict[str, tuple[str, bool]] = {}
+    names: dict[str, str] = {}  # of the run's or sweep's trees
     for candidate, _ in finalists[:3]:
-        trees.setdefault(candidate.tree, (candidate.id, True))
+        names.setdefault(candidate.tree, candidate.id)
     if len(runs) == 1:
         champion = runs[0].summary()["champion"]["record"]
-        name, _ = trees.get(champion["tree"], (champion["id"], True))
-        trees[champion["tree"]] = (f"{name}, the run's best robot", True)
-    for name, text in reference_trees(config).items():
-        trees.setdefault(text, (f"library: {name}", False))
-    outcomes = evaluator.evaluate([Job(tree, stage, world) for tree in trees for world in test])
+        name = names.get(champion["tree"], champion["id"])
+        names[champion["tree"]] = f"{name}, the run's best robot"
+    library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
+    labels = {**names, **{tree: name for tree, name in library.items() if tree not in names}}
+    outcomes = evaluated(evaluator, list(labels), stage, test)
     rows = []
-    for k, (tree, (name, evolved)) in enumerate(trees.items()):
-        episodes = outcomes[k * worlds : (k + 1) * worlds]
+    for (tree, label), episodes in zip(labels.items(), outcomes, strict=True):
         reached = [tiers(outcome, classes) for outcome in episodes]
+        pairs = zip(episodes, outcomes[0], strict=True)
         row = Row(
-            name,
+            label,
             *interval([outcome.fitness for outcome in episodes]),
             {m: fmean(m in r for r in reached) for m in classes.milestones},
-            *interval(
-                [a.fitness - b.fitness for a, b in zip(episodes, outcomes[:worlds], strict=True)]
-            ),
-            evolved,
+            *interval([own.fitness - first.fitness for own, first in pairs]),
+            tree in names,
             tree,
             feasible_share([o.counters for o in episodes], constraints) if constraints else None,
         )
@@ -201,10 +182,8 @@ def _rows(
     return rows, UnseenWorlds(stage, test)
 
 
-def _robust(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
-    """The rows with what the trees earn in the test worlds after their perturbation."""
-    from islandgp.evaluation.base import evaluated
-
+def _with_perturbed(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
+    """The rows with the trees' points in the test worlds after their perturbation."""
     outcomes = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
     points = [[outcome.fitness for outcome in own] for own in outcomes]
     return [
@@ -213,26 +192,19 @@ def _robust(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> li
     ]
 
 
-def _robots(
-    run: RunFolder, classes: Classes, tier: str, constraints: Constraints
+def _candidates(
+    runs: Sequence[RunFolder], classes: Classes, tier: str, constraints: Constraints
 ) -> list[Candidate]:
-    """All trees of a run's last stage."""
-    from islandgp.evolution.validation import candidates
-
-    records = list(run.records())
-    everyone = sum(len(record["individuals"]) for record in records)
-    trees = candidates(
-        records, classes, most=everyone, top=everyone, tier=tier, constraints=constraints
-    )
-    if not trees:
-        raise RunError(f"Expected {tier} robots in the last stage of {run.path}, found none.")
-    return trees
-
-
-def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
-    """The best robot of each run."""
-    from islandgp.evolution.validation import Candidate
-
+    """All trees of a run's last stage, or the best robot of each run of a sweep."""
+    if len(runs) == 1:
+        records = list(runs[0].records())
+        n = sum(len(record["individuals"]) for record in records)
+        trees = candidates(records, classes, most=n, top=n, tier=tier, constraints=constraints)
+        if not trees:
+            raise RunError(
+                f"Expected {tier} robots in the last stage of {runs[0].path}, found none."
+            )
+        return trees
     if tier:
         raise ConfigError("--tier: expected a run's own folder with it, found a sweep's")
     best: dict[str, Candidate] = {}
@@ -245,8 +217,8 @@ def _best_robots(runs: Sequence[RunFolder], tier: str) -> list[Candidate]:
     return list(best.values())
 
 
-def _used(run: RunFolder) -> Iterator[int]:
-    """The worlds that trained a run's trees or chose among them."""
+def _used_worlds(run: RunFolder) -> Iterator[int]:
+    """The worlds of a run's training and validation."""
     for record in run.checked_records():
         yield from record["worlds"]
     if (validation := run.summary()["champion"]["validation"]) is not None:
@@ -254,46 +226,33 @@ def _used(run: RunFolder) -> Iterator[int]:
 
 
 def _print(rows: Sequence[Row], worlds: int) -> None:
-    from islandgp.commands.tables import Column, print_table, standard_output
-    from islandgp.text import title
+    def column(heading: str, form: str, name: str) -> list[Column]:
+        """A column of numbers, if the rows have them."""
+        values: list[Any] = [getattr(row, name) for row in rows]
+        return [] if None in values else [Column(heading, [form.format(v) for v in values])]
 
-    others = [
+    differences = [
         f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"
         for row in rows[1:]
     ]
     console = standard_output()
-    print_table(
-        console,
-        [
-            Column("tree", tuple(row.name for row in rows), right=False),
-            Column("points", tuple(f"{row.mean:,.0f}" for row in rows)),
-            Column("95 % interval", tuple(f"[{row.low:,.0f}, {row.high:,.0f}]" for row in rows)),
-            *(
-                Column(title(tier), tuple(f"{row.reached[tier]:.0%}" for row in rows))
-                for tier in rows[0].reached
-            ),
-            *(
-                [Column("constraints kept", tuple(f"{row.feasible:.0%}" for row in rows))]
-                if rows[0].feasible is not None
-                else []
-            ),
-            *_robust_columns(rows),
-            Column("to the first", ("", *others)),
-        ],
-    )
+    columns = [
+        Column("tree", [row.name for row in rows], left=True),
+        *column("points", "{:,.0f}", "mean"),
+        Column("95 % interval", [f"[{row.low:,.0f}, {row.high:,.0f}]" for row in rows]),
+        *(
+            Column(title(tier), [f"{row.reached[tier]:.0%}" for row in rows])
+            for tier in rows[0].reached
+        ),
+        *column("constraints kept", "{:.0%}", "feasible"),
+        *column("perturbed", "{:,.0f}", "perturbed"),
+        *column("worst", "{:,.0f}", "perturbed_worst"),
+        Column("to the first", ["", *differences]),
+    ]
+    print_table(console, columns)
     if rows[0].perturbed is not None:
         console.print("\nPerturbed: mean and worst in the same worlds after their perturbation.")
     console.print(
         f"\nMeans over {worlds} test worlds of the last stage;"
         " training and selection used other worlds."
     )
-
-
-def _robust_columns(rows: Sequence[Row]) -> Iterator[Column]:
-    """Mean and worst of the perturbed worlds, if the runs have such."""
-    from islandgp.commands.tables import Column
-
-    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
-        points = [getattr(row, name) for row in rows]
-        if None not in points:
-            yield Column(heading, tuple(f"{value:,.0f}" for value in points))

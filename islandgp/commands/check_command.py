@@ -15,8 +15,9 @@ from islandgp.bt.core.language import parse, plain, tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called, folder_of, read_text
+from islandgp.commands.options import Chosen, with_vocabulary_options
 from islandgp.commands.rerun import with_rerun_option
-from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
+from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import LimitError, OtherDomainError, TreeError, UnknownNameError
 
 CODES: Final[dict[type[TreeError], str]] = {

@@ -12,7 +12,7 @@ import click
 import yaml
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
-from islandgp.commands.trust_options import with_trust_options
+from islandgp.commands.options import with_trust_options
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def command(
 ) -> None:
     """Compare arms of runs: the paper's tables, figures and statistics.
 
-    Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and keeps
+    Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and logs
     them as an MLflow run.
     """
     from islandgp.evaluation.processes import Processes, cores

@@ -17,7 +17,8 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.render import label
 from islandgp.commands.files import FILE, called, folder_of, read_text
-from islandgp.commands.setting import Chosen, vocabulary_of, with_vocabulary_options
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import DomainError
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from islandgp.commands.files import FOLDER, unusable
-from islandgp.commands.trust_options import with_trust_options
+from islandgp.commands.options import with_trust_options
 from islandgp.errors import StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.study.distill import Case, Shape, distil, report_lines
@@ -33,7 +33,7 @@ from islandgp.trust import must_trust_code
     type=click.IntRange(1),
     default=4,
     show_default=True,
-    help="Least decisions in a leaf.",
+    help="Minimum number of decisions in a leaf.",
 )
 @with_trust_options
 def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:

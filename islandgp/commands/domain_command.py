@@ -19,15 +19,8 @@ from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.bt.core.parameters import described, signature
 from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
-from islandgp.commands.setting import (
-    Chosen,
-    configured,
-    default_domain,
-    domain_file,
-    settings_of,
-    with_domain_options,
-    with_timeout_option,
-)
+from islandgp.commands.options import Chosen, with_domain_options, with_timeout_option
+from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
 from islandgp.domain import Domain, Schema
 from islandgp.errors import IslandError
 from islandgp.plugin import short_repr

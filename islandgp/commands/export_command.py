@@ -12,7 +12,8 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
 from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
-from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import read_in_domain
 
 FORMATS: Final = ("json", "btcpp", "pytrees")
 _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}

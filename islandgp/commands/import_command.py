@@ -12,12 +12,8 @@ from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.setting import (
-    Chosen,
-    default_domain,
-    vocabulary_of,
-    with_vocabulary_options,
-)
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
 
 FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}

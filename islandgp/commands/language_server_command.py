@@ -10,12 +10,8 @@ from pathlib import Path
 import click
 
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.commands.setting import (
-    Chosen,
-    configured_domains,
-    vocabulary_of,
-    with_vocabulary_options,
-)
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import configured_domains, vocabulary_of
 from islandgp.errors import ConfigError
 
 

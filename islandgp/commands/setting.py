@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache, wraps
-from math import isnan
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
-
-import click
+from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.core.language import domain_of, domain_place, parse, plain
 from islandgp.commands.files import called, folder_of, read_text
+from islandgp.commands.options import Chosen, EpisodeOptions
 from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
@@ -24,104 +21,13 @@ if TYPE_CHECKING:
     from islandgp.bt.core.vocabulary import Vocabulary
     from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Problem
+    from islandgp.viewer.recording import Recording
 
 _QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
 """Parts that no episode needs: the ones that are quick to load."""
 
 _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
-
-
-_DOMAIN_OPTIONS: Final = (
-    click.option(
-        "--config-dir",
-        type=click.Path(exists=True, file_okay=False),
-        help="Folder with your configuration, in addition to the project's.",
-    ),
-    click.option(
-        "--set",
-        "overrides",
-        multiple=True,
-        metavar="KEY=VALUE",
-        help="Override of the configuration, as for a run, e.g. --set domain=NAME."
-        " Default: the domain that the tree's file names, or the project's.",
-    ),
-)
-_VOCABULARY_OPTION: Final = click.option(
-    "--vocabulary",
-    "declaration",
-    type=click.Path(exists=True, dir_okay=False),
-    help="Vocabulary of a robot that is not configured here: JSON of `islandgp domain --json`,"
-    " or BehaviorTree.CPP XML with a TreeNodesModel.",
-)
-
-
-@dataclass(frozen=True, slots=True)
-class Chosen:
-    """The options of a command that choose the domain."""
-
-    overrides: tuple[str, ...]
-    config_dir: str | None
-    declaration: str | None = None  # a file that declares the words instead
-
-
-def with_domain_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --set and --config-dir, which the command gets as `chosen`, a `Chosen`."""
-
-    @wraps(command)
-    def runs(
-        *,
-        overrides: tuple[str, ...],
-        config_dir: str | None,
-        declaration: str | None = None,
-        **arguments: Any,
-    ) -> None:
-        command(chosen=Chosen(overrides, config_dir, declaration), **arguments)
-
-    for option in _DOMAIN_OPTIONS:
-        runs = option(runs)
-    return runs
-
-
-def with_vocabulary_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --vocabulary besides: `vocabulary_of` and `read_in_domain` read it."""
-    return with_domain_options(_VOCABULARY_OPTION(command))
-
-
-with_stage_option = click.option(
-    "--stage",
-    type=click.IntRange(1),
-    help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
-)
-"""Adds --stage: `stage_index` reads it."""
-
-TIMEOUT: Final = 30.0  # s
-
-
-class NotNegative(click.FloatRange):
-    """A number of at least 0; "nan" is none."""
-
-    def __init__(self) -> None:
-        super().__init__(min=0)
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """The number. Raises click.BadParameter."""
-        number = super().convert(value, param, ctx)
-        if isnan(number):
-            self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
-        return float(number)
-
-
-with_timeout_option = click.option(
-    "--timeout",
-    type=NotNegative(),
-    default=TIMEOUT,
-    show_default=True,
-    help="Time limit of an episode in seconds; 0: none.",
-)
-"""Adds --timeout, in seconds."""
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
@@ -153,6 +59,19 @@ def tree_in_domain(file: str, chosen: Chosen) -> tuple[Node, Settings, Problem]:
     problem = settings.problem()
     tree = parse(text, problem.domain.schema.vocabulary, name=name, folder=folder_of(file))
     return tree, settings, problem
+
+
+def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
+    """The recording of an episode of the tree in a file, in the world of `seed`.
+
+    Raises:
+        IslandError: as `tree_in_domain` and `viewer.recording.record`.
+    """
+    from islandgp.viewer.recording import record
+
+    tree, settings, problem = tree_in_domain(file, episode.chosen)
+    stage = stage_index(settings, episode.stage)
+    return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
 
 
 def settings_of(text: str, chosen: Chosen, *, name: str) -> Settings:

@@ -10,7 +10,8 @@ from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import domain_of, to_text
 from islandgp.bt.core.node import size
 from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
-from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import read_in_domain
 
 
 @click.command()

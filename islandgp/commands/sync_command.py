@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.commands.trust_options import with_trust_options
+from islandgp.commands.options import with_trust_options
 from islandgp.errors import TrackingError, brief
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place

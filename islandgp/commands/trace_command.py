@@ -7,15 +7,8 @@ from math import inf
 import click
 
 from islandgp.commands.files import FILE
-from islandgp.commands.setting import (
-    Chosen,
-    NotNegative,
-    stage_index,
-    tree_in_domain,
-    with_domain_options,
-    with_stage_option,
-    with_timeout_option,
-)
+from islandgp.commands.options import EpisodeOptions, NotNegative, with_episode_options
+from islandgp.commands.setting import recorded
 
 
 @click.command()
@@ -24,19 +17,9 @@ from islandgp.commands.setting import (
 @click.option(
     "--from", "begin", type=NotNegative(), default=0.0, help="Start of the timeline, in s."
 )
-@click.option("--to", "end", type=NotNegative(), default=inf, help="End of it, in s.")
-@with_domain_options
-@with_stage_option
-@with_timeout_option
-def command(
-    file: str,
-    seed: int,
-    begin: float,
-    end: float,
-    chosen: Chosen,
-    stage: int | None,
-    timeout: float,
-) -> None:
+@click.option("--to", "end", type=NotNegative(), default=inf, help="End of the timeline, in s.")
+@with_episode_options
+def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOptions) -> None:
     """Run the tree in FILE in one world and show the ticks of each node.
 
     After each node: the share of ticks in which it was ticked, and how often it
@@ -47,12 +30,9 @@ def command(
         raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
     from rich.console import Console
 
-    from islandgp.viewer.recording import record
     from islandgp.viewer.trace import components, courses, drawn, timeline
 
-    tree, settings, problem = tree_in_domain(file, chosen)
-    index = stage_index(settings, stage)
-    recording = record(tree, problem, seed=seed, stage=index, limit=timeout)
+    recording = recorded(file, seed, episode)
     console = Console(soft_wrap=True, highlight=False)
     outcome = recording.outcome
     console.print(

@@ -12,13 +12,8 @@ import click
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.printer import number_text
 from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.setting import (
-    Chosen,
-    settings_of,
-    stage_index,
-    with_domain_options,
-    with_stage_option,
-)
+from islandgp.commands.options import Chosen, with_domain_options, with_stage_option
+from islandgp.commands.setting import settings_of, stage_index
 from islandgp.errors import IslandError
 
 if TYPE_CHECKING:

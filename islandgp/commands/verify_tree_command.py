@@ -15,7 +15,8 @@ from islandgp.bt.core.node import STATUS_NAMES, Node, walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, called
-from islandgp.commands.setting import Chosen, read_in_domain, with_vocabulary_options
+from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.setting import read_in_domain
 
 STATUSES: Final = {**dict(enumerate(STATUS_NAMES)), ABORTED: "aborted"}
 SHOWN: Final = 12  # ticks of a counterexample, the last ones

@@ -11,7 +11,7 @@ from typing import Final
 
 import click
 
-from islandgp.commands.trust_options import with_trust_options
+from islandgp.commands.options import with_trust_options
 from islandgp.errors import RunError
 
 STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')

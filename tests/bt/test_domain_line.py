@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.editor.format import format_text
-from islandgp.commands.setting import Chosen, vocabulary_of
+from islandgp.commands.options import Chosen
+from islandgp.commands.setting import vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
 from tests.profiles import examples

@@ -1,0 +1,148 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from math import isnan
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from islandgp.trust import EVERYTHING, trust, trust_folder, trusting
+
+Command = Callable[..., None]
+Decorator = Callable[[Command], Command]
+
+TIMEOUT: Final = 30.0  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """The options of a command that choose the domain."""
+
+    overrides: tuple[str, ...]
+    config_dir: str | None
+    declaration: str | None = None  # a file that declares the vocabulary instead
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeOptions:
+    """The options of a command that runs episodes."""
+
+    chosen: Chosen
+    stage: int | None  # from 1; None: the last
+    timeout: float  # s of an episode; 0: none
+
+
+class NotNegative(click.FloatRange):
+    """A number of at least 0; "nan" is none."""
+
+    def __init__(self) -> None:
+        super().__init__(min=0)
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """The number. Raises click.BadParameter."""
+        number = super().convert(value, param, ctx)
+        if isnan(number):
+            self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
+        return float(number)
+
+
+def grouped(name: str, kind: type, *options: Decorator) -> Decorator:
+    """A decorator that adds options to a command, which gets their values as one argument.
+
+    Args:
+        name: of the argument.
+        kind: dataclass whose fields are named like the options' values.
+        *options: Click's decorators.
+    """
+
+    def decorate(command: Command) -> Command:
+        @wraps(command)
+        def runs(**arguments: Any) -> None:
+            names = [field.name for field in fields(kind) if field.name in arguments]
+            command(**{name: kind(**{n: arguments.pop(n) for n in names})}, **arguments)
+
+        decorated: Command = runs
+        for option in options:
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
+
+
+DOMAIN: Final = (
+    click.option(
+        "--config-dir",
+        type=click.Path(exists=True, file_okay=False),
+        help="Folder with your configuration, in addition to the project's.",
+    ),
+    click.option(
+        "--set",
+        "overrides",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Override of the configuration, as for a run, e.g. --set domain=NAME."
+        " Default: the domain that the tree's file names, or the project's.",
+    ),
+)
+VOCABULARY: Final = click.option(
+    "--vocabulary",
+    "declaration",
+    type=click.Path(exists=True, dir_okay=False),
+    help="Vocabulary of a robot that is not configured here: JSON of `islandgp domain --json`,"
+    " or BehaviorTree.CPP XML with a TreeNodesModel.",
+)
+with_stage_option = click.option(
+    "--stage",
+    type=click.IntRange(1),
+    help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
+)
+with_timeout_option = click.option(
+    "--timeout",
+    type=NotNegative(),
+    default=TIMEOUT,
+    show_default=True,
+    help="Time limit of an episode in seconds; 0: none.",
+)
+
+with_domain_options = grouped("chosen", Chosen, *DOMAIN)
+"""Adds --set and --config-dir."""
+with_vocabulary_options = grouped("chosen", Chosen, VOCABULARY, *DOMAIN)
+"""Adds --set, --config-dir and --vocabulary."""
+
+
+def with_episode_options(command: Command) -> Command:
+    """Adds --set, --config-dir, --stage and --timeout, as the argument `episode`."""
+    episode = grouped("episode", EpisodeOptions, with_timeout_option, with_stage_option)
+    return with_domain_options(episode(command))
+
+
+def with_trust_options(command: Command) -> Command:
+    """Adds --config-dir and --trust: code and servers that are trusted during the command."""
+
+    @wraps(command)
+    def runs(*, config_dir: Path | None, trust_all: bool, **arguments: Any) -> None:
+        with trusting():
+            if config_dir is not None:
+                trust_folder(config_dir)
+            if trust_all:
+                trust([EVERYTHING])
+            command(**arguments)
+
+    runs = click.option(
+        "--config-dir",
+        type=click.Path(exists=True, file_okay=False, path_type=Path),
+        help="Folder with your configuration; its classes and servers are trusted.",
+    )(runs)
+    return click.option(
+        "--trust",
+        "trust_all",
+        is_flag=True,
+        help="Trust the classes and servers named in the runs. Their code is executed.",
+    )(runs)
