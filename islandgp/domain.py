@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 from pydantic import BaseModel
 
 from islandgp.bt.core.node import Node
-from islandgp.bt.core.vocabulary import Action, Vocabulary, must_be
+from islandgp.bt.core.vocabulary import Action, Vocabulary, check_entries
 from islandgp.errors import DomainError
 
 
@@ -86,11 +86,11 @@ class Schema:
                     f" none; declare it in its Schema."
                 )
         of_domain = f"of the domain {self.vocabulary.domain}"
-        must_be(str, self.components, f"the component {{}} {of_domain}")
-        must_be(Event, self.events, f"the event {{}} {of_domain}")
-        must_be(Counter, self.counters, f"the counter {{}} {of_domain}")
-        must_be(Form, self.forms, f"the form {{}} {of_domain}")
-        must_be(str, self.endings, f"the ending {{}} {of_domain}")
+        check_entries(str, self.components, f"the component {{}} {of_domain}")
+        check_entries(Event, self.events, f"the event {{}} {of_domain}")
+        check_entries(Counter, self.counters, f"the counter {{}} {of_domain}")
+        check_entries(Form, self.forms, f"the form {{}} {of_domain}")
+        check_entries(str, self.endings, f"the ending {{}} {of_domain}")
         if isinstance(self.habits, str):
             raise DomainError(
                 f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"

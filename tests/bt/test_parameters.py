@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from math import inf, nan
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -105,17 +108,28 @@ def test_wrong_arguments(text: str, message: str) -> None:
         (real("", 1, 1), "low < high"),
         (real("", 0, 1, logarithmic=True), "above 0"),
         (real("", 0, 1, default=2), "default"),
-        (real("", 0, 1, step=0), "step above 0"),
-        (real("", 0, float("inf")), "at most 1,000,000"),
-        (one_of("", ()), "words"),
-        (one_of("", ("both",)), "not a keyword of the language"),
-        (one_of("", ("a", "a")), "different words"),
+        (real("", 0, 1, step=0), "a step from 1e-09 to high - low"),
+        (real("", 0, 1, step=-1), "a step from 1e-09 to high - low"),
+        (real("", 0, 1, step=5), "a step from 1e-09 to high - low"),
+        (real("", 0, 1, step=nan), "a finite number or None as step"),
+        (real("", 0, inf), "a finite number"),
+        (real("", nan, 1), "a finite number"),
+        (real("", "0", 1), "a finite number as low"),
+        (real("", 0, 10**400), "a finite number as high"),
+        (real("", 0, 1, unit=3), "a text as unit"),
+        (whole("", 0, 2**53), "at most 1,000,000"),
+        (whole("", 0, 3, default=inf), "a finite number or a text as default"),
+        (switch("", default=1), "a default of no | yes"),
+        (one_of("", (1, 2)), "tuple[str] as words"),
+        (one_of("", ()), "at least one word"),
+        (one_of("", ("both",)), "not keywords of the language"),
+        (one_of("", ("a", "a")), "at least one word, each once"),
         (3, "real, whole, one_of, switch or text"),
     ],
 )
-def test_wrong_declarations(argument: object, message: str) -> None:
+def test_wrong_declarations(argument: Any, message: str) -> None:
     """A domain's author reads what is wrong, and of which argument."""
-    actions = {"Go": Action("goes", arguments={"v": argument})}  # type: ignore[dict-item]
+    actions = {"Go": Action("goes", arguments={"v": argument})}
     with pytest.raises(DomainError, match="argument v of the action Go") as error:
         Vocabulary("bot", actions, {})
     assert message in str(error.value)

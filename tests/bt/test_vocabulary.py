@@ -5,11 +5,13 @@ from __future__ import annotations
 import pickle
 from dataclasses import replace
 from math import inf, nan
+from typing import Any
 
 import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, leaf
+from islandgp.bt.core.parameters import one_of
 from islandgp.bt.core.vocabulary import (
     NOTHING,
     RESERVED,
@@ -18,6 +20,7 @@ from islandgp.bt.core.vocabulary import (
     Condition,
     Key,
     Vocabulary,
+    enumeration,
     flag,
     integer,
     number,
@@ -59,13 +62,51 @@ def test_a_name_is_either_an_action_or_a_key() -> None:
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "step"),
-    [(5, 5, 1), (6, 5, 1), (0, 5, 0), (0, 5, -1), (nan, 5, 1), (0, nan, 1), (0, inf, 1)],
+    ("entry", "message"),
+    [
+        (number("", 5, 5), "low < high"),
+        (number("", 6, 5), "low < high"),
+        (number("", 0, 2**53), "at most 1,000,000"),
+        (number("", 0, 5, 0), "a step from 1e-09 to high - low"),
+        (number("", 0, 5, -1), "a step from 1e-09 to high - low"),
+        (number("", 0, 5, 1e-300), "a step from 1e-09 to high - low"),
+        (number("", 0, 5, most=-1), "most above low"),
+        (number("", nan, 5), "a finite number as low"),
+        (number("", 0, inf), "a finite number as high"),
+        (number("", 0, 5, most=nan), "a finite number or None as most"),
+        (integer("", 0, 10**400), "a finite number as high"),
+    ],
 )
-def test_a_range_without_numbers_is_refused(low: float, high: float, step: float) -> None:
-    """Random trees could draw no threshold from it."""
-    with pytest.raises(DomainError, match="low < high and step > 0 for the key steps"):
-        Vocabulary("maze", {}, {"steps": Key("", flag=False, low=low, high=high, step=step)})
+def test_a_range_without_thresholds_is_rejected(entry: Key, message: str) -> None:
+    """Random trees could draw no threshold from it, or one that the language cannot write."""
+    with pytest.raises(DomainError, match="the key steps of the domain maze") as error:
+        Vocabulary("maze", {}, {"steps": entry})
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        (["Go"], r"a mapping, name to Action\(...\)"),
+        ({3: Action("")}, "a name of letters"),
+        ({"Go": Action("", statuses=[0])}, r"frozenset\[int\] as statuses"),  # type: ignore[arg-type]
+        ({"Go": Action("", after="Go")}, r"tuple\[str\] as after"),  # type: ignore[arg-type]
+        ({"Go": Action("", to_start=(Condition("wall", "~", 0),))}, "one of is, not with wall"),
+        ({"Go": Action("", changes={"wall": 2})}, "-1 or 1 as the changes"),
+    ],
+)
+def test_an_odd_action_is_rejected(actions: Any, message: str) -> None:
+    """The message names the field and the action."""
+    with pytest.raises(DomainError, match=message):
+        Vocabulary("maze", actions, {"wall": flag("")})
+
+
+@pytest.mark.parametrize("words", ["idle", None, 3])
+def test_words_are_a_list(words: Any) -> None:
+    """A text is not taken for a list of its letters."""
+    for declare in (enumeration, one_of):
+        with pytest.raises(DomainError, match="Expected a list of words"):
+            declare("mode of the robot", words)
 
 
 @pytest.mark.parametrize("before", ["Fly", "Step", "wall"])

@@ -211,10 +211,10 @@ DECLARATIONS = [
     ('"tick": Event("ticks")', '"tick": "ticks"',
      "Expected Event(...) for the event tick of the domain pick_place, found 'ticks'"),
     ("0, 3, most=9)", '"0", 3, most=9)',
-     "Expected numbers as low, high, step, most and noise of the key blocks_left of the domain"
-     " pick_place, found '0', 3, 1.0, 9, 0.0"),
+     "Expected a finite number as low of the key blocks_left of the domain pick_place, found '0'"),
     ('Action("tucks the arm")', 'Action("tucks the arm", statuses=frozenset({"SUCCESS"}))',
-     "Expected statuses among FAILURE, SUCCESS and RUNNING for the action Tuck"),
+     "Expected frozenset[int] as statuses of the action Tuck of the domain pick_place, found"
+     " frozenset({'SUCCESS'})"),
     ('Action("tucks the arm")', 'Action("tucks the arm", changes={"armtucked": 1})',
      "Expected keys of the vocabulary in the conditions and changes of the action Tuck of the"
      " domain pick_place, found 'armtucked'"),

@@ -192,10 +192,10 @@ def test_a_domain_that_declares_nothing() -> None:
     ]
 
 
-@pytest.mark.parametrize("noise", [-1, inf])
-def test_wrong_declarations(noise: float) -> None:
+@pytest.mark.parametrize(("noise", "message"), [(-1, "noise of at least 0"), (inf, "as noise of")])
+def test_wrong_declarations(noise: float, message: str) -> None:
     """Of noise, and of a delay."""
-    with pytest.raises(DomainError, match="Expected noise of at least 0"):
+    with pytest.raises(DomainError, match=message):
         Vocabulary("odd", {"Wait": Action("")}, {"x": number("", 0, 1, noise=noise)})
     words = Vocabulary("odd", {"Wait": Action("")}, {})
     with pytest.raises(DomainError, match="Expected a delay of 0 to"):

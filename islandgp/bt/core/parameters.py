@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from math import inf, isfinite, sqrt
+from math import inf, sqrt
 from typing import Final, Literal
 
+from islandgp.bt.core.field_types import check_fields
 from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.errors import DomainError
 
@@ -22,6 +23,7 @@ NO_YES: Final = ("no", "yes")
 """The words of a flag."""
 
 LARGEST: Final = 1_000_000  # magnitude of a number
+SMALLEST_STEP: Final = 1e-9  # between two random numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,10 @@ def real(
 ) -> Parameter:
     """A number from `low` to `high`; its default is the middle of the range if none is given."""
     if default is None:
-        default = sqrt(low * high) if logarithmic and low > 0 else (low + high) / 2
+        try:
+            default = sqrt(low * high) if logarithmic and low > 0 else (low + high) / 2
+        except (TypeError, OverflowError):  # the vocabulary reports the range
+            default = 0.0
     return Parameter(meaning, "number", default, low, high, step, logarithmic, (), unit)
 
 
@@ -76,8 +81,18 @@ def whole(
 
 def one_of(meaning: str, words: Collection[str], default: str | None = None) -> Parameter:
     """One of a few words; its default is the first if none is given."""
-    first = next(iter(words), "")
-    return Parameter(meaning, "word", first if default is None else default, words=(*words,))
+    listed = word_list(words, meaning)
+    first = listed[0] if listed else ""
+    return Parameter(meaning, "word", first if default is None else default, words=listed)
+
+
+def word_list(words: Collection[str], meaning: str) -> tuple[str, ...]:
+    """The words of a declaration as a tuple. Raises DomainError for a text or another object."""
+    if isinstance(words, str) or not isinstance(words, Collection):
+        raise DomainError(
+            f"Expected a list of words, as in ['dock', 'door'], for {meaning!r}, found {words!r}."
+        )
+    return (*words,)
 
 
 def text(meaning: str, default: str = "") -> Parameter:
@@ -87,7 +102,8 @@ def text(meaning: str, default: str = "") -> Parameter:
 
 def switch(meaning: str, *, default: bool = False) -> Parameter:
     """Yes or no."""
-    return Parameter(meaning, "flag", NO_YES[default], words=NO_YES)
+    word = NO_YES[default] if isinstance(default, bool) else default
+    return Parameter(meaning, "flag", word, words=NO_YES)
 
 
 def value_range(parameter: Parameter) -> str:
@@ -175,15 +191,17 @@ def check_parameters(
             raise DomainError(
                 f"Expected real, whole, one_of, switch or text for {at}, found {each!r}."
             )
-        words = {name: "a name", **dict.fromkeys(each.words, "words")}
-        for word in words:
+        check_fields(each, at)
+        for word in (name, *each.words):
             if not is_name(word):
                 raise DomainError(
-                    f"Expected {words[word]} of letters, digits and _ that is not a keyword of the"
-                    f" language for {at}, found {word!r}; rename it."
+                    f"Expected names and words of letters, digits and _ that are not keywords of"
+                    f" the language for {at}, found {word!r}; rename it."
                 )
         if each.sort == "word" and len(set(each.words)) < max(1, len(each.words)):
-            raise DomainError(f"Expected different words for {at}, found {[*each.words]}.")
+            raise DomainError(
+                f"Expected at least one word, each once, for {at}, found {[*each.words]}."
+            )
         if each.numeric:
             _check_range(each, at)
         if not fits(each, each.default):
@@ -200,7 +218,10 @@ def _check_range(each: Parameter, at: str) -> None:
             f"Expected low < high{above}, at most {LARGEST:,}, for {at}, found {each.low:g},"
             f" {each.high:g}."
         )
-    if each.step is not None and not (isfinite(each.step) and each.step > 0):
-        raise DomainError(f"Expected a step above 0, or None, for {at}, found {each.step:g}.")
+    if each.step is not None and not SMALLEST_STEP <= each.step <= each.high - each.low:
+        raise DomainError(
+            f"Expected a step from {SMALLEST_STEP:g} to high - low, or None, for {at}, found"
+            f" {each.step:g}."
+        )
     if each.sort == "integer" and (each.low != int(each.low) or each.high != int(each.high)):
         raise DomainError(f"Expected whole numbers as low and high of {at}.")

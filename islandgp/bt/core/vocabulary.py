@@ -7,19 +7,25 @@ declared nowhere else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import inf
-from numbers import Real
 from typing import Any, Final
 
-from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
+from islandgp.bt.core.field_types import check_fields
 from islandgp.bt.core.kinds import NAME as NAME
 from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
-from islandgp.bt.core.parameters import Parameter, check_parameters, leaf_of
+from islandgp.bt.core.parameters import (
+    LARGEST,
+    SMALLEST_STEP,
+    Parameter,
+    check_parameters,
+    leaf_of,
+    word_list,
+)
 from islandgp.bt.core.printer import Named
 from islandgp.errors import DomainError
 
@@ -131,72 +137,86 @@ def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | Non
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, whole=True)
 
 
-def enumeration(meaning: str, words: Sequence[str]) -> Key:
+def enumeration(meaning: str, words: Collection[str]) -> Key:
     """A key whose value is one of some words, such as the mode of a robot.
 
     Its value on a blackboard is the index of the word.
     """
-    if not words:
+    if not (listed := word_list(words, meaning)):
         raise DomainError(f"Expected at least one word for the key {meaning!r}, found none.")
-    last = len(words) - 1
-    return Key(meaning, flag=False, high=last, most=last, whole=True, words=(*words,))
+    last = len(listed) - 1
+    return Key(meaning, flag=False, high=last, most=last, whole=True, words=listed)
 
 
 def is_name(word: str) -> bool:
     """True if a word is a valid name of an action or a key."""
-    return NAME.fullmatch(word) is not None and word not in RESERVED
+    return isinstance(word, str) and NAME.fullmatch(word) is not None and word not in RESERVED
 
 
-def must_be(kind: type, entries: Mapping[str, object], what: str) -> None:
-    """Raises DomainError for an entry of another type; `what` has {} for its name."""
+def check_entries(kind: type, entries: Mapping[str, object], where: str) -> None:
+    """Raises DomainError for an entry of another type; `where` has {} for its name."""
+    if not isinstance(entries, Mapping):
+        raise DomainError(
+            f"Expected a mapping, name to {kind.__name__}(...), for {where.format('NAME')}, found"
+            f" {entries!r:.60}."
+        )
     for name, entry in entries.items():
         if not isinstance(entry, kind):
             raise DomainError(
-                f"Expected {kind.__name__}(...) for {what.format(name)}, found {entry!r}."
+                f"Expected {kind.__name__}(...) for {where.format(name)}, found {entry!r}."
             )
 
 
-def _must_be_known(action: Action, what: str, keys: Mapping[str, Key]) -> None:
-    """Raises DomainError for unknown statuses, or unknown keys of conditions."""
+def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
+    """Raises DomainError for invalid statuses, conditions or changes."""
+    check_fields(action, where)
     if not action.statuses or not STATUSES.issuperset(action.statuses):
         raise DomainError(
-            f"Expected statuses among FAILURE, SUCCESS and RUNNING for {what}, found"
+            f"Expected statuses among FAILURE, SUCCESS and RUNNING for {where}, found"
             f" {action.statuses!r}."
         )
     if action.condition and (RUNNING in action.statuses or action.changes):
         raise DomainError(
-            f"Expected neither RUNNING nor changes of {what}, which is a condition; use"
+            f"Expected neither RUNNING nor changes of {where}, which is a condition; use"
             " condition_leaf(...), or leave out `condition`."
         )
-    keys_read = [key for each in (*action.to_start, *action.to_succeed) for key in each.keys]
-    for key in (*keys_read, *action.changes):
+    terms = (*action.to_start, *action.to_succeed)
+    for key in (*(key for term in terms for key in term.keys), *action.changes):
         if key not in keys:
             raise DomainError(
-                f"Expected keys of the vocabulary in the conditions and changes of {what}, found"
+                f"Expected keys of the vocabulary in the conditions and changes of {where}, found"
                 f" {key!r}."
             )
+    for term in terms:
+        if term.operator not in (known := keys[term.key].operators or FLAG_OPERATORS):
+            raise DomainError(
+                f"Expected one of {', '.join(known)} with {term.key} in the conditions of {where},"
+                f" found {term.operator!r}."
+            )
+    if wrong := [change for change in action.changes.values() if change not in (-1, 1)]:
+        raise DomainError(f"Expected -1 or 1 as the changes of {where}, found {wrong[0]!r}.")
 
 
 def _check_range(key: Key, where: str) -> None:
-    """Raises DomainError for a number whose range is empty or not finite."""
-    most = () if key.most is None else (key.most,)
-    bounds = (key.low, key.high, key.step, *most, key.noise)
-    if not all(isinstance(bound, Real) for bound in bounds):
+    """Raises DomainError for a number whose range is empty or too large."""
+    if not -LARGEST <= key.low < key.high <= LARGEST:
         raise DomainError(
-            f"Expected numbers as low, high, step, most and noise of {where}, found"
-            f" {', '.join(map(repr, bounds))}."
+            f"Expected low < high, at most {LARGEST:,}, for {where}, found {key.low:g},"
+            f" {key.high:g}."
         )
-    if not (-inf < key.low < key.high < inf and key.step > 0):
+    if not SMALLEST_STEP <= key.step <= key.high - key.low:
         raise DomainError(
-            f"Expected finite low < high and step > 0 for {where}, found {key.low:g},"
-            f" {key.high:g}, {key.step:g}."
+            f"Expected a step from {SMALLEST_STEP:g} to high - low for {where}, found {key.step:g}."
         )
+    if key.most is not None and key.most <= key.low:
+        raise DomainError(f"Expected most above low for {where}, found {key.most:g}, {key.low:g}.")
+    bounds = (key.low, key.high, key.step, key.most or 0, key.noise)
     if key.whole and (key.noise or any(bound % 1 for bound in bounds)):
         raise DomainError(
             f"Expected whole numbers as low, high, step and most of {where}, and no noise, found"
             f" {', '.join(map(repr, bounds))}."
         )
-    if not 0 <= key.noise < inf:
+    if key.noise < 0:
         raise DomainError(f"Expected noise of at least 0 for {where}, found {key.noise:g}.")
 
 
@@ -242,8 +262,8 @@ class Vocabulary:
                     "Expected a name of letters, digits and _ that is not a keyword of the"
                     f" language, found {name!r} in the domain {self.domain!r}; rename it."
                 )
-        must_be(Action, self.actions, f"the action {{}} of the domain {self.domain}")
-        must_be(Key, self.keys, f"the key {{}} of the domain {self.domain}")
+        check_entries(Action, self.actions, f"the action {{}} of the domain {self.domain}")
+        check_entries(Key, self.keys, f"the key {{}} of the domain {self.domain}")
         if both := self.actions.keys() & self.keys.keys():
             raise DomainError(
                 f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"
@@ -251,7 +271,7 @@ class Vocabulary:
             )
         for name, action in self.actions.items():
             where = f"the action {name} of the domain {self.domain}"
-            _must_be_known(action, where, self.keys)
+            _check_action(action, where, self.keys)
             check_parameters(action.arguments, where, is_name)
             for before in action.after:
                 if before not in self.actions or before == name:
@@ -261,6 +281,7 @@ class Vocabulary:
                     )
         for name, key in self.keys.items():
             where = f"the key {name} of the domain {self.domain}"
+            check_fields(key, where)
             if key.words or key.flag:
                 _check_words(key, where, self.keys)
             else:
