@@ -8,6 +8,11 @@ bound on their mean fitness, over all episodes so far. Each generation evaluates
 - children, in the other slots.
 
 So a tree does not survive by luck in one world, and is not evaluated twice in the same worlds.
+
+With `restarts` above 1, populations begin from random trees one after another, and the best trees
+of all of them breed together at the end. A population keeps the combination of behaviours that it
+had early, so several short ones find a better one more often than a long one does.
+
 Survivors without duplicates, and fitness as a mean of reruns: Iovino et al. 2021, arXiv
 2011.03252. The upper bound is that of racing (Maron and Moore 1994) and bandits.
 """
@@ -23,6 +28,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
+from islandgp.errors import ConfigError
 from islandgp.gp.evidence import estimate
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Tree
@@ -50,6 +56,12 @@ class RacingSettings(BreedingSettings, frozen=True):
     """
 
     random: int = Field(ge=1, le=1000)  # generations of random trees before the first children
+    restarts: int = Field(ge=1, le=100)  # populations that begin from random trees, one by one
+    joint: float = Field(ge=0, lt=1)
+    """Share of the generations in which the best trees of all restarts breed together, at the end.
+
+    It has no effect with one restart.
+    """
     survivors: float = Field(gt=0, le=10)  # as a share of the population
     again: float = Field(gt=0, lt=1)  # share of the slots in which survivors are evaluated again
     library: int = Field(ge=0)  # number of the first trees that join branches of the library
@@ -84,6 +96,8 @@ class RacingMemory:
 
     entries: tuple[Entry, ...]
     tried: tuple[str, ...]  # digests of trees
+    restarted: int = 0  # generation in which this population began
+    champions: tuple[Entry, ...] = ()  # the best trees of earlier restarts
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
@@ -98,13 +112,21 @@ class Racing(BreedingSearch[RacingSettings]):
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
-        """See `Search`."""
+        """See `Search`. Raises ConfigError if a restart has no generation of children."""
+        length, least = restart_length(settings, context.plan), settings.random + 1
+        if settings.restarts > 1 and length < least:
+            raise ConfigError(
+                f"search.policy.restarts: expected restarts of at least {least} generations (one"
+                f" more than search.policy.random), found {length}; lower restarts, or raise"
+                " gp.generations or budget.episodes"
+            )
         library = context.library() if settings.library else {}
         return cls(settings, context.plan, list(library.values()))
 
     def __init__(self, settings: RacingSettings, plan: Plan, library: Sequence[Node]) -> None:
         super().__init__(settings, plan)
         self.library = [Parent("", tree) for tree in library]
+        self.length = restart_length(settings, plan)
 
     def first(self, streams: Streams) -> Brood:
         """The plan's founders, priority lists of the library's branches, and random trees."""
@@ -120,7 +142,8 @@ class Racing(BreedingSearch[RacingSettings]):
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
         slots = max(1, round(self.settings.again * self.plan.gp.population))
-        pick = None if state.generation < self.settings.random else self._pick(memory)
+        young = state.generation - memory.restarted < self.settings.random
+        pick = None if young else self._pick(memory)
         survivors = [Parent(e.id, e.tree) for e in promising[:slots]]
         return Brood(pick, reevaluated=survivors, tried=memory.tried)
 
@@ -149,11 +172,24 @@ class Racing(BreedingSearch[RacingSettings]):
         ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
         survivors = max(2, round(self.settings.survivors * self.plan.gp.population))
         several = self.settings.specialists and self.plan.gp.episodes > 1
-        return RacingMemory(
-            tuple(ranked[:survivors]),
-            tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
-            tuple(contender(e, e.episodes) for e in evaluated) if several else (),
+        after = replace(
+            memory,
+            entries=tuple(ranked[:survivors]),
+            tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
+            contenders=tuple(contender(e, e.episodes) for e in evaluated) if several else (),
         )
+        return self._restarted(after, state.generation + 1)
+
+    def _restarted(self, memory: RacingMemory, generation: int) -> RacingMemory:
+        """The memory for `generation`: emptied for a restart, or joined after the last one."""
+        restarts, length = self.settings.restarts, self.length
+        if restarts == 1 or generation % length or generation > restarts * length:
+            return memory
+        best = memory.entries[: max(1, len(memory.entries) // restarts)]
+        champions = (*memory.champions, *best)
+        if generation < restarts * length:
+            return RacingMemory((), memory.tried, restarted=generation, champions=champions)
+        return replace(memory, entries=tuple(self._ranked(champions, -1.0)), champions=())
 
     def _bonus(self, e: Evaluated) -> float:
         """Bonuses for milestones and behaviours, in residual standard deviations.
@@ -181,6 +217,11 @@ class Racing(BreedingSearch[RacingSettings]):
             return merit(points, violation(e.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
+
+
+def restart_length(settings: RacingSettings, plan: Plan) -> int:
+    """Generations of each restart: what `joint` leaves, in equal parts; the rest is joint."""
+    return round(plan.gp.generations * (1 - settings.joint)) // settings.restarts
 
 
 def updated(
