@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Final, NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -164,9 +164,18 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
 
 def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """The parsed command, and its words with the overrides before the options."""
-    args = get_args_parser().parse_intermixed_args(words)
+    parser = get_args_parser()
+    parser.error = _refuse  # type: ignore[method-assign]  # no usage lines, no exit
+    args = parser.parse_intermixed_args(words)
     options = [word for word in words if word not in set(args.overrides)]
     return args, [*args.overrides, *options]
+
+
+def _refuse(message: str) -> NoReturn:
+    raise ConfigError(
+        f"{message}; settings are written as KEY=VALUE, e.g. seed=3;"
+        " `python -m islandgp --help` has the options."
+    )
 
 
 COMPOSING: Final = ("launcher", "sweeper", "searchpath")

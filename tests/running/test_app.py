@@ -320,6 +320,19 @@ def test_options_may_stand_anywhere(here: Path) -> None:
         assert (here / f"runs/n{i}/sweep.json").exists()
 
 
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("words", [["--seed", "3"], ["--check"], ["--cfg", "bogus"]])
+def test_an_unknown_option_gets_one_line(
+    words: list[str], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Without argparse's usage: the option, and how settings are written."""
+    assert main(words) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert words[0] in err
+    assert "KEY=VALUE" in err
+
+
 def test_jobs_that_are_the_same_run_are_refused(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
