@@ -30,7 +30,7 @@ from islandgp.search.base import SearchState
 from islandgp.search.breeding import Brood, new_generation
 from islandgp.seeding import Streams
 from islandgp.statistics import Interval, benjamini_hochberg, paired_difference, paired_test
-from islandgp.study.figures.drawing import look
+from islandgp.study.figures.drawing import nth_style
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.profiles import Scores, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
@@ -303,7 +303,7 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
             if runs:
                 at = np.linspace(max(r[0, 0] for r in runs), min(r[-1, 0] for r in runs), POINTS)
                 mean = np.mean([np.interp(at, run[:, 0], run[:, 1]) for run in runs], axis=0)
-                how = look(places[arm])
+                how = nth_style(places[arm])
                 axes.plot(
                     at, mean, color=how.colour, linestyle=how.line, label=f"{arm} ({len(runs)})"
                 )

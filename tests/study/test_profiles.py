@@ -19,7 +19,7 @@ from islandgp.study.aggregates import (
     interquartile_mean,
     stratified_bootstrap,
 )
-from islandgp.study.figures.drawing import DPI, LINES, MARKERS, PALETTE, look, named, plain
+from islandgp.study.figures.drawing import DPI, LINES, MARKERS, PALETTE, named, nth_style, plain
 from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
@@ -208,10 +208,10 @@ def test_names_are_shown_as_they_are() -> None:
 
 def test_no_two_arms_look_alike() -> None:
     """Sixty-four differ, eight of them by the line alone, for pictures in grey."""
-    assert len({look(i) for i in range(64)}) == 64
-    assert len({look(i).line for i in range(8)}) == len(LINES) == 8
-    assert len({look(i).colour for i in range(8)}) == len(PALETTE)
-    assert look(0).marker != look(8).marker
+    assert len({nth_style(i) for i in range(64)}) == 64
+    assert len({nth_style(i).line for i in range(8)}) == len(LINES) == 8
+    assert len({nth_style(i).colour for i in range(8)}) == len(PALETTE)
+    assert nth_style(0).marker != nth_style(8).marker
     assert len(set(MARKERS)) == 8
 
 

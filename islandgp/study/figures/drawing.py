@@ -11,7 +11,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -23,30 +23,17 @@ from islandgp.study.texts import title_and_caption
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from matplotlib.layout_engine import LayoutEngine
 
 
 # Arms: Okabe and Ito's palette, from dark to light enough to differ in grey.
 PALETTE: Final = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#555555",
-    "#BBBBBB",
+    *("#0072B2", "#D55E00", "#009E73", "#CC79A7"),
+    *("#E69F00", "#56B4E9", "#555555", "#BBBBBB"),
 )
 # Categories: Paul Tol's light scheme, ordered so that neighbours differ.
 PALE: Final = (
-    "#99DDFF",
-    "#FFAABB",
-    "#BBCC33",
-    "#EEDD88",
-    "#77AADD",
-    "#EE8866",
-    "#44BB99",
-    "#AAAA00",
+    *("#99DDFF", "#FFAABB", "#BBCC33", "#EEDD88"),
+    *("#77AADD", "#EE8866", "#44BB99", "#AAAA00"),
 )
 NEUTRAL: Final = "#dddddd"  # of a category that is the rest
 LineStyle = str | tuple[int, tuple[float, ...]]  # as matplotlib takes it
@@ -61,6 +48,9 @@ INK: Final = "#222222"
 FAINT: Final = "#8a8a8a"
 WIDTH: Final = 7.2  # inches: the text width of a page
 DPI: Final = 150
+LETTERS: Final = 110  # of a line of a legend
+ACROSS: Final = 4  # most panels of arms side by side
+ROW: Final = 2.2  # inches, of each further row of them
 THOUSANDS: Final = "{x:,.0f}"  # formats of ticks: 30,000
 PERCENT: Final = "{x:.0%}"
 
@@ -78,13 +68,11 @@ class Picture:
     def save(self, folder: Path) -> list[Path]:
         """Writes KEY.svg and, if there is one, KEY.png into a folder. Returns their paths."""
         folder.mkdir(parents=True, exist_ok=True)
-        files = {
-            folder / f"{self.key}.svg": self.svg.encode(),
-            folder / f"{self.key}.png": self.png,
-        }
-        for path in (written := [path for path, content in files.items() if content]):
-            path.write_bytes(files[path])
-        return written
+        files = {"svg": self.svg.encode(), "png": self.png}
+        paths = {folder / f"{self.key}.{ending}": data for ending, data in files.items() if data}
+        for path, data in paths.items():
+            path.write_bytes(data)
+        return list(paths)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,13 +85,13 @@ class Style:
     hatch: str
 
 
-def looks(study: Comparison) -> Iterator[tuple[Arm, Style]]:
+def arm_styles(study: Comparison) -> Iterator[tuple[Arm, Style]]:
     """The arms in order, each with its look."""
     for i, arm in enumerate(study.arms):
-        yield arm, look(i)
+        yield arm, nth_style(i)
 
 
-def look(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
+def nth_style(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
     """The look of the i-th arm, or with PALE of the i-th category; 64 of them differ."""
     again = i // len(palette)  # how often its colour was taken before
     return Style(
@@ -120,7 +108,6 @@ def picture(
     *,
     height: float = 3.6,
     width: float = WIDTH,
-    layout: LayoutEngine | Literal["constrained"] = "constrained",
     **values: object,
 ) -> Picture:
     """Draws on a figure of `width` x `height` inches and saves it both ways.
@@ -131,7 +118,7 @@ def picture(
     from matplotlib.figure import Figure
 
     with rc_context(fname=Path(__file__).with_name("report.mplstyle")):
-        figure = Figure(figsize=(width, height), layout=layout)
+        figure = Figure(figsize=(width, height), layout="constrained")
         draw(figure)
         svg, png = io.StringIO(), io.BytesIO()
         figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
@@ -157,9 +144,9 @@ def curve_picture(
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how in looks(study):
+        for arm, style in arm_styles(study):
             rows = [[of(s) for s in run.snapshots[: study.generations]] for run in arm.runs]
-            band(axes, arm, how, range(study.generations), rows)
+            band(axes, arm, style, range(study.generations), rows)
         epoch_lines(axes, study, stages=True)
         axes.set(xlabel="Generation", ylabel=label)
         dress(axes)
@@ -169,58 +156,78 @@ def curve_picture(
 
 
 def band(
-    axes: Axes, arm: Arm, how: Style, x: Sequence[float], rows: Sequence[Sequence[float]]
+    axes: Axes, arm: Arm, style: Style, x: Sequence[float], rows: Sequence[Sequence[float]]
 ) -> None:
     """An arm's mean with a band of ±1 SD over its runs; `rows` are runs, each with a value an x."""
     a = np.asarray(rows, float)  # runs x places
     mean = a.mean(axis=0)
     if len(a) > 1:
         sd = a.std(axis=0, ddof=1)
-        axes.fill_between(x, mean - sd, mean + sd, color=how.colour, alpha=0.16, linewidth=0)
+        axes.fill_between(x, mean - sd, mean + sd, color=style.colour, alpha=0.16, linewidth=0)
         for edge in (mean - sd, mean + sd):
-            axes.plot(x, edge, color=how.colour, alpha=0.45, linewidth=0.6, linestyle=how.line)
-    axes.plot(x, mean, color=how.colour, linestyle=how.line, label=named(arm), **marks(how))
+            axes.plot(x, edge, color=style.colour, alpha=0.45, linewidth=0.6, linestyle=style.line)
+    axes.plot(x, mean, color=style.colour, linestyle=style.line, label=named(arm), **marks(style))
 
 
-def marks(how: Style) -> dict[str, Any]:
+def marks(style: Style) -> dict[str, Any]:
     """The marker of a line: every fifth point has one."""
-    return {"marker": how.marker, "markevery": 5, "markersize": 4}
+    return {"marker": style.marker, "markevery": 5, "markersize": 4}
 
 
-def dots(how: Style) -> dict[str, Any]:
+def dots(style: Style) -> dict[str, Any]:
     """The look of an arm's points."""
-    return {"color": how.colour, "marker": how.marker, "edgecolor": "white", "linewidth": 0.4}
+    return {"color": style.colour, "marker": style.marker, "edgecolor": "white", "linewidth": 0.4}
 
 
-def panels(
-    study: Comparison, fill: Callable[[Axes, Arm], None], label: str, columns: int
-) -> Callable[[Figure], None]:
-    """Draws a panel an arm, side by side, over generations; `fill` draws into one of them.
+def grid(figure: Figure, n: int, columns: int, *, sharey: bool = False) -> list[Axes]:
+    """The axes of n panels, in rows of at most `columns`."""
+    cells = figure.subplots(-(-n // columns), min(n, columns), sharey=sharey, squeeze=False).flat
+    for blank in cells[n:]:
+        blank.axis("off")
+    return list(cells[:n])
 
-    They share the y axis, with its label, and a legend of so many columns.
+
+def panel_picture(
+    key: str,
+    study: Comparison,
+    fill: Callable[[Axes, Arm], None],
+    label: str,
+    *,
+    height: float,
+    columns: int,
+    **values: Any,
+) -> Picture:
+    """A panel an arm over generations; `fill` draws into one of them.
+
+    They share the y axis, with its label, and a legend of so many columns. `height` is that of
+    a single row; the others as in `picture`.
     """
 
     def draw(figure: Figure) -> None:
-        row = figure.subplots(1, len(study.arms), sharey=True, squeeze=False)[0]
-        for axes, arm in zip(row, study.arms, strict=True):
+        panels = grid(figure, len(study.arms), ACROSS, sharey=True)
+        for axes, arm in zip(panels, study.arms, strict=True):
             fill(axes, arm)
             epoch_lines(axes, study)
-            axes.set(title=arm.name, xlabel="Generation")
-        row[0].set_ylabel(label)
-        legend(figure, row[0], columns)
+            axes.set_title(plain(arm.name))
+        for axes in panels[-ACROSS:]:  # none is below them
+            axes.set_xlabel("Generation")
+        for axes in panels[::ACROSS]:
+            axes.set_ylabel(label)
+        legend(figure, panels[0], columns)
 
-    return draw
+    rows = -(-len(study.arms) // ACROSS)
+    return picture(key, draw, height=height + ROW * (rows - 1), **values)
 
 
 def stack(axes: Axes, rows: Any, labels: Sequence[str] = (), *, neutral: int | None = None) -> None:
     """Areas upon each other by generation, a row of `rows` each; `neutral` is that of the rest."""
-    styles = [look(k, PALE) for k in range(len(rows))]
+    styles = [nth_style(k, PALE) for k in range(len(rows))]
     axes.stackplot(
         range(len(rows[0])),
         rows,
         labels=labels,
-        colors=[NEUTRAL if k == neutral else how.colour for k, how in enumerate(styles)],
-        hatch=[how.hatch for how in styles],
+        colors=[NEUTRAL if k == neutral else style.colour for k, style in enumerate(styles)],
+        hatch=[style.hatch for style in styles],
         edgecolor="white",
         linewidth=0.3,
     )
@@ -239,9 +246,9 @@ def plain(name: str) -> str:
 def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:
     """The arms side by side in each of `n` groups: arm, look, group, place on the x axis, width."""
     width = 0.8 / len(study.arms)
-    for i, (arm, how) in enumerate(looks(study)):
+    for i, (arm, style) in enumerate(arm_styles(study)):
         for k in range(n):
-            yield arm, how, k, k + (i - (len(study.arms) - 1) / 2) * width, width
+            yield arm, style, k, k + (i - (len(study.arms) - 1) / 2) * width, width
 
 
 def sideways(at: float, n: int, width: float) -> list[float]:
@@ -255,7 +262,7 @@ def bar(
     height: float,
     width: float,
     error: float | list[list[float]],
-    how: Style,
+    style: Style,
     label: str | None = None,
 ) -> None:
     """A bar with whiskers: `error` is their length, or [[down], [up]]."""
@@ -264,9 +271,9 @@ def bar(
         height,
         width * 0.92,
         yerr=error,
-        color=how.colour,
+        color=style.colour,
         alpha=0.75,
-        hatch=how.hatch,
+        hatch=style.hatch,
         edgecolor="white",
         error_kw={"ecolor": INK, "capsize": 3, "elinewidth": 1},
         label=label,
@@ -305,7 +312,11 @@ def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
             )
 
 
-def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
-    """The legend of a figure's axes below them, where it hides no data."""
+def legend(figure: Figure, axes: Axes, columns: int | None = None) -> None:
+    """The legend of a figure's axes below them, where it hides no data.
+
+    `columns` is by default as many as the labels have room for, at most four.
+    """
     handles, labels = axes.get_legend_handles_labels()
+    columns = columns or max(1, min(4, LETTERS // (max(map(len, labels), default=1) + 5)))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns)

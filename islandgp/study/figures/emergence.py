@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from islandgp.statistics import mean_interval
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import band, first, quantile, ranks, still_without
 from islandgp.study.figures import drawing
 from islandgp.text import title
@@ -19,7 +19,8 @@ Firsts = Sequence[int | None]  # the generation of each run's first one
 
 PANELS = 3  # beside each other
 BANDS = 3  # most arms with distinguishable bands
-TOP, ROW = -0.27, 0.065  # below the axes, in their heights: numbers at risk, a row for each arm
+NUMBERED = 4  # most arms whose bars and boxes have room for numbers
+HEIGHT, ROW = 2.9, 0.17  # inches, of the curves, and of an arm's numbers below them
 
 
 def figure_6(study: Comparison) -> drawing.Picture:
@@ -38,23 +39,23 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     from matplotlib.ticker import MaxNLocator
 
     n, tiers = study.generations, study.milestones
-    strip = max(1.0, 0.1 * n)  # how high the strip 'never' is, in generations
+    strip = max(1.0, 0.1 * n)  # style high the strip 'never' is, in generations
     never, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
     missing = False
-    for arm, how, k, at, width in drawing.groups(study, len(tiers)):
+    for arm, style, k, at, width in drawing.groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
-        _box(axes, at, box(firsts, never), width, how)
+        _box(axes, at, box(firsts, never), width, style)
         axes.scatter(
             drawing.sideways(at, len(firsts), width),
             [never if g is None else g for g in firsts],
             s=16,
             zorder=3,
             label=drawing.named(arm) if k == 0 else None,
-            **drawing.dots(how),
+            **drawing.dots(style),
         )
         if without := firsts.count(None):
             missing = True
-            count = f"{without} of {len(firsts)}"
+            count = f"{without} of {len(firsts)}" if _numbered(study) else str(without)
             height = n - 0.5 + 0.75 * strip
             axes.text(at, height, count, va="center", ha="center", fontsize=7.5, color=drawing.INK)
     if missing:
@@ -78,7 +79,7 @@ def box(firsts: Firsts, never: float) -> dict[str, float]:
 
 
 def _box(
-    axes: Axes, at: float, numbers: dict[str, float], width: float, how: drawing.Style
+    axes: Axes, at: float, numbers: dict[str, float], width: float, style: drawing.Style
 ) -> None:
     axes.bxp(
         [numbers],
@@ -87,99 +88,105 @@ def _box(
         showfliers=False,
         patch_artist=True,
         manage_ticks=False,
-        boxprops={"facecolor": how.colour, "alpha": 0.3, "edgecolor": how.colour},
+        boxprops={"facecolor": style.colour, "alpha": 0.3, "edgecolor": style.colour},
         medianprops={"color": drawing.INK, "linewidth": 1.6},
-        whiskerprops={"color": how.colour},
-        capprops={"color": how.colour},
+        whiskerprops={"color": style.colour},
+        capprops={"color": style.colour},
     )
 
 
 def _bars(axes: Axes, study: Comparison) -> None:
     tiers = study.milestones
-    for arm, how, k, at, width in drawing.groups(study, len(tiers)):
+    for arm, style, k, at, width in drawing.groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
         times = ranks(firsts, study.generations)
         mean = mean_interval(times)
         down, up = max(mean.low, 0.0), min(mean.high, float(study.generations))
         error = [[mean.estimate - down], [up - mean.estimate]]
-        drawing.bar(axes, at, mean.estimate, width, error, how)
-        axes.text(
-            at,
-            0.03,
-            "never" if firsts.count(None) == len(firsts) else f"{mean.estimate:.1f}",
-            transform=axes.get_xaxis_transform(),
-            ha="center",
-            va="bottom",
-            fontsize=8,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
-        )
+        drawing.bar(axes, at, mean.estimate, width, error, style)
+        if _numbered(study):
+            axes.text(
+                at,
+                0.03,
+                "never" if firsts.count(None) == len(firsts) else f"{mean.estimate:.1f}",
+                transform=axes.get_xaxis_transform(),
+                ha="center",
+                va="bottom",
+                fontsize=8,
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.2, "alpha": 0.9},
+            )
     axes.set_xticks(range(len(tiers)), map(title, tiers))
     axes.set_ylim(0, study.generations + 1)
     axes.set(title="(b) Without one", ylabel="Generations without one")
     axes.grid(visible=False, axis="x")
 
 
+def _numbered(study: Comparison) -> bool:
+    return len(study.arms) <= NUMBERED
+
+
 def emergence_curves(study: Comparison) -> drawing.Picture:
     """Share of runs that have had one, by generation: the log-rank test's view."""
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
-
-    room = 0.03 * max(0, len(study.arms) - 2)  # the layout does not see the rows below the axes
-    layout = ConstrainedLayoutEngine(rect=(0, room, 1, 1 - room))
+    tiers = study.milestones
+    rows, columns = -(-len(tiers) // PANELS), min(PANELS, len(tiers))
+    below = ROW * (len(study.arms) + 1)
 
     def draw(figure: Figure) -> None:
-        rows = -(-len(study.milestones) // PANELS)
-        columns = min(PANELS, len(study.milestones))
-        panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
-        for axes in panels.flat[len(study.milestones) :]:
-            axes.axis("off")
-        for axes, tier in zip(panels.flat, study.milestones, strict=False):
-            for row, (arm, how) in enumerate(drawing.looks(study)):
+        grid = figure.subplots(
+            2 * rows, columns, sharey="row", squeeze=False, height_ratios=(HEIGHT, below) * rows
+        )
+        for axes in grid.flat:
+            axes.set_axis_off()
+        for k, tier in enumerate(tiers):
+            row, column = divmod(k, columns)
+            curves, numbers = grid[2 * row : 2 * row + 2, column]
+            curves.set_axis_on()
+            for place, (arm, style) in enumerate(drawing.arm_styles(study)):
                 firsts = [first(run, tier) for run in arm.runs]
-                _curve(axes, study, arm.name, firsts, how)
-                _at_risk(axes, study.generations - 1, firsts, how, row)
-            axes.set_title(study.classes.tier_title(tier))
-            axes.set_xlabel("Generation", loc="right")
-            axes.set_ylim(-0.03, 1.03)
-            axes.set_xlim(0, study.generations - 1)
-            axes.legend(
-                loc="best", facecolor="white", framealpha=0.7, frameon=True, edgecolor="none"
-            )
-            _below(axes, 0, TOP, "Runs still without one", drawing.INK, ha="left")
-        for axes in panels[:, 0]:
+                _curve(curves, study, arm, firsts, style)
+                _at_risk(numbers, study.generations - 1, firsts, style.colour, place)
+                if not column:
+                    name = drawing.plain(arm.name)
+                    _beside(numbers, -0.05, place, name, color=style.colour, ha="right")
+            curves.set_title(study.classes.tier_title(tier))
+            curves.set_xlabel("Generation", loc="right")
+            curves.set(xlim=(0, study.generations - 1), ylim=(-0.03, 1.03))
+            numbers.set(xlim=(0, study.generations - 1), ylim=(len(study.arms) - 0.5, -1.5))
+            _beside(numbers, 0, -1, "Runs still without one", ha="left")
+            _beside(numbers, 1.09, -1, "never", ha="center")
+        for axes in grid[::2, 0]:
             axes.set_ylabel("Share of runs that have had one")
+        drawing.legend(figure, grid[0, 0])
 
-    height = (3.1 + 0.3 * len(study.arms)) * -(-len(study.milestones) // PANELS)
-    robots = _robots(study)
-    return drawing.picture("emergence-curves", draw, height=height, layout=layout, robots=robots)
+    height = rows * (HEIGHT + below + 0.6) + 0.2 * -(-len(study.arms) // 4)
+    return drawing.picture("emergence-curves", draw, height=height, robots=_robots(study))
 
 
 def _robots(study: Comparison) -> str:
     return f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
 
 
-def _curve(axes: Axes, study: Comparison, name: str, firsts: Firsts, how: drawing.Style) -> None:
+def _curve(axes: Axes, study: Comparison, arm: Arm, firsts: Firsts, style: drawing.Style) -> None:
     share = [1 - s for s in still_without(firsts, study.generations)]
-    runs, reached = len(firsts), len(firsts) - firsts.count(None)
     x = range(study.generations)
-    line: dict[str, Any] = {"where": "post", "color": how.colour}
+    line: dict[str, Any] = {"where": "post", "color": style.colour}
     if len(study.arms) <= BANDS:
-        low, high = zip(*(band(p, runs) for p in share), strict=True)
-        axes.fill_between(x, low, high, step="post", color=how.colour, alpha=0.14, linewidth=0)
+        low, high = zip(*(band(p, len(firsts)) for p in share), strict=True)
+        axes.fill_between(x, low, high, step="post", color=style.colour, alpha=0.14, linewidth=0)
         for edge in (low, high):
             axes.step(x, edge, alpha=0.45, linewidth=0.5, **line)
-    axes.step(
-        x, share, linestyle=how.line, label=f"{drawing.plain(name)}: {reached} of {runs}", **line
-    )
+    axes.step(x, share, linestyle=style.line, label=drawing.named(arm), **line)
 
 
-def _at_risk(axes: Axes, last: int, firsts: Firsts, how: drawing.Style, row: int) -> None:
-    """Below the axes: how many runs had none before a tick's generation."""
-    for tick in sorted({round(last * k / 4) for k in range(5)}):
-        at_risk = sum(g is None or g >= tick for g in firsts)
-        _below(axes, tick, TOP - ROW * (row + 1), str(at_risk), how.colour, ha="center")
+def _at_risk(axes: Axes, last: int, firsts: Firsts, colour: str, row: int) -> None:
+    """The number of runs that had none before some generations, and of those that never had."""
+    for generation in sorted({round(last * k / 4) for k in range(5)}):
+        n = sum(g is None or g >= generation for g in firsts)
+        _beside(axes, generation / last, row, str(n), color=colour, ha="center")
+    _beside(axes, 1.09, row, str(firsts.count(None)), color=colour, ha="center")
 
 
-def _below(axes: Axes, x: float, y: float, text: str, colour: str, *, ha: str) -> None:
-    """A text below the axes: x on their scale, y as a share of their height."""
-    beside = axes.get_xaxis_transform()
-    axes.text(x, y, text, transform=beside, color=colour, fontsize=7.5, ha=ha, va="center")
+def _beside(axes: Axes, x: float, row: int, text: str, **options: Any) -> None:
+    """A text in a row of numbers; x is a share of the axes' width."""
+    place = axes.get_yaxis_transform()
+    axes.text(x, row, text, transform=place, fontsize=7.5, va="center", **options)

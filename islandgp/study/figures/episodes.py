@@ -33,19 +33,16 @@ CURVES: Final[tuple[tuple[str, Callable[[GenerationStats], float], str], ...]] =
 def by_episodes(study: Comparison) -> drawing.Picture:
     """Fitness, diversity, mutation rate and first robots by episodes."""
     n = len(CURVES) + len(study.milestones)
-    rows = -(-n // COLUMNS)
 
     def draw(figure: Figure) -> None:
-        grid = figure.subplots(rows, COLUMNS, squeeze=False).flat
-        for axes in grid[n:]:
-            axes.axis("off")
+        grid = drawing.grid(figure, n, COLUMNS)
         for axes, (name, of, label) in zip(grid, CURVES, strict=False):
-            for arm, how in drawing.looks(study):
-                drawing.band(axes, arm, how, *at_episodes(arm, of))
+            for arm, style in drawing.arm_styles(study):
+                drawing.band(axes, arm, style, *at_episodes(arm, of))
             axes.set(title=name, ylabel=label)
         for axes, tier in zip(grid[len(CURVES) :], study.milestones, strict=False):
             _emergence(axes, study, tier)
-        for axes in grid[:n]:
+        for axes in grid:
             axes.set_xlim(left=0)
             axes.set_xlabel("Episodes", loc="right")
             axes.locator_params(axis="x", nbins=5)
@@ -53,7 +50,7 @@ def by_episodes(study: Comparison) -> drawing.Picture:
         grid[0].yaxis.set_major_formatter(drawing.THOUSANDS)
         drawing.legend(figure, grid[0])
 
-    return drawing.picture("episodes", draw, height=0.4 + HEIGHT * rows)
+    return drawing.picture("episodes", draw, height=0.4 + HEIGHT * -(-n // COLUMNS))
 
 
 def at_episodes(
@@ -81,7 +78,7 @@ def at_episodes(
 
 def _emergence(axes: Axes, study: Comparison, tier: str) -> None:
     """The share of each arm's runs that have had a robot of a tier."""
-    for arm, how in drawing.looks(study):
+    for arm, style in drawing.arm_styles(study):
         until = [episodes_until(run) for run in arm.runs]
         end = min(x[-1] for x in until)  # every run is watched up to here
         firsts = [first(run, tier) for run in arm.runs]
@@ -91,9 +88,9 @@ def _emergence(axes: Axes, study: Comparison, tier: str) -> None:
             [0, *steps, end],
             [k / len(until) for k in (*range(len(steps) + 1), len(steps))],
             drawstyle="steps-post",
-            color=how.colour,
-            linestyle=how.line,
-            marker=how.marker,
+            color=style.colour,
+            linestyle=style.line,
+            marker=style.marker,
             markersize=4,
             markevery=(0.1, 0.3),
         )

@@ -39,15 +39,15 @@ def figure_5(study: Comparison) -> drawing.Picture:
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for arm, how, k, at, width in drawing.groups(study, len(SPANS)):
+        for arm, style, k, at, width in drawing.groups(study, len(SPANS)):
             values = [span_mean(run, SPANS[k], best) for run in arm.runs]
             mean, sd = mean_sd(values)
-            drawing.bar(axes, at, mean, width, sd, how, drawing.named(arm) if k == 0 else None)
+            drawing.bar(axes, at, mean, width, sd, style, drawing.named(arm) if k == 0 else None)
             axes.scatter(
                 drawing.sideways(at, len(values), width),
                 values,
                 s=9,
-                marker=how.marker,
+                marker=style.marker,
                 facecolor="white",
                 edgecolor=drawing.INK,
                 linewidth=0.6,
@@ -94,8 +94,8 @@ def figure_8(study: Comparison) -> drawing.Picture | None:
 def _pattern_totals(axes: Axes, arm: Arm) -> None:
     counts = decisions(run.guidance for run in arm.runs)
     for i, pattern in enumerate(Pattern):
-        how, share = drawing.look(i, drawing.PALE), counts.patterns[pattern] / counts.total
-        axes.barh(i, share, color=how.colour, hatch=how.hatch, edgecolor="white")
+        style, share = drawing.nth_style(i, drawing.PALE), counts.patterns[pattern] / counts.total
+        axes.barh(i, share, color=style.colour, hatch=style.hatch, edgecolor="white")
         axes.text(share, i, f" {share:.1%}", va="center", ha="left", fontsize=8)
     axes.set_yticks(range(len(Pattern)), [p.replace("_", " ") for p in Pattern])
     axes.invert_yaxis()
@@ -109,17 +109,16 @@ def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
     """Bars upon each other: the share of the arm's runs with a pattern after each generation."""
     base = np.zeros(study.generations - 1)
     for i, pattern in enumerate(Pattern):
-        how, row = drawing.look(i, drawing.PALE), np.zeros(len(base))
-        for run in arm.runs:
-            row += [g.pattern == pattern for g in run.guidance[: len(base)]]
-        row /= len(arm.runs)
+        style = drawing.nth_style(i, drawing.PALE)
+        chosen = [[g.pattern == pattern for g in run.guidance[: len(base)]] for run in arm.runs]
+        row = np.mean(chosen, axis=0)
         axes.bar(
             range(len(base)),
             row,
             0.95,
             base,
-            color=how.colour,
-            hatch=how.hatch,
+            color=style.colour,
+            hatch=style.hatch,
             edgecolor="white",
             linewidth=0.2,
         )
@@ -148,8 +147,8 @@ def components(study: Comparison) -> drawing.Picture:
         axes.axhline(0, color=drawing.INK, linewidth=0.6)
         axes.yaxis.set_major_formatter(drawing.THOUSANDS)
 
-    draw = drawing.panels(study, fill, "Points of the best individual", 5)
-    return drawing.picture("components", draw, height=3.9)
+    label = "Points of the best individual"
+    return drawing.panel_picture("components", study, fill, label, height=3.9, columns=5)
 
 
 def diversity_by_generation(study: Comparison) -> drawing.Picture:
@@ -170,11 +169,11 @@ def archive_by_generation(study: Comparison) -> drawing.Picture:
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
-        for arm, how in drawing.looks(study):
+        for arm, style in drawing.arm_styles(study):
             runs = [archives(run)[: study.generations] for run in arm.runs]
             x = range(study.generations)
-            drawing.band(left, arm, how, x, [[a.coverage for a in run] for run in runs])
-            drawing.band(right, arm, how, x, [[a.qd_score for a in run] for run in runs])
+            drawing.band(left, arm, style, x, [[a.coverage for a in run] for run in runs])
+            drawing.band(right, arm, style, x, [[a.qd_score for a in run] for run in runs])
         left.set(title="(a)", ylabel="Coverage")
         left.yaxis.set_major_formatter("{x:.1%}")
         right.set(title="(b)", ylabel="QD score (points)")
@@ -207,8 +206,8 @@ def classes(study: Comparison) -> drawing.Picture:
         axes.yaxis.set_major_formatter(drawing.PERCENT)
 
     lines = f"; lines: the labels {' and '.join(labels)}, which any can carry" if labels else ""
-    draw = drawing.panels(study, fill, "Share of the population", 6)
-    return drawing.picture("classes", draw, height=3.8, lines=lines)
+    label = "Share of the population"
+    return drawing.panel_picture("classes", study, fill, label, height=3.8, columns=6, lines=lines)
 
 
 def _shares(
@@ -218,11 +217,11 @@ def _shares(
     counts: Callable[[GenerationStats], Mapping[str, int]],
 ) -> Any:
     """Shares of the population, names x generations: means over an arm's runs."""
-    rows = [
+    shares = [
         [
-            [counts(s)[name] / len(run.records[0].individuals) for s in run.snapshots[:generations]]
+            [counts(r.snapshot)[name] / len(r.individuals) for r in run.records[:generations]]
             for name in names
         ]
         for run in arm.runs
     ]
-    return np.mean(rows, axis=0)
+    return np.mean(shares, axis=0)

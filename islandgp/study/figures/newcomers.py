@@ -35,14 +35,14 @@ def lineage(study: Comparison) -> drawing.Picture | None:
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for label, i, k, shares in curves:
-            how = drawing.look(i)
+            style = drawing.nth_style(i)
             axes.plot(
                 range(len(shares)),
                 shares,
-                color=how.colour,
+                color=style.colour,
                 linestyle=drawing.LINES[(0, 3, 1)[k]],
                 label=label,
-                **drawing.marks(how),
+                **drawing.marks(style),
             )
         axes.set_ylim(0, 1.03)
         axes.set_xlim(left=0)
@@ -50,7 +50,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
         axes.set(xlabel="Generations after it came", ylabel="Share with a living descendant")
         drawing.legend(figure, axes)
 
-    return drawing.picture("lineage", draw)
+    return drawing.picture("lineage", draw, height=3.2 + 0.1 * len(curves))
 
 
 def generalisation(results: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
@@ -83,12 +83,16 @@ def generalisation(results: Sequence[Generalisation], study: Comparison) -> draw
 
 
 def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
-    for place, (arm, how) in enumerate(drawing.looks(study)):
+    for place, (arm, style) in enumerate(drawing.arm_styles(study)):
         unseen = [g.unseen for g in champions[arm.name]]
         if not unseen:
             continue
         axes.scatter(
-            drawing.sideways(place, len(unseen), 0.8), unseen, s=16, alpha=0.8, **drawing.dots(how)
+            drawing.sideways(place, len(unseen), 0.8),
+            unseen,
+            s=16,
+            alpha=0.8,
+            **drawing.dots(style),
         )
         mean = mean_interval(unseen)
         axes.errorbar(
@@ -102,16 +106,17 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
             linewidth=1.4,
             zorder=4,
         )
-    axes.set_xticks(range(len(study.arms)), [arm.name for arm in study.arms], rotation=20)
+    names = [drawing.plain(arm.name) for arm in study.arms]
+    axes.set_xticks(range(len(names)), names, rotation=20 if len(names) <= drawing.ACROSS else 90)
     axes.set_xlim(-0.6, len(study.arms) - 0.4)
     axes.grid(visible=False, axis="x")
     axes.set(title="(a) By arm", ylabel="Mean fitness in unseen worlds (points)")
 
 
 def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
-    for arm, how in drawing.looks(study):
+    for arm, style in drawing.arm_styles(study):
         if points := champions[arm.name]:
             trained, unseen = [g.trained or 0.0 for g in points], [g.unseen for g in points]
-            axes.scatter(trained, unseen, s=22, label=drawing.named(arm), **drawing.dots(how))
+            axes.scatter(trained, unseen, s=22, label=drawing.named(arm), **drawing.dots(style))
     axes.xaxis.set_major_formatter(drawing.THOUSANDS)
     axes.set(title="(b) Against training", xlabel="Fitness in training, one episode (points)")

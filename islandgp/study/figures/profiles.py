@@ -49,20 +49,17 @@ def profile_picture(
             if all(arm in each for each in scores.values())
         }
     panels = {title: strata for title, strata in panels.items() if strata}
-    rows, columns = -(-len(panels) // PANELS), min(PANELS, len(panels))
 
     def draw(figure: Figure) -> None:
-        grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
-        for axes in grid.flat[len(panels) :]:
-            axes.axis("off")
-        for axes, (title, strata) in zip(grid.flat, panels.items(), strict=False):
+        grid = drawing.grid(figure, len(panels), PANELS, sharey=True)
+        for axes, (title, strata) in zip(grid, panels.items(), strict=True):
             _panel(axes, arms, strata, bands=len(arms) <= BANDS)
             axes.set(title=drawing.plain(title), xlabel=label)
-        for axes in grid[:, 0]:
+        for axes in grid[::PANELS]:
             axes.set_ylabel("Share of runs above")
         _legend(figure, arms)
 
-    height = HEIGHT * rows + 0.4 + 0.2 * -(-len(arms) // _across(arms))
+    height = HEIGHT * -(-len(panels) // PANELS) + 0.4 + 0.2 * -(-len(arms) // _across(arms))
     picture = drawing.picture(
         "profiles", draw, height=height, width=WIDTH, bands=BANDS, fewest=FEWEST
     )
@@ -77,7 +74,7 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
     for place, arm in enumerate(arms):
         if arm not in strata:
             continue
-        how = drawing.look(place)
+        style = drawing.nth_style(place)
         profile = performance_profile(strata[arm], at)
         x = (ends[0], *at, ends[1])
         if bands and not isnan(profile.low[0]):
@@ -86,7 +83,7 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
                 (1, *profile.low, 0),
                 (1, *profile.high, 0),
                 step="post",
-                color=how.colour,
+                color=style.colour,
                 alpha=0.15,
                 linewidth=0,
             )
@@ -96,7 +93,7 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
             drawstyle="steps-post",
             markevery=(0.06 * (1 + place % 4), 0.3),  # in shares of the axes, by turns
             clip_on=False,
-            **_line(how),
+            **_line(style),
         )
     axes.set_xlim(*ends)
     axes.set_ylim(-0.03, 1.03)
@@ -107,11 +104,11 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
     axes.yaxis.set_major_formatter(drawing.PERCENT)
 
 
-def _line(how: drawing.Style) -> dict[str, Any]:
+def _line(style: drawing.Style) -> dict[str, Any]:
     return {
-        "color": how.colour,
-        "linestyle": how.line,
-        "marker": how.marker,
+        "color": style.colour,
+        "linestyle": style.line,
+        "marker": style.marker,
         "markersize": 5,
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
@@ -121,7 +118,7 @@ def _line(how: drawing.Style) -> dict[str, Any]:
 def _legend(figure: Figure, arms: list[str]) -> None:
     from matplotlib.lines import Line2D
 
-    lines = [Line2D([], [], **_line(drawing.look(place))) for place in range(len(arms))]
+    lines = [Line2D([], [], **_line(drawing.nth_style(place))) for place in range(len(arms))]
     figure.legend(
         lines,
         list(map(drawing.plain, arms)),
