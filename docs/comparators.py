@@ -96,6 +96,9 @@ class World:
     seeds: range = SEEDS
 
 
+ONE_POPULATION: Final = ("gp.population=60", "search.policy.restarts=1")
+"""`experiment=best` as it was before its restarts."""
+
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PICK_PLACE: Final = ROOT / "examples" / "pick_place"
 WORLDS: Final[dict[str, World]] = {
@@ -125,10 +128,18 @@ WORLDS: Final[dict[str, World]] = {
         arms=("racing",),
     ),
     "island_best": World(
-        ("experiment=best",), ROOT / "grammar" / "examples" / "all_rounder.bt", arms=("racing",)
+        ("experiment=best",),
+        ROOT / "grammar" / "examples" / "all_rounder.bt",
+        arms=("racing",),
+        seeds=range(9020, 9030),
+    ),
+    "island_best_16000": World(
+        ("experiment=best", "budget.episodes=16000", *ONE_POPULATION),
+        ROOT / "grammar" / "examples" / "all_rounder.bt",
+        arms=("racing",),
     ),
     "island_best_32000": World(
-        ("experiment=best", "budget.episodes=32000"),
+        ("experiment=best", *ONE_POPULATION),
         ROOT / "grammar" / "examples" / "all_rounder.bt",
         arms=("racing",),
         seeds=range(9003, 9013),
