@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import reduce
+from math import isnan
 from operator import add
 from pathlib import Path
 from typing import Final
@@ -14,10 +15,9 @@ import click
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.caching import NEAR
 from islandgp.supervision.llm.ledger import Bill, most_tokens
 from islandgp.supervision.llm.message import QUOTED, Request, ServerCapabilities, Usage
+from islandgp.supervision.llm.questions import NEAR, Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
@@ -91,7 +91,7 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
 
 
 def _row(name: str, bill: Bill, runs: int) -> tuple[str, ...]:
-    usd = "unknown" if bill.usd is None else f"{bill.usd / runs:,.2f}"
+    usd = "unknown" if isnan(bill.usd) else f"{bill.usd / runs:,.2f}"
     counts = (bill.requests, bill.input, bill.output)
     return (name, *(f"{count / runs:,.0f}" for count in counts), usd)
 
@@ -166,7 +166,7 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
         cost if cap is None else min(cost, cap)
         for cost, cap in bill.against(settings.caps).values()
     )
-    return Bill(requests, tokens, output, None if bill.usd is None else usd)
+    return Bill(requests, tokens, output, bill.usd if isnan(bill.usd) else usd)
 
 
 def as_recorded(
@@ -197,15 +197,15 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
 
     With each the characters that the run adds to it, where its prompt shows the run.
     """
-    adviser = Adviser(settings, context)
+    questions = Questions(settings, context)
     capabilities = ServerCapabilities(True, settings.temperature, "")
     state = _state(context)
     return [
         (
             request,
-            ADDED_EDITS if part not in ADDED else ADDED[part] if adviser.uses_history else 0,
+            ADDED_EDITS if part not in ADDED else ADDED[part] if questions.uses_history else 0,
         )
-        for part, request in adviser.requests(state, capabilities).items()
+        for part, request in questions.requests(state, capabilities).items()
     ]
 
 

@@ -16,7 +16,7 @@ import click
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.answers import DecisionAnswer, EditsAnswer, find_object
 from islandgp.supervision.llm.message import Failure, Reply, clean
-from islandgp.supervision.llm.models import kind_of
+from islandgp.supervision.llm.questions import kind_of
 from islandgp.supervision.llm.transcript import (
     Attempt,
     Conclusion,

@@ -17,7 +17,7 @@ from islandgp.bt.core.node import Node, depth, keys_in, size, walk, within
 from islandgp.domain import Outcome, total
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Job, evaluated
-from islandgp.evolution.guidance import compare_with_parents, decide, nameable
+from islandgp.evolution.edit_trials import compare_with_parents
 from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual
@@ -40,8 +40,8 @@ from islandgp.scoring.state import PopulationState, population_state
 from islandgp.search.base import Search, SearchState
 from islandgp.search.paper import Paper
 from islandgp.seeding import Stream, Streams, seed_of
-from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import GenerationView, Supervisor
+from islandgp.supervision.guidance import SupervisorQueue, decide, nameable
 
 
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:

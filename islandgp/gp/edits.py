@@ -9,7 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Final
+from functools import lru_cache
+from typing import Annotated, ClassVar, Final
+
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    FiniteFloat,
+    PlainSerializer,
+    PlainValidator,
+)
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.condition import terms, with_term
@@ -19,6 +28,35 @@ from islandgp.bt.core.node import FAILURE, CountArgs, Limits, Node, depth, selec
 from islandgp.bt.core.printer import Named, condition_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
+from islandgp.plain import to_json
+
+STRICT: Final = ConfigDict(strict=True, revalidate_instances="always")
+"""Exact types, also in the fields of an instance: nothing has checked them before."""
+
+
+def encodable(text: str) -> str:
+    """The text if it can be encoded as UTF-8, which half a surrogate pair cannot."""
+    text.encode()  # its UnicodeEncodeError is a ValueError
+    return text
+
+
+@lru_cache(maxsize=64)  # supervisors give the same trees again
+def _reparsed(tree: Node) -> Node:
+    return parse(to_text(tree))
+
+
+def _in_language(tree: object) -> Node:
+    """The tree if it survives printing and parsing; nodes of unknown kinds do not."""
+    try:
+        if isinstance(tree, Node) and _reparsed(tree) == tree:
+            return tree
+    except (TreeError, LookupError, TypeError, ValueError, AttributeError):
+        pass
+    raise ValueError("expected a tree of the language, as bt.core.language.parse makes of a text")
+
+
+Text = Annotated[str, AfterValidator(encodable)]
+CheckedTree = Annotated[Node, PlainValidator(_in_language), PlainSerializer(to_text)]
 
 Path = tuple[int, ...]
 """A place in a tree: the index of a child on each level, from the root on."""
@@ -32,15 +70,17 @@ class Edit:
         ValueError: there is no such kind, or a field is missing or of no use to the kind.
     """
 
+    __pydantic_config__: ClassVar = STRICT
+
     kind: str  # a key of EDITS
-    of: str  # id of the individual whose tree is changed, "<generation>.<slot>"
-    at: str = ""  # place in its tree
-    branch: Node | None = None  # front, insert, replace: what is put there
-    number: float | None = None  # number: the new value
+    of: Text  # id of the individual whose tree is changed, "<generation>.<slot>"
+    at: Text = ""  # place in its tree
+    branch: CheckedTree | None = None  # front, insert, replace: what is put there
+    number: FiniteFloat | None = None  # number: the new value
     term: int = 0  # number: which of the conditions of a `when`, from 0
-    donor: str = ""  # combine: id of the individual whose branch is taken
-    donor_at: str = ""  # combine: place in the donor's tree
-    reason: str = ""  # for people, and for the record
+    donor: Text = ""  # combine: id of the individual whose branch is taken
+    donor_at: Text = ""  # combine: place in the donor's tree
+    reason: Text = ""  # for people, and for the record
 
     def __post_init__(self) -> None:
         """Refuses what no kind of edit could use."""
@@ -326,15 +366,4 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
 
 def as_record(edit: Edit, refused: str) -> EditRecord:
     """The record of an edit; `refused` is the reason for its rejection, or ""."""
-    return EditRecord(
-        kind=edit.kind,
-        of=edit.of,
-        at=edit.at,
-        branch=None if edit.branch is None else to_text(edit.branch),
-        number=edit.number,
-        term=edit.term,
-        donor=edit.donor,
-        donor_at=edit.donor_at,
-        reason=edit.reason,
-        refused=refused,
-    )
+    return EditRecord(**to_json(edit), refused=refused)

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Final, Protocol, runtime_checkable
+from typing import Annotated, ClassVar, Final, Protocol, runtime_checkable
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel, Field, Strict
 
-from islandgp.bt.core.node import Limits, Node
+from islandgp.bt.core.node import Limits
 from islandgp.domain import Domain, Schema
 from islandgp.gp.archive import Elite
-from islandgp.gp.edits import Edit, EditTrial
+from islandgp.gp.edits import STRICT, CheckedTree, Edit, EditTrial, Text, encodable
 from islandgp.gp.plan import GP
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
@@ -59,23 +59,31 @@ def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
             raise ValueError(f"{key}.{phase}: expected 0 <= low <= high <= 1")
 
 
+Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), AfterValidator(float)]
+
+
 @dataclass(frozen=True, slots=True)
 class Guidance:
     """A supervisor's answer. None means that a part is left out."""
 
-    mutation_rate: float | None  # in [0, 1]
-    tree: Node | None  # to inject
-    source: str  # the supervisor's name, or "fallback"
-    phase: Phase | None = None
-    pattern: Pattern | None = None
-    target: str | None = None  # purpose of the tree: one of the state's targets
+    __pydantic_config__: ClassVar = STRICT
+
+    mutation_rate: Share | None  # in [0, 1]
+    tree: CheckedTree | None  # to inject
+    source: Annotated[
+        str, Field(min_length=1), AfterValidator(encodable)
+    ]  # the supervisor's name, or "fallback"
+    phase: Annotated[Phase, Strict(False)] | None = None
+    pattern: Annotated[Pattern, Strict(False)] | None = None
+    target: Text | None = None  # purpose of the tree: one of the state's targets
     intervention: bool = False  # the supervisor considers an intervention necessary
-    risk: str = ""  # in its assessment
-    reasoning: str = ""  # for the rate
-    rationale: str = ""  # for the tree
-    notes: dict[str, str] = field(default_factory=dict)  # further entries of the record
+    risk: Text = ""  # in its assessment
+    reasoning: Text = ""  # for the rate
+    rationale: Text = ""  # for the tree
+    notes: dict[Text, Text] = field(default_factory=dict)  # further entries of the record
     edits: tuple[Edit, ...] = ()  # of individuals, the most important first
-    episodes: int = 0  # simulated for this answer; they count toward the run's budget
+    episodes: Annotated[int, Field(ge=0)] = 0
+    """Episodes simulated for this answer; they count toward the run's budget."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -282,5 +282,5 @@ def test_what_is_no_edit_ends_the_run() -> None:
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
             return replace(super().advise(state, rng), edits=("front",))  # type: ignore[arg-type] # wrong on purpose
 
-    with pytest.raises(SupervisionError, match="a Guidance whose edits is a tuple of Edits"):
+    with pytest.raises(SupervisionError, match=r"found edits\.0='front': input should be"):
         run(supervisor=Wrong())

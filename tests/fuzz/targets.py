@@ -15,7 +15,7 @@ import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -43,7 +43,7 @@ from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
-from islandgp.supervision.llm.checks import Accepted, check_decision, check_proposal
+from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.client import read_message, retry_after
 from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import Reply
@@ -170,10 +170,18 @@ def declaration(data: bytes) -> bool:
 
 RATES: Final = RateSettings(least=0.05, most=0.9, outside="repair")
 CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
-    check_decision(RATES),
-    check_decision(RATES.model_copy(update={"outside": "clamp"})),
-    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first")),
-    check_proposal(Limits(8, 50), VOCABULARY, ("rare", "first"), 3),
+    partial(check_decision, rates=RATES),
+    partial(check_decision, rates=RATES.model_copy(update={"outside": "clamp"})),
+    *(
+        partial(
+            check_proposal,
+            limits=Limits(8, 50),
+            vocabulary=VOCABULARY,
+            targets=("rare", "first"),
+            candidates=n,
+        )
+        for n in (1, 3)
+    ),
 )
 
 

@@ -13,8 +13,8 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, RunContext
-from islandgp.supervision.llm.caching import heading
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.questions import heading
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed

@@ -16,7 +16,7 @@ import pytest
 
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Ledger, cost, known_usage, most_cost, most_tokens
+from islandgp.supervision.llm.ledger import Ledger, cost, dearest, known_usage, most_tokens
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
@@ -193,8 +193,8 @@ def test_a_prompt_that_is_kept_may_cost_more(write: float, dollars: float) -> No
     request = Request("m", "s" * 2_000_000, ("u",), 64, cache=True)
     found = most_tokens(request)
     assert found.cache_write == 1_000_000
-    rest = most_cost(replace(found, cache_write=0), price)
-    assert most_cost(found, price) - rest == pytest.approx(dollars)
+    rest = cost(replace(found, cache_write=0), dearest(price))
+    assert cost(found, dearest(price)) - rest == pytest.approx(dollars)
 
 
 @pytest.mark.parametrize(

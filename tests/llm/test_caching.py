@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from islandgp.supervision.llm.caching import heading, shared_prompts
 from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.questions import heading, shared_prompts
 from islandgp.supervision.llm.settings import LLMSettings
 from tests.llm.test_supervisor import advise, answering, settings, supervisor
 

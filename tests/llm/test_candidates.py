@@ -15,11 +15,10 @@ from islandgp.domain import Domain, Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
-from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.answers import Rejection, RejectionStage
-from islandgp.supervision.llm.checks import Accepted, Proposal, check_proposal
+from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage, check_proposal
 from islandgp.supervision.llm.episode import try_out
+from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.server import MessagesServer
 from tests.llm.made import advise, answering, context, said, settings, state, supervisor
 from tests.llm.test_prompts import CAPABILITIES
@@ -33,6 +32,11 @@ OUTCOMES = {
     PICK: outcome(components={"garbage": 500.0}, pickups=2.0),
 }
 TREES = tuple(parse(text) for text in OUTCOMES)
+
+
+def candidate(target: str) -> Guidance:
+    """The first candidate for a target."""
+    return Guidance(None, TREES[0], "llm", target=target)
 
 
 class Scripted:
@@ -72,9 +76,10 @@ def scripted() -> tuple[RunContext, Scripted]:
 def test_the_best_for_its_target(target: str, best: str) -> None:
     """Its behaviour first, then points; all are tried in one world."""
     given, domain = scripted()
-    chosen, played, _ = try_out(Proposal(TREES[0], target, "r", TREES[1:]), state(), given)
+    chosen, played, _ = try_out(candidate(target), TREES[1:], state(), given)
+    assert chosen.tree is not None
     assert to_text(chosen.tree) == best
-    assert (chosen.others, played.episodes) == ((), 3)
+    assert played.episodes == 3
     assert played.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
     assert len(domain.seeds) == 3
     assert len(set(domain.seeds)) == 1
@@ -84,7 +89,7 @@ def test_worlds_of_trials_are_their_own() -> None:
     """Another generation has another one, the same generation the same."""
     given, domain = scripted()
     for generation in (3, 3, 4):
-        try_out(Proposal(TREES[0], "pickup", "r", TREES[1:2]), state(generation), given)
+        try_out(candidate("pickup"), TREES[1:2], state(generation), given)
     first, again, later = domain.seeds[::2]
     assert first == again != later
 
@@ -94,20 +99,20 @@ def test_a_trial_has_the_world_of_the_stage_that_the_tree_will_join() -> None:
     given, domain = scripted()
     asked: list[int] = []
     staged = replace(given, domain_in=lambda g: asked.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
-    try_out(Proposal(TREES[0], "pickup", "r", TREES[1:2]), state(3), staged)
+    try_out(candidate("pickup"), TREES[1:2], state(3), staged)
     assert asked == [4]
 
 
-def checked(*trees: object, candidates: int = 3) -> Accepted[Proposal] | Rejection:
-    check = check_proposal(Limits(3, 5), VOCABULARY, CLASSES.targets, candidates=candidates)
-    return check(said({"trees": list(trees), "target": "rare", "rationale": "r"}))
+def checked(*trees: object, candidates: int = 3) -> Accepted | Rejection:
+    reply = said({"trees": list(trees), "target": "rare", "rationale": "r"})
+    return check_proposal(reply, Limits(3, 5), VOCABULARY, CLASSES.targets, candidates)
 
 
 def test_candidates_that_cannot_be_used_are_left_out() -> None:
     """The others stay, in their order, and the change is told; too many are cut off."""
     found = checked("FlyHome", PATROL, CHARGE, PICK)
     assert isinstance(found, Accepted)
-    assert (found.value.tree, found.value.others) == (TREES[0], TREES[1:2])
+    assert (found.guidance.tree, found.others) == (TREES[0], TREES[1:2])
     assert found.change == "2 of 3 trees"
 
 
@@ -117,8 +122,8 @@ def test_where_none_can_be_used_the_first_error_is_told() -> None:
     assert isinstance(found, Rejection)
     assert found.stage is RejectionStage.NAMES
     for wrong in ([], "x", [7]):
-        check = check_proposal(Limits(3, 5), VOCABULARY, CLASSES.targets, candidates=2)
-        answer = check(said({"trees": wrong, "target": "rare", "rationale": "r"}))
+        reply = said({"trees": wrong, "target": "rare", "rationale": "r"})
+        answer = check_proposal(reply, Limits(3, 5), VOCABULARY, CLASSES.targets, 2)
         assert isinstance(answer, Rejection)
         assert answer.stage is RejectionStage.FIELDS
         assert "trees: expected a list of texts, one at least" in answer.error
@@ -127,7 +132,7 @@ def test_where_none_can_be_used_the_first_error_is_told() -> None:
 def test_the_question_asks_for_so_many() -> None:
     """In its words and in its schema, with both prompt sets."""
     for name in ("paper", "informed"):
-        found = Adviser(settings("candidates=4", f"prompts={name}"), context())
+        found = Questions(settings("candidates=4", f"prompts={name}"), context())
         request = found.request("tree", state(), CAPABILITIES)
         assert "- trees: 4 trees for the same target" in request.system
         assert '"trees": [TEXT, TEXT, ...]' in request.system
@@ -174,6 +179,6 @@ def test_prompts_of_one_s_own_must_say_it(tmp_path: Path) -> None:
     for file in resource("prompts").glob("*.md"):
         text = file.read_text(encoding="utf-8").replace("{{answer}}", "an answer")
         (tmp_path / file.name).write_text(text, encoding="utf-8")
-    assert Adviser(settings(f"prompts={tmp_path}"), context())
+    assert Questions(settings(f"prompts={tmp_path}"), context())
     with pytest.raises(SupervisionError, match=r"Expected \{\{answer\}\} and"):
-        Adviser(settings(f"prompts={tmp_path}", "candidates=2"), context())
+        Questions(settings(f"prompts={tmp_path}", "candidates=2"), context())

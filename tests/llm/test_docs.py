@@ -14,10 +14,10 @@ from islandgp.commands.estimate_command import command
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.base import Phase
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import RejectionStage
 from islandgp.supervision.llm.history import RUN_VALUES
 from islandgp.supervision.llm.prompts import SETS, render
+from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.demo import demo
 from tests.composed import composed
 from tests.llm.made import advise, answering, context, settings, supervisor
@@ -108,7 +108,7 @@ def test_the_variables_of_the_prompts_are_told() -> None:
     told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
     values = dict.fromkeys(told, "")
     for name in SETS:
-        adviser = Adviser(settings(f"prompts={name}"), context())
+        adviser = Questions(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
             render(prompt, values)
     later = {"generation", "state", "urgency", "answer", "tree_field", "stage", "error"}

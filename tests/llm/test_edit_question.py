@@ -16,12 +16,16 @@ from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.gp.edits import EDITS, EditRecord, EditTrial
 from islandgp.gp.population import Origin
-from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.answers import Rejection, RejectionStage
-from islandgp.supervision.llm.checks import Accepted, EditProposal, check_edits, check_proposal
+from islandgp.supervision.llm.answers import (
+    Accepted,
+    Rejection,
+    RejectionStage,
+    check_edits,
+    check_proposal,
+)
 from islandgp.supervision.llm.history import RunHistory, listing
 from islandgp.supervision.llm.message import Reply
-from islandgp.supervision.llm.models import drawn_models
+from islandgp.supervision.llm.questions import Questions, drawn_models
 from islandgp.testing.faults import no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
@@ -44,9 +48,13 @@ CHARGE = "when batteryLevel < 25 abort lower { sequence { SeekCharger ExecuteCha
 FRONT = {"kind": "front", "of": "3.0", "at": "0", "branch": CHARGE, "reason": "it never charges"}
 
 
-def checked(*edits: object, **other: Any) -> Accepted[EditProposal] | Rejection:
+def check(reply: Reply) -> Accepted | Rejection:
+    """The check of an answer with edits of LIVING."""
+    return check_edits(reply, LIVING, KNOWN, VOCABULARY, Limits(8, 50))
+
+
+def checked(*edits: object, **other: Any) -> Accepted | Rejection:
     """The check of an answer with these edits."""
-    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
     return check(said({"reasoning": "a", "edits": list(edits), **other}))
 
 
@@ -55,7 +63,7 @@ def test_an_edit_is_taken() -> None:
     for branch in (CHARGE, f"```bt\n{CHARGE}\n```"):
         found = checked({**FRONT, "branch": branch})
         assert isinstance(found, Accepted)
-        (edit,) = found.value.edits
+        (edit,) = found.guidance.edits
         assert (edit.kind, edit.of, edit.at, edit.reason) == ("front", "3.0", "0", FRONT["reason"])
         assert edit.branch == parse(CHARGE)
 
@@ -88,7 +96,6 @@ def test_what_is_refused_is_said(change: dict[str, Any], words: str) -> None:
 @pytest.mark.parametrize("edits", [[], "front", None, [3], [[]]])
 def test_what_is_no_list_of_edits_is_refused(edits: object) -> None:
     """With the form that is expected."""
-    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
     found = check(said({"reasoning": "a", "edits": edits}))
     assert isinstance(found, Rejection)
     assert found.stage is RejectionStage.FIELDS
@@ -99,13 +106,12 @@ def test_good_edits_count_beside_bad_ones() -> None:
     """The record says which were left out, and why."""
     found = checked({**FRONT, "of": "9.9"}, FRONT)
     assert isinstance(found, Accepted)
-    assert len(found.value.edits) == 1
+    assert len(found.guidance.edits) == 1
     assert found.change.startswith("1 of 2 edits: edit 1: expected an individual")
 
 
 def test_an_empty_answer_is_asked_again() -> None:
     """It is no refusal: the repair turn says that it was empty."""
-    check = check_edits(LIVING, KNOWN, VOCABULARY, Limits(8, 50))
     found = check(Reply("  ", "end_turn", None))
     assert isinstance(found, Rejection)
     assert found.stage is RejectionStage.JSON
@@ -119,10 +125,9 @@ def test_whole_trees_may_be_refused_as_copies_and_by_the_linter() -> None:
         (f"selector {{ {CHARGE.replace('< 25', '> 200')} PatrolWaypoint }}", RejectionStage.LINT),
     ):
         reply = said({"tree": f"```\n{text}\n```", "target": "rare", "rationale": "a"})
-        free = check_proposal(Limits(8, 50), VOCABULARY, ("rare",))
-        strict = check_proposal(Limits(8, 50), VOCABULARY, ("rare",), known=KNOWN)
-        assert isinstance(free(reply), Accepted)
-        found = strict(reply)
+        how = (reply, Limits(8, 50), VOCABULARY, ("rare",))
+        assert isinstance(check_proposal(*how), Accepted)
+        found = check_proposal(*how, known=KNOWN)
         assert isinstance(found, Rejection)
         assert found.stage is stage
 
@@ -198,7 +203,7 @@ def test_the_history_counts_the_edits_of_each_model() -> None:
 def test_every_kind_is_explained() -> None:
     """The system prompt has each kind of edit, and names no domain's words beside its own."""
     given = context(None, "supervisor.edits=2")
-    found = Adviser(settings(), given).request("edits", state(), CAPABILITIES)
+    found = Questions(settings(), given).request("edits", state(), CAPABILITIES)
     assert all(f"- {name} (needs {kind.needs})" in found.system for name, kind in EDITS.items())
     assert found.schema is not None
     assert list(found.schema["properties"]) == ["reasoning", "edits"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from math import isnan, nan
 from pathlib import Path
 
 import pytest
@@ -100,7 +101,7 @@ def test_a_record_tells_what_it_really_takes(tmp_path: Path) -> None:
 def test_bills_add_up() -> None:
     """An unknown price stays unknown."""
     assert Bill(1, 2, 3, 4.0) + Bill(10, 20, 30, 40.0) == Bill(11, 22, 33, 44.0)
-    assert (Bill(1, 2, 3, None) + Bill(1, 2, 3, 4.0)).usd is None
+    assert isnan((Bill(1, 2, 3, nan) + Bill(1, 2, 3, 4.0)).usd)
 
 
 def test_the_command_tells_a_sweep() -> None:
@@ -185,6 +186,6 @@ def test_a_kept_prompt_is_written_once_and_read_then() -> None:
             expected(settings(*words, f"cache={flag}"), context()) for flag in ("true", "false")
         )
         assert (cached.input > plain.input + 3) is shared
-        assert cached.usd is not None
-        assert plain.usd is not None
+        assert not isnan(cached.usd)
+        assert not isnan(plain.usd)
         assert cached.usd < 0.9 * plain.usd

@@ -22,10 +22,10 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans
 from islandgp.supervision.llm.history import RunHistory, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
+from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
@@ -81,16 +81,16 @@ def small_run(*overrides: str) -> tuple[RunContext, Keeps]:
     return run_context(found), keeps
 
 
-def adviser(*overrides: str, run: Sequence[str] = ()) -> Adviser:
+def adviser(*overrides: str, run: Sequence[str] = ()) -> Questions:
     """One with informed prompts that has seen the small run with the overrides `run`."""
     context, keeps = small_run(*run)
-    found = Adviser(settings("prompts=informed", *overrides), context)
+    found = Questions(settings("prompts=informed", *overrides), context)
     for seen in keeps.seen:
         found.on_generation(seen)
     return found
 
 
-def both(found: Adviser) -> str:
+def both(found: Questions) -> str:
     """The questions for a rate and for a tree after the run's last question."""
     at = small_run()[1].states[-1]
     return whole(found.request("rate", at, CAPABILITIES)) + whole(
@@ -138,7 +138,7 @@ def test_reasons_come_before_the_decision() -> None:
 
 def test_before_the_first_generation_nothing_is_known() -> None:
     """The parts that a run fills are left out, and no trace is played."""
-    found = Adviser(settings("prompts=informed"), small_run()[0])
+    found = Questions(settings("prompts=informed"), small_run()[0])
     text = whole(found.request("tree", state(), CAPABILITIES))
     assert PARTS["rewards=false"] in text
     assert all(PARTS[k] not in text for k in ("classes=false", "injected=0", "traces=false"))
@@ -149,7 +149,7 @@ def test_traces_tell_the_episode_that_was_scored() -> None:
     context, keeps = small_run()
     seen = keeps.seen[-1]
     best = max(seen.individuals, key=lambda i: i.fitness)
-    text = adviser()._run_values(keeps.states[-1]).values["traces"]
+    text = adviser().run_values(keeps.states[-1]).values["traces"]
     assert f"of class {best.specialist}, {best.fitness:,.0f} points" in text
     outcome, _ = describe_episode(
         context.domain, parse(best.tree), seen.worlds[0], seen.multipliers
@@ -161,7 +161,7 @@ def test_prompts_have_a_largest_size() -> None:
     """The largest trees, the longest histories: not more than the documented characters."""
     context, keeps = small_run()
     huge = "sequence { " + "PatrolWaypoint " * 49 + "}\n"
-    found = Adviser(settings("prompts=informed"), context)
+    found = Questions(settings("prompts=informed"), context)
     for _ in range(5):
         for seen in keeps.seen:
             trees = tuple(
@@ -170,7 +170,7 @@ def test_prompts_have_a_largest_size() -> None:
             )
             found.on_generation(replace(seen, individuals=trees))
     at = keeps.states[-1]
-    plain = Adviser(settings(), context)
+    plain = Questions(settings(), context)
     for part in ("rate", "tree"):
         asked, short = (of.request(part, at, CAPABILITIES).turns[0] for of in (found, plain))
         assert len(asked) - len(short) < 30_000

@@ -10,9 +10,9 @@ import pytest
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.checks import Accepted, check_decision, check_proposal
+from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.message import Request
+from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.mock_model import MockModel
 from tests.llm.made import context, said, settings, state
 from tests.llm.test_informed import adviser, small_run
@@ -28,19 +28,19 @@ def wire(request: Request) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def paper() -> Adviser:
-    return Adviser(settings(), context())
+def paper() -> Questions:
+    return Questions(settings(), context())
 
 
-def rate(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
+def rate(of: Questions, at: PopulationState, model: MockModel | None = None) -> Any:
     return (model or MockModel())(wire(of.request("rate", at, CAPABILITIES)))
 
 
-def tree(of: Adviser, at: PopulationState, model: MockModel | None = None) -> Any:
+def tree(of: Questions, at: PopulationState, model: MockModel | None = None) -> Any:
     return (model or MockModel())(wire(of.request("tree", at, CAPABILITIES)))
 
 
-def test_it_judges_by_the_prompt(paper: Adviser) -> None:
+def test_it_judges_by_the_prompt(paper: Questions) -> None:
     """Phases by quality first, rates from the prompt's own table, trees for what is missing."""
     assert rate(paper, state())["phase"] == "early_exploration"
     assert rate(paper, state(ever=True))["phase"] == "aggressive_exploration"
@@ -50,16 +50,16 @@ def test_it_judges_by_the_prompt(paper: Adviser) -> None:
     assert tree(paper, state())["target"] == "charging"  # nobody does it
 
 
-def test_its_answers_can_be_used(paper: Adviser) -> None:
+def test_its_answers_can_be_used(paper: Questions) -> None:
     """With both prompt sets, with and without candidates."""
     at = small_run()[1].states[-1]
     for found in (paper, adviser(), adviser("candidates=3")):
         n, limits = found.settings.candidates, found.context.limits
         targets = at.targets
-        proposal = check_proposal(limits, VOCABULARY, targets, candidates=n)(said(tree(found, at)))
+        proposal = check_proposal(said(tree(found, at)), limits, VOCABULARY, targets, n)
         assert isinstance(proposal, Accepted)
-        assert len(proposal.value.others) == n - 1
-        decision = check_decision(found.settings.rate)(said(rate(found, at)))
+        assert len(proposal.others) == n - 1
+        decision = check_decision(said(rate(found, at)), found.settings.rate)
         assert isinstance(decision, Accepted)
 
 
@@ -70,13 +70,13 @@ def test_it_goes_by_fates_and_traces() -> None:
     at, found = small_run(*run)[1].states[-1], adviser(run=run)
     assert at.rarest_behaviours[0] == "humanoid"
     assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
-    assert tree(Adviser(settings(), found.context), at)["target"] == "humanoid"
+    assert tree(Questions(settings(), found.context), at)["target"] == "humanoid"
     library = found.context.library().trees.values()
     assert parse(tree(found, at)["tree"]) not in library
 
 
 @pytest.mark.slow
-def test_noise_and_faults_are_seeded(paper: Adviser) -> None:
+def test_noise_and_faults_are_seeded(paper: Questions) -> None:
     """The same seed, the same answers; the shares are those that were asked for."""
     states = [state(g, complete=g % 4) for g in range(200)]
 

@@ -16,7 +16,6 @@ from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import Pattern, Phase
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.answers import (
     DecisionAnswer,
     Rejection,
@@ -25,6 +24,7 @@ from islandgp.supervision.llm.answers import (
 )
 from islandgp.supervision.llm.message import Request, ServerCapabilities
 from islandgp.supervision.llm.prompts import Prompt, language, load_prompt, render, urgency
+from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
 from tests.llm.made import context, settings, state
@@ -34,34 +34,34 @@ CAPABILITIES = ServerCapabilities(True, 0.7, "")
 
 
 @pytest.fixture(scope="module")
-def adviser() -> Adviser:
-    return Adviser(settings(), context())
+def adviser() -> Questions:
+    return Questions(settings(), context())
 
 
 def whole(request: Request) -> str:
     return f"# system\n\n{request.system}\n\n# user\n\n{request.turns[0]}\n"
 
 
-def test_golden_rate_prompt(adviser: Adviser) -> None:
+def test_golden_rate_prompt(adviser: Questions) -> None:
     """The whole question for a mutation rate."""
     check_golden("prompt_mutation_rate.md", whole(adviser.request("rate", state(), CAPABILITIES)))
 
 
-def test_golden_prompt_of_phase_1(adviser: Adviser) -> None:
+def test_golden_prompt_of_phase_1(adviser: Questions) -> None:
     """The whole question for a tree while there is no robot of quality."""
     check_golden("prompt_tree_explore.md", whole(adviser.request("tree", state(), CAPABILITIES)))
 
 
-def test_golden_prompt_of_phase_2(adviser: Adviser) -> None:
+def test_golden_prompt_of_phase_2(adviser: Questions) -> None:
     """The whole question for a tree once there is one."""
     found = adviser.request("tree", state(complete=3, excellent=1), CAPABILITIES)
     check_golden("prompt_tree_exploit.md", whole(found))
 
 
-def test_the_repair_prompt(adviser: Adviser) -> None:
+def test_the_repair_prompt(adviser: Questions) -> None:
     """The whole turn that tells what was wrong, with the error as the language words it."""
     error = "tree:1:1: unknown action 'FlyHome'"
-    assert adviser._repair(Rejection(RejectionStage.NAMES, error)) == (
+    assert adviser.repair(Rejection(RejectionStage.NAMES, error)) == (
         'That answer cannot be used. It failed at the stage "names":\n'
         "\n"
         "tree:1:1: unknown action 'FlyHome'\n"
@@ -83,18 +83,18 @@ def test_the_repair_prompt(adviser: Adviser) -> None:
 )
 def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
     """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
-    adviser = Adviser(settings(f"exploit_from={tier}"), context())
+    adviser = Questions(settings(f"exploit_from={tier}"), context())
     assert phase in adviser.request("tree", at, CAPABILITIES).system  # type: ignore[arg-type]
 
 
 def test_sizes_are_those_of_the_settings() -> None:
     """What is asked for and what is taken both stand in the prompt."""
     how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    found = Adviser(how, context()).request("tree", state(), CAPABILITIES).system
+    found = Questions(how, context()).request("tree", state(), CAPABILITIES).system
     assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
 
 
-def test_the_system_part_is_the_same_in_every_generation(adviser: Adviser) -> None:
+def test_the_system_part_is_the_same_in_every_generation(adviser: Questions) -> None:
     """So that a server can keep it, and a transcript holds it once."""
     first, later = state(3), state(9)
     for part in adviser.parts:
@@ -103,7 +103,7 @@ def test_the_system_part_is_the_same_in_every_generation(adviser: Adviser) -> No
         assert before.turns != after.turns
 
 
-def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None:
+def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Questions) -> None:
     """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
     found = adviser.request("rate", state(), CAPABILITIES).system
     for phase, (low, high) in settings().phases.items():
@@ -114,7 +114,7 @@ def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Adviser) -> None
     assert all(f'"{field}"' in found for field in DecisionAnswer.model_fields)
 
 
-def test_every_target_is_in_the_tree_prompts(adviser: Adviser) -> None:
+def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
     """Table 7 whole, and every field of the answer."""
     meanings = {
         name: f"shows {SCHEMA.counters[counter].meaning}"
@@ -157,11 +157,11 @@ def test_a_new_action_reaches_the_prompts() -> None:
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
     words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
     given = replace(context(), schema=replace(SCHEMA, vocabulary=words))
-    found = Adviser(settings(), given).request("tree", state(), CAPABILITIES).system
+    found = Questions(settings(), given).request("tree", state(), CAPABILITIES).system
     assert "- FlyHome: flies home" in found
 
 
-def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
+def test_examples_are_the_project_s_own(adviser: Questions) -> None:
     """Every example tree in a prompt is a file of grammar/examples, annotations included."""
     files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
     for at in (state(), state(excellent=1)):
@@ -175,7 +175,7 @@ def test_examples_are_the_project_s_own(adviser: Adviser) -> None:
             parse(block, VOCABULARY)
 
 
-def test_urgency_is_told_in_words(adviser: Adviser) -> None:
+def test_urgency_is_told_in_words(adviser: Questions) -> None:
     """Section 2.4.6: what nobody does is missing, what few do is rare."""
     assert urgency(state(), 0.1).splitlines() == [
         "- charging: 0 of 30 individuals do it: MISSING",
@@ -209,21 +209,21 @@ def test_prompts_of_one_s_own(tmp_path: Path) -> None:
     mine = tmp_path / "mutation_rate.md"
     mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
     how = settings(f"prompts={tmp_path}")
-    assert Adviser(how, context()).request("rate", state(), CAPABILITIES).system == "Be wise."
+    assert Questions(how, context()).request("rate", state(), CAPABILITIES).system == "Be wise."
     mine.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
-        Adviser(how, context())
+        Questions(how, context())
     mine.write_text("Just text.", encoding="utf-8")
     with pytest.raises(SupervisionError, match="# user"):
         load_prompt("mutation_rate", tmp_path)
     mine.unlink()
     with pytest.raises(SupervisionError, match="found none"):
-        Adviser(how, context())
+        Questions(how, context())
 
 
 def test_a_domain_has_its_own_word_for_its_robots() -> None:
     """`classes.agent` is in every place of the prompts that names a tier."""
-    found = Adviser(settings(), context(None, "+classes.agent=Lander"))
+    found = Questions(settings(), context(None, "+classes.agent=Lander"))
     texts = [
         whole(found.request(part, state(complete=1), CAPABILITIES)) for part in ("rate", "tree")
     ]

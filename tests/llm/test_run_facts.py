@@ -8,8 +8,8 @@ import pytest
 
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.prompts import run_facts
+from islandgp.supervision.llm.questions import Questions
 from islandgp.text import in_points, rounded
 from tests.llm.made import context, settings, state
 from tests.llm.test_prompts import CAPABILITIES
@@ -17,7 +17,7 @@ from tests.llm.test_prompts import CAPABILITIES
 
 def system(part: str, given: RunContext, *overrides: str) -> str:
     """A system prompt, in one line."""
-    found = Adviser(settings(*overrides), given).request(part, state(), CAPABILITIES).system
+    found = Questions(settings(*overrides), given).request(part, state(), CAPABILITIES).system
     return " ".join(found.split())
 
 

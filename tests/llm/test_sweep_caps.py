@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from math import nan
 from pathlib import Path
 
 import pytest
@@ -74,9 +75,9 @@ def test_a_refused_connection_takes_nothing(tmp_path: Path) -> None:
 def test_a_line_that_was_cut_off_does_not_hide_the_next(tmp_path: Path) -> None:
     """A kill in the middle of a reservation: its request was not sent."""
     caps = SweepCaps(requests=3)
-    SweepLedger(tmp_path, None, caps).add(Bill(2, 10, 10, None))
+    SweepLedger(tmp_path, None, caps).add(Bill(2, 10, 10, nan))
     with (tmp_path / "spending.jsonl").open("ab") as file:
         file.write(b'{"requests": 7, "inp')
     ledger = SweepLedger(tmp_path, None, caps)
-    assert ledger.reserve(Bill(1, 10, 10, None)) == ""
-    assert "sweep_caps.requests=3" in ledger.reserve(Bill(1, 10, 10, None))
+    assert ledger.reserve(Bill(1, 10, 10, nan)) == ""
+    assert "sweep_caps.requests=3" in ledger.reserve(Bill(1, 10, 10, nan))

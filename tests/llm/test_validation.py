@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -15,15 +16,18 @@ from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
+    LONGEST,
+    Accepted,
     DecisionAnswer,
     ModelAnswer,
     Rejection,
     RejectionStage,
+    check_decision,
+    check_proposal,
     find_object,
     proposal_model,
     schema,
 )
-from islandgp.supervision.llm.checks import LONGEST, Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.message import SANE, Reply
 from islandgp.supervision.llm.settings import RateSettings
 from tests.llm.made import DECISION as GOOD
@@ -34,9 +38,9 @@ from tests.strategies import nodes
 
 RATES = RateSettings(least=0.1, most=0.5, outside="repair")
 LIMITS = Limits(5, 22)
-decide = check_decision(RATES)
+decide = partial(check_decision, rates=RATES)
 PROPOSAL = proposal_model(CLASSES.targets)
-propose = check_proposal(LIMITS, VOCABULARY, CLASSES.targets)
+propose = partial(check_proposal, limits=LIMITS, vocabulary=VOCABULARY, targets=CLASSES.targets)
 
 
 def rejected(found: object) -> Rejection:
@@ -48,7 +52,7 @@ def test_a_good_decision_is_taken_whole() -> None:
     """Every field of it arrives, typed."""
     found = decide(said(GOOD))
     assert isinstance(found, Accepted)
-    d = found.value
+    d = found.guidance
     assert (d.mutation_rate, d.phase, d.pattern) == (
         0.42,
         Phase.EARLY_EXPLORATION,
@@ -62,8 +66,9 @@ def test_a_good_tree_is_taken_whole() -> None:
     text = "# a note\nsubtree go = PatrolWaypoint\nselector { use go use go }"
     found = propose(said({**GOOD_TREE, "tree": text}))
     assert isinstance(found, Accepted)
-    assert to_text(found.value.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
-    assert (found.value.target, found.value.rationale) == ("rare", "c")
+    assert found.guidance.tree is not None
+    assert to_text(found.guidance.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
+    assert (found.guidance.target, found.guidance.rationale) == ("rare", "c")
 
 
 @pytest.mark.parametrize(
@@ -170,13 +175,13 @@ def test_the_range_s_ends_belong_to_it(rate: float) -> None:
 
 def test_clamping_is_told() -> None:
     """Where configuration says so the nearest limit is taken, and the record can say from what."""
-    clamp = check_decision(RateSettings(least=0.1, most=0.5, outside="clamp"))
+    clamp = partial(check_decision, rates=RATES.model_copy(update={"outside": "clamp"}))
     high = clamp(said({**GOOD, "mutation_rate": 7}))
     low = clamp(said({**GOOD, "mutation_rate": -1}))
     assert isinstance(high, Accepted)
     assert isinstance(low, Accepted)
-    assert (high.value.mutation_rate, high.change) == (0.5, "clamped from 7.0")
-    assert (low.value.mutation_rate, low.change) == (0.1, "clamped from -1.0")
+    assert (high.guidance.mutation_rate, high.change) == (0.5, "clamped from 7.0")
+    assert (low.guidance.mutation_rate, low.change) == (0.1, "clamped from -1.0")
 
 
 @pytest.mark.parametrize(
@@ -221,7 +226,7 @@ def test_whatever_is_taken_keeps_the_limits(tree: object) -> None:
     found = propose(said({**GOOD_TREE, "tree": to_text(tree)}))  # type: ignore[arg-type]
     assert isinstance(found, Accepted) == within(tree, LIMITS)  # type: ignore[arg-type]
     if isinstance(found, Accepted):
-        assert found.value.tree == parse(to_text(tree))  # type: ignore[arg-type]
+        assert found.guidance.tree == parse(to_text(tree))  # type: ignore[arg-type]
 
 
 @given(st.text() | st.text('{}[]",:0', max_size=40))
@@ -243,9 +248,10 @@ def test_what_is_taken_is_of_the_declared_types(answer: dict[str, object]) -> No
     """A decision is only made of a rate in range and of real names, whatever the values are."""
     found = decide(said(json.dumps(answer)))
     if isinstance(found, Accepted):
-        assert 0.1 <= found.value.mutation_rate <= 0.5
-        assert isinstance(found.value.phase, Phase)
-        assert isinstance(found.value.pattern, Pattern)
+        assert found.guidance.mutation_rate is not None
+        assert 0.1 <= found.guidance.mutation_rate <= 0.5
+        assert isinstance(found.guidance.phase, Phase)
+        assert isinstance(found.guidance.pattern, Pattern)
 
 
 def test_texts_inside_the_json_are_made_storable() -> None:
@@ -254,7 +260,7 @@ def test_texts_inside_the_json_are_made_storable() -> None:
     body = json.dumps({**GOOD, "risk": "@"}).replace("@", odd)
     found = decide(said(body))
     assert isinstance(found, Accepted)
-    assert found.value.risk == "a?b [31m c"
+    assert found.guidance.risk == "a?b [31m c"
     tree = json.dumps({**GOOD_TREE, "tree": "@"}).replace("@", odd)
     rejected(propose(said(tree))).error.encode()
 
@@ -263,7 +269,7 @@ def test_explanations_are_kept_short() -> None:
     """A model that rambles does not fill the records."""
     found = decide(said({**GOOD, "reasoning": "x" * 50_000}))
     assert isinstance(found, Accepted)
-    assert len(found.value.reasoning) == LONGEST
+    assert len(found.guidance.reasoning) == LONGEST
 
 
 def test_the_first_object_with_a_known_field_wins() -> None:
@@ -313,7 +319,7 @@ def test_the_last_whole_answer_counts(text: str) -> None:
     """Drafts, thoughts and trees come before it, remarks after it."""
     found = decide(said(text))
     assert isinstance(found, Accepted), found
-    assert found.value.mutation_rate == 0.42
+    assert found.guidance.mutation_rate == 0.42
 
 
 def test_line_breaks_inside_a_tree_do_no_harm() -> None:

@@ -24,7 +24,7 @@ from islandgp.records.checkpoint import dump
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
-from islandgp.supervision.llm.adviser import Adviser
+from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.replay import Replay
 from islandgp.testing.faults import Fault, Script, every, no_faults
 from islandgp.testing.mock_model import MockModel
@@ -258,9 +258,9 @@ def test_the_model_is_asked_for_what_the_search_uses(search: str, asked: set[str
     context = run_context(composed("supervisor=llm", f"search={search}", *QUICK))
     if not asked:
         with pytest.raises(SupervisionError, match="nothing to ask the model for"):
-            Adviser(llm_settings(), context)
+            Questions(llm_settings(), context)
     else:
-        assert set(Adviser(llm_settings(), context).parts) == asked
+        assert set(Questions(llm_settings(), context).parts) == asked
 
 
 def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:

@@ -12,8 +12,8 @@ from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.asking import SupervisorQueue
 from islandgp.supervision.base import Guidance, Supervisor
+from islandgp.supervision.guidance import SupervisorQueue
 from tests.evolution.fake import Fake
 from tests.evolution.runs import lines, plan, records, run
 from tests.made import snapshot, state

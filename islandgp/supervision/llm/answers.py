@@ -1,4 +1,8 @@
-"""The answers of a language model: their pydantic models, and reading one from a text (2.4.6)."""
+"""Reads and checks the answers of a language model (section 2.4.6).
+
+A decision passes JSON, fields and range; a tree JSON, fields, grammar, names and limits; an edit
+must make a new tree. The text of a rejection helps the model to repair its answer.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,24 @@ from typing import Annotated, Any, Final, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, WithJsonSchema
 from pydantic import create_model as new_model
 
-from islandgp.gp.edits import EDITS
-from islandgp.supervision.base import Pattern, Phase
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node, check_limits
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
+from islandgp.gp.edits import EDITS, Edit, edited
+from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import SANE, Reply, clean
+from islandgp.supervision.llm.settings import RateSettings
 
 A = TypeVar("A", bound=BaseModel)
 
+LONGEST: Final = 1000  # most characters of an explanation in the record
+MOST_EDITS: Final = 20  # most edits of an answer; further ones are ignored
 _CANDIDATES: Final = 2000  # most places of a text at which a JSON object is searched
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
+_FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
 Number = Annotated[float, Field(gt=-1e300, lt=1e300)]
 """Neither NaN, infinity nor an integer of 400 digits, all of which Python reads from JSON."""
@@ -163,21 +176,29 @@ class Rejection:
     error: str  # for the model, and for the record
 
 
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """An accepted answer."""
+
+    guidance: Guidance  # with the fields that were asked for
+    change: str = ""  # that was made to the answer, or ""
+    others: tuple[Node, ...] = ()  # further candidates for the tree
+
+
 def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
     """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it."""
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     cut_off = reply.stop_reason == "max_tokens"
-    if not reply.text.strip():
-        why = "an answer that was cut off before its first word; think much less"
-        why = why if cut_off else "an empty answer"
-        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
     fields = find_object(reply.text, model.model_fields)
     # If a further object was begun when the tokens ran out, those before it are drafts.
     if fields is None or (cut_off and "{" in _objects(reply.text)[1]):
-        why = "an answer that was cut off; make it much shorter"
-        why = why if cut_off else "none that can be read"
-        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why}.")
+        if reply.text.strip():
+            why = ("none that can be read", "an answer that was cut off; make it much shorter")
+        else:
+            early = "an answer that was cut off before its first word; think much less"
+            why = ("an empty answer", early)
+        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why[cut_off]}.")
     # JSON escapes can encode characters that were removed from the text itself.
     values = {key: cleaned(value) for key, value in fields.items()}
     try:
@@ -194,24 +215,18 @@ def cleaned(value: Any) -> Any:
 
 
 def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
-    """Finds the JSON object of an answer from a server without schemas.
+    """The JSON object of an answer's text; None if there is none or the text is too long.
 
-    Other text may surround it. Drafts come before it, and text inside `<think>` is ignored.
-
-    Args:
-        text: of the answer.
-        fields: that the object should have.
-
-    Returns:
-        The last object with all of the fields, or else with any of them, or else the last one;
-        None if there is none or the text is too long.
+    Of several it is the last with all of the fields, or else with any of them, or else the last:
+    drafts come before the answer. Text around it or inside `<think>` is ignored.
     """
-    if len(text) > SANE:
-        return None
-    objects, _ = _objects(text)
-    whole = [value for value in objects if all(field in value for field in fields)]
-    some = [value for value in objects if any(field in value for field in fields)]
-    return next((values[-1] for values in (whole, some, objects) if values), None)
+
+    def rank(place: int) -> tuple[bool, bool, int]:
+        present = [field in objects[place] for field in fields]
+        return all(present), any(present), place
+
+    objects = _objects(text)[0] if len(text) <= SANE else []
+    return objects[max(range(len(objects)), key=rank)] if objects else None
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
@@ -232,3 +247,152 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
             objects.append(value)
             at = text.find("{", end)
     return objects, text[end:]
+
+
+def check_decision(reply: Reply, rates: RateSettings) -> Accepted | Rejection:
+    """Checks a decision on the mutation rate."""
+    answer = read_answer(reply, DecisionAnswer)
+    if isinstance(answer, Rejection):
+        return answer
+    advised = answer.mutation_rate
+    rate = min(rates.most, max(rates.least, advised))
+    if rate != advised and rates.outside == "repair":
+        wanted = f"a number from {rates.least} to {rates.most}"
+        error = f"mutation_rate: expected {wanted}, found {advised}"
+        return Rejection(RejectionStage.RANGE, error)
+    decision = Guidance(
+        rate,
+        None,
+        "llm",
+        phase=answer.phase,
+        pattern=answer.pattern,
+        intervention=answer.intervention,
+        risk=answer.risk[:LONGEST],
+        reasoning=answer.reasoning[:LONGEST],
+    )
+    return Accepted(decision, "" if rate == advised else f"clamped from {advised}")
+
+
+def check_proposal(
+    reply: Reply,
+    limits: Limits,
+    vocabulary: Vocabulary,
+    targets: tuple[str, ...],
+    candidates: int = 1,
+    known: frozenset[str] | None = None,
+) -> Accepted | Rejection:
+    """Checks a tree, or several candidates, of which at least one must be valid.
+
+    With `known`, the canonical texts of trees that are no news, these are rejected, and trees that
+    `islandgp check` warns of.
+    """
+    model: Any = proposal_model(targets, candidates)
+    proposal = read_answer(reply, model)
+    if isinstance(proposal, Rejection):
+        return proposal
+    texts = proposal.trees[:candidates] if candidates > 1 else [proposal.tree]
+    checked = [_check_tree(without_fences(text), limits, vocabulary, known) for text in texts]
+    trees = [tree for tree in checked if isinstance(tree, Node)]
+    if not trees:
+        return next(wrong for wrong in checked if isinstance(wrong, Rejection))
+    change = f"{len(trees)} of {len(texts)} trees" if len(trees) < len(texts) else ""
+    rationale = proposal.rationale[:LONGEST]
+    guidance = Guidance(None, trees[0], "llm", target=proposal.target, rationale=rationale)
+    return Accepted(guidance, change, tuple(trees[1:]))
+
+
+def without_fences(text: str) -> str:
+    """A tree's text without a Markdown fence around it."""
+    match = _FENCED.search(text)
+    return match[1] if match else text
+
+
+def _check_tree(
+    text: str, limits: Limits, vocabulary: Vocabulary, known: frozenset[str] | None
+) -> Node | Rejection:
+    """Checks grammar, names and limits of a tree; with `known` also novelty and lint warnings."""
+    try:
+        tree = parse(text, vocabulary, name="tree")
+        check_limits(tree, limits)
+    except (UnknownNameError, DomainError) as error:
+        return Rejection(RejectionStage.NAMES, str(error))
+    except LimitError as error:
+        return Rejection(RejectionStage.LIMITS, str(error))
+    except TreeError as error:
+        return Rejection(RejectionStage.GRAMMAR, str(error))
+    if known is None:
+        return tree
+    if to_text(tree) in known:
+        copied = "Expected a new tree, found a copy of a living one or of an example."
+        return Rejection(RejectionStage.COPY, copied)
+    if lint := warnings(text, vocabulary, name="tree"):
+        return Rejection(RejectionStage.LINT, "\n".join(w.message for w in lint))
+    return tree
+
+
+def check_edits(
+    reply: Reply,
+    living: Mapping[str, str],
+    known: frozenset[str],
+    vocabulary: Vocabulary,
+    limits: Limits,
+) -> Accepted | Rejection:
+    """Checks edits, of which at least one must make a new tree.
+
+    `living` are the texts, by id, of the trees that an edit may name; `known` the canonical texts
+    of trees that are no news.
+    """
+    answer = read_answer(reply, EditsAnswer)
+    if isinstance(answer, Rejection):
+        return answer
+    listed, edits, wrong = answer.edits[:MOST_EDITS], [], []
+    for number, plain in enumerate(listed, 1):
+        try:
+            edit = _edit(plain)
+            trees = {n: parse(living[n]) for n in (edit.of, edit.donor) if n in living}
+            text = to_text(edited(edit, trees, vocabulary, limits))
+            _check_new(text, trees[edit.of], known, vocabulary)
+            edits.append(edit)
+        except (ValueError, TreeError) as error:
+            wrong.append(f"edit {number}: {error}")
+    if not edits:
+        return Rejection(RejectionStage.EDITS, "\n".join(wrong))
+    change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else ""
+    return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:LONGEST])
+
+
+def _edit(plain: Mapping[str, Any]) -> Edit:
+    """An edit from JSON values; those that its kind does not need are ignored.
+
+    Raises ValueError or TreeError if they are not those of an edit.
+    """
+    values = {k: cleaned(v) for k, v in plain.items() if v is not None and v != ""}
+    try:
+        answer = EditAnswer.model_validate(values)
+    except ValidationError as error:
+        raise ValueError("; ".join(faults(error, EditAnswer, values))) from None
+    if answer.kind not in EDITS:
+        raise ValueError(f"kind: expected one of {', '.join(EDITS)}, found {answer.kind!r:.60}")
+    needs = EDITS[answer.kind].needs
+    if needs not in answer.model_fields_set:
+        raise ValueError(f"{needs}: expected a value in an edit {answer.kind}, found none")
+    return Edit(
+        answer.kind,
+        of=answer.of[:LONGEST],
+        at=answer.at[:LONGEST],
+        branch=parse(without_fences(answer.branch), name="branch") if needs == "branch" else None,
+        number=answer.number if needs == "number" else None,
+        term=answer.term,
+        donor=answer.donor[:LONGEST] if needs == "donor" else "",
+        donor_at=answer.donor_at[:LONGEST],
+        reason=answer.reason[:LONGEST],
+    )
+
+
+def _check_new(text: str, before: Node, known: frozenset[str], vocabulary: Vocabulary) -> None:
+    """Raises ValueError unless an edited tree is new and has no new lint warning."""
+    if text in known:
+        raise ValueError("expected a new tree, found a copy of a living tree or of an example")
+    known_warnings = {w.message for w in warnings(to_text(before), vocabulary)}
+    if new := [w.message for w in warnings(text, vocabulary) if w.message not in known_warnings]:
+        raise ValueError(f"islandgp check warns of the edited tree: {new[0]}")

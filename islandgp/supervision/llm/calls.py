@@ -17,14 +17,15 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from math import inf
 from threading import Lock, Thread
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
+from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.llm.answers import Rejection, RejectionStage
-from islandgp.supervision.llm.checks import Check
+from islandgp.supervision.base import Guidance
+from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
 from islandgp.supervision.llm.ledger import Ledger, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -41,6 +42,7 @@ from islandgp.supervision.llm.settings import Outage, RetrySettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
 T = TypeVar("T")
+Check = Callable[[Reply], Accepted | Rejection]
 
 
 def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
@@ -134,22 +136,12 @@ class LiveCalls:
             SupervisionError: no server answers, and `on_outage` is "stop".
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
-        rng = stream(
-            self.seed,
-            Stream.NETWORK,
-            generation=call.generation + 1,
-            slot=10 * _slot(call.part) + call.turn,
-        )
-        answer = done[-1].answer if done else None
-        number = done[-1].number if done else 0
-        before = 0  # earlier attempts that no longer count
-        if (
-            answer is not None
-            and final(answer, number, self.retry)
-            and self._forgotten(call, answer)
-        ):
+        slot = 10 * _slot(call.part) + call.turn
+        rng = stream(self.seed, Stream.NETWORK, generation=call.generation + 1, slot=slot)
+        answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
+        before, pause = 0, 0.0  # earlier attempts that no longer count; s that were waited
+        if answer and final(answer, number, self.retry) and self._forgotten(call, answer):
             answer, before = None, number
-        pause = 0.0
         while True:
             while answer is None or not final(answer, number - before, self.retry):
                 if isinstance(answer, Failure):
@@ -220,16 +212,12 @@ class LiveCalls:
         Near a cap they are sent one after the other, so that the order of answers does not decide
         which of them is stopped. Of the cap on seconds enough must be left for one attempt each.
         """
-        attempts, turns = self.retry.attempts, 1 + repairs
-        count = attempts * turns * len(requests)
+        turns = 1 + repairs
+        times = self.retry.attempts * turns
         most = [most_tokens(request, longer=QUOTED * repairs) for request in requests]
         return self.ledger.room_for(
-            count,
-            Usage(
-                input=attempts * turns * sum(u.input for u in most),
-                output=attempts * turns * sum(u.output for u in most),
-                cache_write=attempts * turns * sum(u.cache_write for u in most),
-            ),
+            times * len(requests),
+            sum(most, Usage()).times(times),
             seconds=turns * len(requests) * self.retry.deadline,
         )
 
@@ -277,13 +265,9 @@ class LiveCalls:
         """The answer; the message of a timeout names the setting that allows more time."""
         if isinstance(answer, Reply) or answer.kind is not FailureKind.TIMEOUT:
             return answer
-        short = seconds < self.retry.deadline
-        setting = "caps.seconds" if short else "retry.deadline"
-        return replace(
-            answer,
-            message=f"{answer.message}; raise supervisor.policy.{setting}, a model that thinks may"
-            " need minutes",
-        )
+        setting = "caps.seconds" if seconds < self.retry.deadline else "retry.deadline"
+        remedy = f"raise supervisor.policy.{setting}, a model that thinks may need minutes"
+        return replace(answer, message=f"{answer.message}; {remedy}")
 
     def _check_open(self) -> None:
         if self._closed:
@@ -291,12 +275,13 @@ class LiveCalls:
 
 
 @dataclass(frozen=True, slots=True)
-class Conversation(Generic[T]):
+class Conversation:
     """The result of a question with its repair turns."""
 
-    value: T | None  # None: no usable answer
+    guidance: Guidance | None  # None: no usable answer
     end: Conclusion  # as recorded in the transcript
     prompts: tuple[str, ...] = ()  # SHA-256 of each rendered prompt, hexadecimal
+    others: tuple[Node, ...] = ()  # further candidates for the tree
     trial: str = ""  # choice among several candidates, with the reason
 
 
@@ -305,11 +290,11 @@ def converse(
     generation: int,
     part: str,
     request: Request,
-    check: Check[T],
+    check: Check,
     *,
     repairs: int,
     repair: Callable[[Rejection], str],
-) -> Conversation[T]:
+) -> Conversation:
     """Asks a question, with repair turns if the answer is rejected.
 
     Args:
@@ -317,16 +302,16 @@ def converse(
         generation: to which the question belongs.
         part: of the guidance.
         request: the question.
-        check: turns an answer into a value or a rejection.
+        check: accepts or rejects an answer.
         repairs: most repair turns, >= 0.
         repair: makes the text of a repair turn from a rejection.
 
     Returns:
-        The value or None, with the conclusion that was added to the transcript.
+        The guidance or None, with the conclusion that was added to the transcript.
     """
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
-    value, source, why, failed = None, "fallback", "", ""
+    accepted, source, why, failed = None, "fallback", "", ""
     for turn in range(1 + repairs):
         prompts.append(request.prompt_digest)
         answer = calls.ask(Call(generation, part, turn), request)
@@ -334,9 +319,9 @@ def converse(
             why, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
         checked = check(answer)
-        if not isinstance(checked, Rejection):
+        if isinstance(checked, Accepted):
             words = ("llm", "repaired" if turn else "", checked.change)
-            value, source, why = checked.value, ", ".join(word for word in words if word), ""
+            accepted, source, why = checked, ", ".join(word for word in words if word), ""
             break
         rejected.append(checked.stage)
         why = f"{checked.stage}: {checked.error}"
@@ -345,10 +330,12 @@ def converse(
         request = request.followed_by(answer.text[:QUOTED], repair(checked))
     end = Conclusion(generation, part, source, why, tuple(rejected), failed)
     calls.transcript.add(end)
-    return Conversation(value, end, tuple(prompts))
+    if accepted is None:
+        return Conversation(None, end, tuple(prompts))
+    return Conversation(accepted.guidance, end, tuple(prompts), accepted.others)
 
 
-def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation[Any]:
+def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation:
     """The conversation of a question that is not asked because of a failure."""
     reason = f"{why.kind}: {why.message}"
     end = Conclusion(generation, part, "fallback", reason, (), why.kind.value)

@@ -23,8 +23,7 @@ from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, seed_of
-from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.checks import Proposal
+from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.prompts import about
 from islandgp.supervision.llm.transcript import Played
 from islandgp.text import in_points
@@ -175,27 +174,29 @@ def _number(value: float) -> str:
 
 
 def try_out(
-    proposal: Proposal, state: PopulationState, context: RunContext
-) -> tuple[Proposal, Played, str]:
+    first: Guidance, others: Sequence[Node], state: PopulationState, context: RunContext
+) -> tuple[Guidance, Played, str]:
     """Chooses the best candidate for the target; returns it with its episodes and a note.
 
     Of equals it is the first, which would have been injected without a trial: its gain is the
     difference to that one.
     """
-    trees: Sequence[Node] = (proposal.tree, *proposal.others)
+    assert first.tree is not None
+    assert first.target is not None
+    trees = (first.tree, *others)
     seed = seed_of(context.seed, Stream.TRIAL, generation=state.now.generation)
     domain = context.domain_in(state.now.generation + 1)
     outcomes = [domain.run_episode(tree, seed, state.multipliers) for tree in trees]
-    worth = [_worth(o, proposal.target, state, context.classes) for o in outcomes]
+    worth = [_worth(o, first.target, state, context.classes) for o in outcomes]
     best = max(range(len(trees)), key=lambda i: worth[i])
     gain = outcomes[best].fitness - outcomes[0].fitness
     note = (
         f"number {best + 1} of {len(trees)} tried in world {seed}: {worth[best][0]:g} for"
-        f" {proposal.target}, {in_points(worth[best][1])} points; the first has {worth[0][0]:g} and"
+        f" {first.target}, {in_points(worth[best][1])} points; the first has {worth[0][0]:g} and"
         f" {in_points(worth[0][1])}"
     )
     played = Played(state.now.generation, "trial", len(trees), gain)
-    return replace(proposal, tree=trees[best], others=()), played, note
+    return replace(first, tree=trees[best]), played, note
 
 
 def _worth(

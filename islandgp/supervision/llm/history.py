@@ -27,7 +27,7 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.checks import LONGEST
+from islandgp.supervision.llm.answers import LONGEST
 from islandgp.supervision.llm.episode import components, cut, trace_of
 from islandgp.supervision.llm.settings import KEPT, InformedSettings
 from islandgp.text import in_points
@@ -384,12 +384,6 @@ def _past(past: PastEdit) -> str:
     before, after = trial.parent_fitness, trial.fitness
     gain = in_points(after - before, "+")
     return f"{text[:LONGEST]}; {in_points(before)} -> {in_points(after)} points ({gain})"
-
-
-def nameable(seen: GenerationView) -> dict[str, str]:
-    """Texts, by id, of the trees that an edit may refer to."""
-    elites = {e.id: e.tree for e in seen.archive}
-    return elites | {i.id: i.tree for i in seen.individuals}
 
 
 def known_texts(living: Iterable[str], examples: Iterable[Node]) -> frozenset[str]:

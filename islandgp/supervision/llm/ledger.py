@@ -10,12 +10,13 @@ Prices and other properties of models are in the dated table of `conf/prices`.
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
+from math import inf, isnan, nan
+from operator import add, neg
 from pathlib import Path
 from typing import Final
 
@@ -39,10 +40,9 @@ def cost(usage: Usage, price: Price) -> float:
     ) / PER
 
 
-def most_cost(usage: Usage, price: Price) -> float:
-    """Upper bound of the cost in US dollars, with or without writing to the cache."""
-    dearest = price.model_copy(update={"cache_write": max(price.input, price.cache_write)})
-    return cost(usage, dearest)
+def dearest(price: Price) -> Price:
+    """Upper bound of a price, with or without writing to the cache."""
+    return price.model_copy(update={"cache_write": max(price.input, price.cache_write)})
 
 
 def most_tokens(request: Request, *, longer: int = 0) -> Usage:
@@ -69,40 +69,36 @@ class Bill:
     requests: float
     input: float  # tokens
     output: float  # tokens
-    usd: float | None  # None: an unknown price
+    usd: float  # nan: an unknown price
 
     @classmethod
     def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
         """The bill of requests with known tokens; `usage` is their sum."""
-        usd = None if price is None else cost(usage, price)
-        return cls(requests, usage.read, usage.output, usd)
+        return cls(requests, usage.read, usage.output, nan if price is None else cost(usage, price))
 
     @classmethod
     def at_most(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
         """Upper bound of the bill of requests; `usage` is the upper bound of their tokens."""
-        usd = None if price is None else most_cost(usage, price)
-        return cls(requests, usage.read, usage.output, usd)
+        return cls.of(requests, usage, price and dearest(price))
 
     def __add__(self, other: Bill) -> Bill:
-        both = None if self.usd is None or other.usd is None else self.usd + other.usd
-        return Bill(
-            self.requests + other.requests,
-            self.input + other.input,
-            self.output + other.output,
-            both,
-        )
+        return Bill(*map(add, astuple(self), astuple(other)))
 
     def __neg__(self) -> Bill:
-        usd = None if self.usd is None else -self.usd
-        return Bill(-self.requests, -self.input, -self.output, usd)
+        return Bill(*map(neg, astuple(self)))
+
+    def over(self, caps: SweepCaps) -> str:
+        """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
+        for name, (amount, cap) in self.against(caps).items():
+            if cap is not None and amount > cap:
+                return f"{name}={cap}"
+        return ""
 
     def against(self, caps: SweepCaps) -> dict[str, tuple[float, float | None]]:
         """Pairs of an amount and its cap, by the cap's name."""
+        names = ("requests", "input_tokens", "output_tokens", "usd")
         return {
-            "requests": (self.requests, caps.requests),
-            "input_tokens": (self.input, caps.input_tokens),
-            "output_tokens": (self.output, caps.output_tokens),
-            "usd": (self.usd or 0.0, caps.usd),
+            n: (amount, getattr(caps, n)) for n, amount in zip(names, astuple(self), strict=True)
         }
 
 
@@ -154,11 +150,10 @@ class Ledger:
 
     def settle(self, attempt: Attempt, reserved: Usage) -> None:
         """Replaces a reservation in the sweep's ledger by the attempt's costs, if known."""
-        if self.sweep is None or attempt.usage is None:
-            return
-        usage = attempt.usage
-        taken = Bill(int(is_sent(attempt)), usage.read, usage.output, attempt.usd)
-        self.sweep.add(taken + -Bill.at_most(1, reserved, self.price))
+        if self.sweep is not None and attempt.usage is not None:
+            price = self.prices.get(attempt.request.model, self.price)
+            taken = Bill.of(int(is_sent(attempt)), attempt.usage, price)
+            self.sweep.add(taken + -Bill.at_most(1, reserved, self.price))
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """A text on the cap that another request could exceed; "" for none.
@@ -167,9 +162,8 @@ class Ledger:
             next_at_most: upper bound of the request's tokens.
             waited: seconds of waiting before it that are in no attempt yet.
         """
-        for name, (amount, cap) in self._after(1, next_at_most).items():
-            if cap is not None and amount > cap:
-                return f"another request could pass the cap {name}={cap}"
+        if cap := (self.most() + Bill.at_most(1, next_at_most, self.price)).over(self.caps):
+            return f"another request could pass the cap {cap}"
         if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
         return ""
@@ -180,10 +174,10 @@ class Ledger:
         Waiting time counts. Requests without an outcome count with their upper bound.
         """
         if self.caps.seconds is None:
-            return math.inf
+            return inf
         _, lost = self.transcript.taken()
         spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
-        return max(0.0, self.caps.seconds - spent - sum(s.seconds for s in lost))
+        return max(0.0, self.caps.seconds - spent - sum(sent.seconds for sent in lost))
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """True if further requests cannot exceed a cap, in any order of their answers.
@@ -196,26 +190,19 @@ class Ledger:
         bill = Bill.at_most(requests, at_most, self.price)
         if self.sweep is not None and self.sweep.over(bill):
             return False
-        return seconds <= self.seconds_left() and all(
-            cap is None or amount <= cap for amount, cap in self._after(requests, at_most).values()
-        )
-
-    def _after(self, requests: int, at_most: Usage) -> dict[str, tuple[float, float | None]]:
-        """Pairs of the upper bound after further requests and the cap, by the cap's name."""
-        return (self.most() + Bill.at_most(requests, at_most, self.price)).against(self.caps)
+        return seconds <= self.seconds_left() and not (self.most() + bill).over(self.caps)
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
         attempts, lost = self.transcript.taken()
-        sent = [a for a in attempts if is_sent(a)]
-        known = [
-            Bill(1, a.usage.read, a.usage.output, self.usd(a.usage, a.request.model))
-            for a in sent
-            if a.usage is not None
-        ]
-        unknown = [a.at_most for a in sent if a.usage is None] + [s.at_most for s in lost]
-        bills = (*known, *(Bill.at_most(1, usage, self.price) for usage in unknown))
-        return sum(bills, Bill.of(0, Usage(), self.price))
+        bills = [Bill.of(0, Usage(), self.price)]
+        bills += [Bill.at_most(1, sent.at_most, self.price) for sent in lost]
+        for a in filter(is_sent, attempts):
+            if a.usage is None:
+                bills.append(Bill.at_most(1, a.at_most, self.price))
+            else:
+                bills.append(Bill.of(1, a.usage, self.prices.get(a.request.model, self.price)))
+        return sum(bills[1:], bills[0])
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
@@ -228,10 +215,7 @@ class Ledger:
         sums: dict[str, float] = {
             "requests": len(attempts) + lost,
             "calls": len({a.call for a in attempts}),
-            "input_tokens": sum(u.input for u in usages),
-            "output_tokens": sum(u.output for u in usages),
-            "cache_read_tokens": sum(u.cache_read for u in usages),
-            "cache_write_tokens": sum(u.cache_write for u in usages),
+            **{f"{name}_tokens": n for name, n in asdict(sum(usages, Usage())).items()},
             "latency_s": sum(a.seconds for a in requests),
             "waited_s": sum(a.waited for a in requests),
             "uncounted_requests": len(attempts) + lost - len(usages),
@@ -247,7 +231,7 @@ class Ledger:
         if trials := [p for p in played if p.purpose == "trial"]:
             sums["trials"] = len(trials)
             sums["trial_gain"] = sum(p.gain for p in trials)
-        if (most := self.most().usd) is not None:
+        if not isnan(most := self.most().usd):
             sums["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
             sums["cost_usd_at_most"] = most
         sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
@@ -303,13 +287,11 @@ class SweepLedger:
             with suppress(*DECODE_ERRORS):  # an incomplete line of a killed process
                 self._total += Bill(**read_json(line))
         self._read += end
-        for name, (amount, cap) in (self._total + bill).against(self.caps).items():
-            if cap is not None and amount > cap:
-                return f"another request could pass the cap sweep_caps.{name}={cap}"
-        return ""
+        cap = (self._total + bill).over(self.caps)
+        return f"another request could pass the cap sweep_caps.{cap}" if cap else ""
 
     def _write(self, bill: Bill) -> None:
-        line = json.dumps(asdict(replace(bill, usd=bill.usd or 0.0))).encode()
+        line = json.dumps(asdict(replace(bill, usd=0.0 if isnan(bill.usd) else bill.usd))).encode()
         with self.path.open("ab") as file:
             file.write(b"\n" + line + b"\n")  # the first line end completes an incomplete line
             file.flush()

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from enum import StrEnum
+from operator import add
 from typing import Any, Final, Protocol
 
 from islandgp.redaction import without_secrets
@@ -83,6 +84,13 @@ class Usage:
     def read(self) -> int:
         """All tokens of the request."""
         return self.input + self.cache_read + self.cache_write
+
+    def __add__(self, other: Usage) -> Usage:
+        return Usage(*map(add, astuple(self), astuple(other)))
+
+    def times(self, factor: float) -> Usage:
+        """Each count times a factor, rounded."""
+        return Usage(*(round(factor * count) for count in astuple(self)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,7 +139,7 @@ class LLM:
         lines = [
             f"Supervised by {name} at {place}: {how}",
             f"{name} retires on {retires}" if retires else "",
-            self.adviser.too_short(),
+            self.adviser.questions.too_short(),
         ]
         return "\n".join(line for line in lines if line)
 

@@ -1,0 +1,315 @@
+"""Asks supervisors, checks and records their guidance, and makes the search's advice from it.
+
+`SupervisorQueue` calls a supervisor directly, or in a thread while episodes run. The asynchronous
+queue is named as future work in the paper (section 3.9). The lag is a number of generations: the
+guidance for the state of generation g takes effect after generation g + lag, so records do not
+depend on how long a supervisor takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future
+from queue import SimpleQueue
+from threading import Thread
+from typing import Final
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, within
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import SupervisionError, TreeError
+from islandgp.gp.archive import Elite
+from islandgp.gp.edits import Edit, EditRecord, as_record, edited
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Advice, EditedTree
+from islandgp.gp.record import GuidanceRecord, IndividualRecord
+from islandgp.gp.variation import mutate
+from islandgp.plugin import path_of, plugin_errors
+from islandgp.scoring.state import PopulationState
+from islandgp.search.base import Search
+from islandgp.seeding import Stream, Streams, stream
+from islandgp.supervision.base import (
+    GenerationListener,
+    GenerationView,
+    Guidance,
+    Supervisor,
+    SupervisorLifecycle,
+)
+
+MOST_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
+RECORDED: Final = (
+    *("source", "phase", "pattern", "target", "intervention"),
+    *("risk", "reasoning", "rationale", "notes"),
+)
+"""Fields of the guidance that its record has too."""
+
+GUIDANCE: Final = TypeAdapter(Guidance)
+Nameable = Mapping[str, str]
+"""Texts, by id, of the trees that an edit may refer to."""
+
+
+def ask(
+    supervisor: Supervisor,
+    state: PopulationState,
+    rng: np.random.Generator,
+    vocabulary: Vocabulary | None = None,
+) -> Guidance:
+    """Calls a supervisor's `advise` and checks the guidance.
+
+    Args:
+        supervisor: the supervisor.
+        state: of the population.
+        rng: for the supervisor's draws; it is consumed.
+        vocabulary: of the domain; the tree must be parsable with it. None: any names.
+
+    Returns:
+        The guidance, with NumPy's numbers as Python's.
+
+    Raises:
+        SupervisionError: the guidance is of the wrong type, or a field of it has a wrong value.
+        PartError: a supervisor of the user failed.
+    """
+    path = path_of(type(supervisor))
+    with plugin_errors(path):
+        answer = supervisor.advise(state, rng)
+    try:
+        guidance = GUIDANCE.validate_python(answer)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        field, text = ".".join(map(str, first["loc"])), repr(first["input"])
+        shown = text if len(text) <= 60 else text[:60] + "..."
+        why = first["msg"].removeprefix("Value error, ")
+        found = f"{field}={shown}: {why[:1].lower()}{why[1:]}" if field else shown
+        raise _wrong(path, "a Guidance", found) from None
+    target, tree = guidance.target, guidance.tree
+    if target is not None and target not in state.targets:
+        wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
+        raise _wrong(path, wanted, repr(target))
+    if tree is not None and vocabulary is not None:
+        try:
+            parse(to_text(tree), vocabulary)
+        except TreeError:
+            wanted = f"a Guidance whose tree is of the domain {vocabulary.domain}"
+            raise _wrong(path, wanted, repr(to_text(tree)[:60])) from None
+    return guidance
+
+
+def _wrong(path: str, wanted: str, found: str) -> SupervisionError:
+    return SupervisionError(
+        f"Expected {path}.advise to return {wanted}, found {found}; correct it."
+    )
+
+
+Question = tuple[PopulationState, GenerationView | None, Future[Guidance]]
+
+
+class SupervisorQueue:
+    """Calls `advise` in a thread; its guidance takes effect `lag` generations later.
+
+    States are processed in order. With lag 0 `advise` is called directly, without a thread.
+    """
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        *,
+        seed: int,
+        lag: int,
+        vocabulary: Vocabulary | None = None,
+    ) -> None:
+        """Starts the thread.
+
+        Args:
+            supervisor: the supervisor.
+            seed: of the run, for the supervisor's random stream.
+            lag: generations, >= 0.
+            vocabulary: of the domain, as for `ask`.
+        """
+        self.supervisor = supervisor
+        self.vocabulary = vocabulary
+        self.seed = seed
+        self.lag = lag
+        self._asked: dict[int, Future[Guidance]] = {}  # by generation
+        self._waiting: SimpleQueue[Question | None] = SimpleQueue()
+        if lag:
+            # A daemon thread, so that an unfinished `advise` does not keep the process alive.
+            Thread(target=self._work, name="supervisor", daemon=True).start()
+
+    def recall(self, seen: GenerationView) -> None:
+        """Passes a recorded generation to the supervisor; before the first `ask`."""
+        if isinstance(self.supervisor, GenerationListener):
+            with plugin_errors(path_of(type(self.supervisor))):
+                self.supervisor.on_generation(seen)
+
+    def ask(self, state: PopulationState, seen: GenerationView | None = None) -> None:
+        """Requests guidance for a generation's state; `seen` is the generation as recorded."""
+        answer: Future[Guidance] = Future()
+        self._asked[state.now.generation] = answer
+        if self.lag:
+            self._waiting.put((state, seen, answer))
+        else:
+            answer.set_result(self._advise(state, seen))
+
+    def answer(self, generation: int) -> Guidance | None:
+        """Waits for the guidance that takes effect after a generation; None in the first `lag`."""
+        answer = self._asked.pop(generation - self.lag, None)
+        return answer.result() if answer is not None else None
+
+    def spent(self) -> dict[str, float]:
+        """The costs of supervision so far, by name; empty for a supervisor without any."""
+        if not isinstance(self.supervisor, SupervisorLifecycle):
+            return {}
+        with plugin_errors(path_of(type(self.supervisor))):
+            return self.supervisor.spent()
+
+    def close(self) -> None:
+        """Cancels pending requests and closes the supervisor."""
+        for answer in self._asked.values():
+            answer.cancel()
+        self._waiting.put(None)
+        if isinstance(self.supervisor, SupervisorLifecycle):
+            with plugin_errors(path_of(type(self.supervisor))):
+                self.supervisor.close()
+
+    def _advise(self, state: PopulationState, seen: GenerationView | None) -> Guidance:
+        if seen is not None:
+            self.recall(seen)
+        rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
+        return ask(self.supervisor, state, rng, self.vocabulary)
+
+    def _work(self) -> None:
+        while (question := self._waiting.get()) is not None:
+            state, seen, answer = question
+            if not answer.set_running_or_notify_cancel():
+                continue
+            try:
+                answer.set_result(self._advise(state, seen))
+            except BaseException as error:  # raised again by `answer`
+                answer.set_exception(error)
+
+
+def nameable(
+    generations: Iterable[Sequence[IndividualRecord]], archive: Sequence[Elite]
+) -> dict[str, str]:
+    """The trees that edits may refer to: those of the archive and of these generations."""
+    return {
+        **{e.id: e.tree for e in archive},
+        **{i.id: i.tree for individuals in generations for i in individuals},
+    }
+
+
+def decide(
+    plan: Plan,
+    search: Search,
+    state: PopulationState,
+    answer: Guidance | None,
+    rate: float,
+    *,
+    names: Nameable | None = None,
+    streams: Streams | None = None,
+) -> tuple[GuidanceRecord, Advice]:
+    """Makes the record of a supervisor's answer and the advice for the search.
+
+    The record has the reason if a part of the answer is refused.
+
+    Args:
+        plan: of the run.
+        search: its `uses` are the parts of the guidance that it can use.
+        state: of the population.
+        answer: None if none is due yet (`supervisor.lag`).
+        rate: the mutation rate in force, in [0, 1].
+        names: the trees that edits may name; default: none.
+        streams: of the run; for `supervisor.mutate_advice` alone.
+    """
+    guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
+    switches, refused = plan.switches, []
+    # If the rate is not adapted, an emergency rate ends with its crisis.
+    wanted = rate if switches.adapt_mutation else plan.gp.mutation_rate
+    if switches.adapt_mutation and guidance.mutation_rate is not None:
+        if "rate" in search.uses:
+            wanted = guidance.mutation_rate
+        else:
+            refused.append("the search has no mutation rate")
+    tree = guidance.tree
+    if tree is not None and (why := _why_refused(tree, plan, search)):
+        refused.append(why)
+        tree = None
+    applied = plan.gp.crisis.rate(wanted, state.crisis)
+    edits, trees = decide_edits(plan, search, guidance.edits[:MOST_EDITS], names or {})
+    if switches.mutate_advice and streams is not None:
+        trees = _mutated(plan, trees, streams, state.now.generation + 1, applied)
+    record = GuidanceRecord(
+        asked_at=None if answer is None else state.now.generation - switches.lag,
+        wanted_rate=guidance.mutation_rate,
+        crisis=state.crisis,
+        applied_rate=applied,
+        tree=None if guidance.tree is None else to_text(guidance.tree),
+        injected=tree is not None,
+        refused="; ".join(refused),
+        edits=edits,
+        **{name: getattr(guidance, name) for name in RECORDED},
+    )
+    return record, Advice(applied, tree, trees)
+
+
+def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
+    """The reason why a supervisor's tree is not injected, or ""."""
+    if not plan.switches.inject:
+        return "injection is switched off"
+    if "tree" not in search.uses:
+        return "the search takes no trees"
+    return "" if within(tree, plan.gp.limits) else "the tree breaks the limits"
+
+
+def decide_edits(
+    plan: Plan, search: Search, edits: Sequence[Edit], names: Nameable
+) -> tuple[tuple[EditRecord, ...], tuple[EditedTree, ...]]:
+    """The records of a supervisor's edits, and the trees of those that are accepted.
+
+    Edits are processed in order until all slots are taken.
+    """
+    records: list[EditRecord] = []
+    trees: list[EditedTree] = []
+    for edit in edits:
+        refused = ""
+        try:
+            trees.append(_edited_tree(plan, search, edit, names, trees))
+        except ValueError as error:
+            refused = str(error)
+        records.append(as_record(edit, refused))
+    return tuple(records), tuple(trees)
+
+
+def _edited_tree(
+    plan: Plan, search: Search, edit: Edit, names: Nameable, before: Sequence[EditedTree]
+) -> EditedTree:
+    """The tree of an edit, after those `before`. Raises ValueError with the reason to refuse it."""
+    slots = plan.switches.edits
+    if not slots:
+        raise ValueError("edits are switched off (supervisor.edits=0)")
+    if "edits" not in search.uses:
+        raise ValueError("the search takes no edits")
+    if len(before) == slots:
+        raise ValueError(f"all {slots} slots (supervisor.edits) are taken")
+    parents = tuple(dict.fromkeys(name for name in (edit.of, edit.donor) if name))
+    named = {name: parse(names[name]) for name in parents if name in names}
+    tree = edited(edit, named, plan.vocabulary, plan.gp.limits)
+    if tree in [other.tree for other in before]:
+        raise ValueError("an edit before it makes the same tree")
+    return EditedTree(tree, parents, f"edit:{edit.kind}")
+
+
+def _mutated(
+    plan: Plan, trees: Sequence[EditedTree], streams: Streams, generation: int, rate: float
+) -> tuple[EditedTree, ...]:
+    """The trees after mutation, each with probability `rate`."""
+    mutants = []
+    for slot, e in enumerate(trees):
+        rng = streams(Stream.EDIT, generation=generation, slot=slot)
+        tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
+        changes = f"{e.operator}+{operator}" if operator else e.operator
+        mutants.append(EditedTree(tree, e.parents, changes))
+    return tuple(mutants)
