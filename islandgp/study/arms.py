@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from islandgp.gp.archive import ArchiveRecord
 from islandgp.gp.record import (
     Champion,
     Cost,
@@ -35,9 +36,7 @@ class Run:
     costs: tuple[Cost, ...]  # by generation
     champion: Champion  # the run's best robot
     validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
-    validation_mean: float | None = (
-        None  # points, its mean in these worlds; None: it was not validated
-    )
+    validation_mean: float | None = None  # points, its mean in these worlds, if validated
     feasible: float | None = None  # share of these worlds in which it keeps the constraints
 
     @property
@@ -77,6 +76,12 @@ class Run:
         return tuple(updated_champion(None, 0, r.individuals, limits).record for r in self.records)
 
     @property
+    def archives(self) -> tuple[ArchiveRecord, ...]:
+        """The archive of elites after each generation; () if it was not kept in all of them."""
+        kept = tuple(r.archive for r in self.records if r.archive is not None)
+        return kept if len(kept) == len(self.records) else ()
+
+    @property
     def constraints(self) -> Constraints:
         """Limits by counter that came before fitness; {} for none."""
         return recorded_constraints(self.config)
@@ -87,7 +92,7 @@ class Arm:
     """Runs that differ in their seed alone."""
 
     name: str
-    selection: str  # as given by the user
+    selection: str  # text of the --arm option
     runs: tuple[Run, ...]  # by seed
 
     @property
@@ -109,9 +114,7 @@ class Comparison:
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # further notes for the reader
     sources: tuple[str, ...]  # folders or stores of the runs
-    paper: PublishedFigures | None = (
-        None  # published figures to show beside; None: there are none of the kind
-    )
+    paper: PublishedFigures | None = None  # published figures of such runs
 
     @property
     def classes(self) -> Classes:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, nan
+from typing import Any
 
 from islandgp.statistics import (
     ENUMERATED,
@@ -141,44 +142,25 @@ def examine(
     rank = rank_test(a, b, enumerated=enumerated)
     pairs = paired_test(a, b) if in_pairs else None
     logs = log_rank(*samples, horizon=generations) if measure.emergence else None
-    return Finding(
-        measure=measure,
-        arms=arms,
-        samples=samples,
-        generations=generations,
-        rank=rank,
-        rank_q=rank.p,
-        paired=pairs,
-        paired_q=None if pairs is None else pairs.p,
-        log_rank=logs,
-        log_rank_q=logs,
-    )
+    pairs_q = None if pairs is None else pairs.p
+    return Finding(measure, arms, samples, generations, rank, rank.p, pairs, pairs_q, logs, logs)
 
 
 def adjust(findings: Sequence[Finding], family: str = "") -> tuple[Finding, ...]:
     """The findings with Benjamini and Hochberg's p over the whole family, kind by kind."""
-    rank = benjamini_hochberg([f.rank.p for f in findings])
-    pairs = _adjusted(findings, lambda f: None if f.paired is None else f.paired.p)
-    logs = _adjusted(findings, lambda f: f.log_rank)
+    rank, pairs, logs = (_adjusted(findings, kind) for kind in ("rank", "paired", "log_rank"))
+    size = len(findings)
     return tuple(
-        replace(
-            f,
-            rank_q=rank[i],
-            paired_q=pairs[i],
-            log_rank_q=logs[i],
-            family=family,
-            size=len(findings),
-        )
+        replace(f, rank_q=rank[i], paired_q=pairs[i], log_rank_q=logs[i], family=family, size=size)
         for i, f in enumerate(findings)
     )
 
 
-def _adjusted(
-    findings: Sequence[Finding], p: Callable[[Finding], float | None]
-) -> list[float | None]:
-    raw = [p(f) for f in findings]
-    known = iter(benjamini_hochberg([x for x in raw if x is not None]))
-    return [None if x is None else next(known) for x in raw]
+def _adjusted(findings: Sequence[Finding], kind: str) -> list[Any]:
+    tests = [getattr(f, kind) for f in findings]  # `log_rank` is a p-value itself
+    p = [getattr(test, "p", test) for test in tests]
+    adjusted = iter(benjamini_hochberg([x for x in p if x is not None]))
+    return [None if x is None else next(adjusted) for x in p]
 
 
 def finding(findings: Sequence[Finding], key: str, arms: tuple[str, str]) -> Finding:

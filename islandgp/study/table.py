@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isinf, isnan
 from typing import Final, Self
@@ -29,11 +29,11 @@ class Table:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, key: str, title: str, rows: Iterable[Row], notes: tuple[str, ...] = ()) -> Self:
+    def of(cls, key: str, title: str, rows: Iterable[Row | Mapping[str, str]], *notes: str) -> Self:
         """A table of one row or more, all of the same columns."""
-        cells = [list(row) for row in rows]
-        columns = tuple(column for column, _ in cells[0])
-        return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in cells), notes)
+        pairs = [list(row.items() if isinstance(row, Mapping) else row) for row in rows]
+        columns = tuple(column for column, _ in pairs[0])
+        return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in pairs), notes)
 
 
 def to_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:

@@ -12,7 +12,6 @@ from islandgp.statistics import mean_sd
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.figures import drawing
 from islandgp.study.measures import SPANS, best, diversity, span_mean
-from islandgp.study.tables.archives import archives
 from islandgp.supervision.base import Pattern
 from islandgp.supervision.decisions import decisions
 from islandgp.text import title
@@ -170,7 +169,7 @@ def archive_by_generation(study: Comparison) -> drawing.Picture:
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
         for arm, style in drawing.arm_styles(study):
-            runs = [archives(run)[: study.generations] for run in arm.runs]
+            runs = [run.archives[: study.generations] for run in arm.runs]
             x = range(study.generations)
             drawing.band(left, arm, style, x, [[a.coverage for a in run] for run in runs])
             drawing.band(right, arm, style, x, [[a.qd_score for a in run] for run in runs])

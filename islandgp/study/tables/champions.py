@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from statistics import fmean
 
+from islandgp.gp.archive import ArchiveSettings
 from islandgp.scoring.constraints import in_words
 from islandgp.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.arms import Arm, Comparison
@@ -43,7 +44,8 @@ def specialists_table(study: Comparison) -> Table:
         "table-13",
         f"Table 13. Specialists in a population of {' and '.join(sorted(sizes))}",
         rows,
-        (f"{text} SD over all generations of all runs.", *footnotes(study.paper)),
+        f"{text} SD over all generations of all runs.",
+        *footnotes(study.paper),
     )
 
 
@@ -69,7 +71,7 @@ def components_table(study: Comparison) -> Table:
         "components",
         "Fitness of the champions by component (points)",
         [*rows, [("Component", "Fitness"), *total]],
-        (note("components"),),
+        note("components"),
     )
 
 
@@ -92,7 +94,7 @@ def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Tabl
     for (a, first), (b, second) in combinations(several, 2):
         t = rank_test([g.unseen for g in first], [g.unseen for g in second])
         notes.append(note("unseen-test", a=a, b=b, u=number(t.u, 1), p=p_is(t)))
-    return Table.of("generalisation", f"Champions on {worlds} unseen worlds", rows, tuple(notes))
+    return Table.of("generalisation", f"Champions on {worlds} unseen worlds", rows, *notes)
 
 
 def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
@@ -133,12 +135,7 @@ def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
     for control in trees:
         name = f"{'library' if control.injectable else 'reference tree'}: {control.name}"
         rows.append(_highest(name, [control.fitness[seed] for seed in seeds]))
-    return Table.of(
-        "controls",
-        "What evolution adds (points)",
-        rows,
-        (note("controls"),),
-    )
+    return Table.of("controls", "What evolution adds (points)", rows, note("controls"))
 
 
 def _highest(name: str, series: Sequence[Sequence[float]], difference: str = NONE) -> Row:
@@ -167,17 +164,47 @@ def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
 
 def constraints_table(study: Comparison) -> Table:
     """Feasibility of the best robots in validation worlds."""
-    rows: list[Row] = []
+    rows = []
     for arm in study.arms:
         shares = [run.feasible for run in arm.runs if run.feasible is not None]
         limits = {in_words(run.constraints) or "none" for run in arm.runs}
         rows.append(
-            [
-                ("Arm", arm.name),
-                ("constraints", "; ".join(sorted(limits))),
-                ("validated runs", str(len(shares))),
-                ("worlds in which all are kept", f"{fmean(shares):.0%}" if shares else NONE),
-                ("fewest of a run", f"{min(shares):.0%}" if shares else NONE),
-            ]
+            {
+                "Arm": arm.name,
+                "constraints": "; ".join(sorted(limits)),
+                "validated runs": str(len(shares)),
+                "worlds in which all are kept": f"{fmean(shares):.0%}" if shares else NONE,
+                "fewest of a run": f"{min(shares):.0%}" if shares else NONE,
+            }
         )
-    return Table.of("constraints", "Constraints that the best robots keep", rows, ())
+    return Table.of("constraints", "Constraints that the best robots keep", rows)
+
+
+def one_grid(study: Comparison) -> bool:
+    """True if all runs have an archive with the same grid and floor."""
+    runs = [run for arm in study.arms for run in arm.runs]
+    if not all(run.archives for run in runs):
+        return False
+    grids = []
+    for run in runs:
+        settings = ArchiveSettings.model_validate(run.config.get("archive") or {})
+        grids.append((settings.axes(run.classes), settings.floor))
+    return all(grid == grids[0] for grid in grids)
+
+
+def archive_table(study: Comparison) -> Table:
+    """Coverage and QD score after the last generation that all runs have: descriptive."""
+    rows = []
+    for arm in study.arms:
+        last = [run.archives[study.generations - 1] for run in arm.runs]
+        challenges = {str(run.flat.get("archive.again", 0)) for run in arm.runs}
+        rows.append(
+            {
+                "Arm": arm.name,
+                "coverage, %": spread(*mean_sd([100 * a.coverage for a in last]), 1),
+                "QD score, points": spread(*mean_sd([a.qd_score for a in last])),
+                "episodes of a challenge": " and ".join(sorted(challenges)),
+            }
+        )
+    title = "Archives of elites after the last generation"
+    return Table.of("archive", title, rows, note("archive"))

@@ -53,12 +53,10 @@ def claims_table(
         "claims",
         f"The paper's claims: {arms[0]} minus {arms[1]}",
         rows,
-        (
-            note("reading"),
-            families_note(claim_findings),
-            note("claims", first=arms[0], second=arms[1], level=LEVEL),
-            paper.footnote,
-        ),
+        note("reading"),
+        families_note(claim_findings),
+        note("claims", first=arms[0], second=arms[1], level=LEVEL),
+        paper.footnote,
     )
 
 
@@ -78,7 +76,7 @@ def questions_table(
         for f in findings
     )
     notes = (note("reading"), families_note(findings), note("shown", level=LEVEL))
-    return Table.of(key, f"Differences: {name}", rows, notes)
+    return Table.of(key, f"Differences: {name}", rows, *notes)
 
 
 def primary_table(f: Finding, margin: float | None) -> Table:
@@ -101,12 +99,9 @@ def primary_table(f: Finding, margin: float | None) -> Table:
         ("p, not adjusted", tested(f.test)),
         ("verdict", comparison_verdict(f, margin, f.test.p)),
     ]
-    return Table.of(
-        "primary",
-        f"Primary endpoint: {f.measure.label}, {a} minus {b}",
-        [row],
-        (note("reading"), note("shown-once", level=LEVEL)),
-    )
+    heading = f"Primary endpoint: {f.measure.label}, {a} minus {b}"
+    notes = note("reading"), note("shown-once", level=LEVEL)
+    return Table.of("primary", heading, [row], *notes)
 
 
 def estimate_cells(f: Finding) -> Row:

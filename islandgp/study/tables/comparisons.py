@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, TypeVar
 
 from islandgp.statistics import (
@@ -17,6 +17,7 @@ from islandgp.statistics import (
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import EmergenceSummary, first, reduction, summary
 from islandgp.study.findings import Finding
+from islandgp.study.measures import Measure, all_measures
 from islandgp.study.paper import MARK, Diversity, Emergence, PublishedFigures, Tested
 from islandgp.study.table import (
     DIGITS,
@@ -77,23 +78,6 @@ def _result_cells(f: Finding) -> Row:
     yield from rank_cells(f)
 
 
-def fitness_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
-) -> Table:
-    """Table 9 or 10 for one pair of arms."""
-    return _table(
-        key, heading, findings, paper, "Metric", paper.fitness if paper else None, FITNESS
-    )
-
-
-def diversity_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
-) -> Table:
-    """Table 12 for one pair of arms, with the tests that the paper does not make."""
-    known, more = paper.diversity if paper else None, (note("untested"),)
-    return _table(key, heading, findings, paper, "Measure", known, DIVERSITY, more)
-
-
 T = TypeVar("T")
 Cells = Mapping[str, Callable[[T], str]]  # by column, how its cell is made
 
@@ -126,53 +110,61 @@ EMERGENCE: Final[Cells[Emergence]] = {
 }
 
 
-def _table(
-    key: str,
-    heading: str,
-    findings: Sequence[Finding],
-    paper: PublishedFigures | None,
-    first: str,
-    known: Mapping[str, T] | None,
-    published_cells: Cells[T],
-    more: tuple[str, ...] = (),
-) -> Table:
-    """A row for each measure; `first` heads the first column.
-
-    `published_cells` are the paper's columns.
-    """
-    rows = (
-        [
-            (first, f.measure.label),
-            *_result_cells(f),
-            *published(known, f.measure.key, published_cells),
-        ]
-        for f in findings
-    )
-    notes = (note("signs"), families_note(findings), *more, *footnotes(paper))
-    return Table.of(key, heading, rows, notes)
-
-
 def footnotes(paper: PublishedFigures | None) -> tuple[str, ...]:
     """The note below a table with published figures."""
     return (paper.footnote,) if paper else ()
 
 
-def emergence_table(
-    key: str, heading: str, findings: Sequence[Finding], paper: PublishedFigures | None
-) -> Table:
-    """Section 3.4 for one pair of arms: when the first robot of each milestone came."""
-    notes = [note("signs"), families_note(findings), note("without")]
-    if any(f.censored for f in findings):
-        notes.append(note("censored"))
-    known = paper.emergence if paper else None
-    rows = (
-        [*_times(f), *published(known, f.measure.key.removeprefix("first_"), EMERGENCE)]
-        for f in findings
-    )
-    return Table.of(key, heading, rows, (*notes, *footnotes(paper)))
+def by_pair(
+    study: Comparison, findings: Sequence[Finding], measures: Sequence[Measure]
+) -> Iterator[tuple[str, str, list[Finding]]]:
+    """For each pair of arms, ends of a table's key and title, and the findings of measures."""
+    keys, several = {m.key for m in measures}, len(study.pairs) > 1
+    for a, b in ((a.name, b.name) for a, b in study.pairs):
+        selected = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
+        yield *((f"-{a}-{b}", f": {a} against {b}") if several else ("", "")), selected
 
 
-def _times(f: Finding) -> Row:
+def paper_tables(
+    study: Comparison,
+    findings: Sequence[Finding],
+    key: str,
+    title: str,
+    measures: Sequence[Measure],
+    row: Callable[[Finding, PublishedFigures | None], Row],
+    *notes: str,
+) -> Iterator[Table]:
+    """One of Tables 9 to 12 for each pair of arms: a row for each measure, made by `row`."""
+    for end, of, selected in by_pair(study, findings, measures):
+        more = [note("censored")] if any(f.censored for f in selected) else []
+        yield Table.of(
+            f"{key}{end}",
+            f"{title}{of}",
+            (row(f, study.paper) for f in selected),
+            note("signs"),
+            families_note(selected),
+            *notes,
+            *more,
+            *footnotes(study.paper),
+        )
+
+
+def fitness_row(f: Finding, paper: PublishedFigures | None) -> Row:
+    """Cells of Tables 9 and 10."""
+    yield "Metric", f.measure.label
+    yield from _result_cells(f)
+    yield from published(paper.fitness if paper else None, f.measure.key, FITNESS)
+
+
+def diversity_row(f: Finding, paper: PublishedFigures | None) -> Row:
+    """Cells of Table 12, with the tests that the paper does not make."""
+    yield "Measure", f.measure.label
+    yield from _result_cells(f)
+    yield from published(paper.diversity if paper else None, f.measure.key, DIVERSITY)
+
+
+def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
+    """Cells of Table 11, section 3.4: when the first robot of a milestone came."""
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
     share = NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})"
@@ -188,6 +180,8 @@ def _times(f: Finding) -> Row:
     yield from rank_cells(f)
     yield "log-rank p", probability(f.log_rank)
     yield "log-rank p BH", probability(f.log_rank_q)
+    tier = f.measure.key.removeprefix("first_")
+    yield from published(paper.emergence if paper else None, tier, EMERGENCE)
 
 
 def when(s: EmergenceSummary) -> str:
@@ -208,27 +202,22 @@ def without(s: EmergenceSummary) -> str:
 def runs_table(study: Comparison) -> Table:
     """Table 11: the generation of the first robot of each milestone in each run."""
     tiers = study.milestones
-    notes = [note("firsts", last=study.generations - 1)]
-    if study.paper:
-        notes.append(note("paper-runs"))
-    seeds = sorted({seed for arm in study.arms for seed in arm.seeds})
+    names = " and the first ".join(map(title, tiers))
+    rows = [
+        [
+            ("Seed", str(seed)),
+            *((f"{a.name}: {title(t)}", _firsts(a, seed, t)) for a in study.arms for t in tiers),
+            *_beside(place, study.paper, tiers),
+        ]
+        for place, seed in enumerate(sorted({seed for arm in study.arms for seed in arm.seeds}))
+    ]
     return Table.of(
         "table-11-runs",
-        "Table 11. Generation of the first"
-        f" {' and the first '.join(map(title, tiers))} {study.classes.agent}, run by run",
-        (
-            [
-                ("Seed", str(seed)),
-                *(
-                    (f"{a.name}: {title(t)}", _firsts(a, seed, t))
-                    for a in study.arms
-                    for t in tiers
-                ),
-                *_beside(place, study.paper, tiers),
-            ]
-            for place, seed in enumerate(seeds)
-        ),
-        (*notes, *footnotes(study.paper)),
+        f"Table 11. Generation of the first {names} {study.classes.agent}, run by run",
+        rows,
+        note("firsts", last=study.generations - 1),
+        *([note("paper-runs")] if study.paper else []),
+        *footnotes(study.paper),
     )
 
 
@@ -246,14 +235,16 @@ def _firsts(arm: Arm, seed: int, tier: str) -> str:
     return ", ".join("never" if g is None else str(g) for g in generations) or NONE
 
 
-def median_table(key: str, heading: str, findings: Sequence[Finding]) -> Table:
-    """Medians with bootstrap intervals, and the tests seed by seed."""
-    return Table.of(
-        key,
-        heading,
-        ([("Measure", f.measure.label), *_medians(f), *_pairs(f)] for f in findings),
-        (note("medians", fewest=FEWEST), note("pairs")),
-    )
+def median_tables(study: Comparison, findings: Sequence[Finding]) -> Iterator[Table]:
+    """Medians with bootstrap intervals, and the tests seed by seed, for each pair of arms."""
+    for end, of, selected in by_pair(study, findings, all_measures(study)):
+        yield Table.of(
+            f"medians{end}",
+            f"Medians, intervals and paired tests{of}",
+            ([("Measure", f.measure.label), *_medians(f), *_pairs(f)] for f in selected),
+            note("medians", fewest=FEWEST),
+            note("pairs"),
+        )
 
 
 def _medians(f: Finding) -> Row:
@@ -291,9 +282,5 @@ def power_table(study: Comparison, family: int) -> Table:
                     "least p possible": probability(p.least_p),
                 }
             )
-    return Table.of(
-        "power",
-        "Smallest difference that is found with 80 % power",
-        map(dict.items, rows),
-        (note("power"),),
-    )
+    heading = "Smallest difference that is found with 80 % power"
+    return Table.of("power", heading, rows, note("power"))

@@ -40,13 +40,8 @@ def lineage_table(study: Comparison) -> Table:
                     "mean descendants": number(fmean(n.descendants for n in newcomers), 1),
                     "share of the final elite": f"{elite:.0%}",
                 }
-                rows.append(row.items())
-    return Table.of(
-        "lineage",
-        "What became of newcomers",
-        rows,
-        (note("lineage"),),
-    )
+                rows.append(row)
+    return Table.of("lineage", "What became of newcomers", rows, note("lineage"))
 
 
 def edits_table(study: Comparison) -> Table | None:
@@ -67,8 +62,8 @@ def edits_table(study: Comparison) -> Table | None:
                 "became a parent": f"{sum(f.children > 0 for f in evaluated) / len(evaluated):.0%}",
                 "mean generations lived": number(fmean(f.lived for f in evaluated), 1),
             }
-            rows.append(row.items())
-    return Table.of("edits", "What became of edits", rows, (note("edits"),)) if rows else None
+            rows.append(row)
+    return Table.of("edits", "What became of edits", rows, note("edits")) if rows else None
 
 
 def sources_table(study: Comparison) -> Table:

@@ -73,7 +73,9 @@ def score_table(
         key,
         title,
         (_cells(row, digits[row.world], world) for row in rows),
-        (note("aggregates", reference=rows[0].reference), *_reasons(rows), *notes),
+        note("aggregates", reference=rows[0].reference),
+        *_reasons(rows),
+        *notes,
     )
 
 

@@ -54,11 +54,9 @@ def decisions_table(study: Comparison) -> Table:
         "decisions",
         "Supervision decisions, all runs together",
         rows,
-        (
-            note("decisions"),
-            *((paper.decisions_note,) if paper and paper.decisions_note else ()),
-            *footnotes(paper),
-        ),
+        note("decisions"),
+        *((paper.decisions_note,) if paper and paper.decisions_note else ()),
+        *footnotes(paper),
     )
 
 
@@ -88,7 +86,8 @@ def overhead_table(study: Comparison) -> Table:
             *(row(label, [_cell(o, what, n) for o in each], key) for label, key, what, n in _ROWS),
             row(f"Time to the first {study.classes.tier_title(tier)} (s)", times),
         ),
-        (note("overhead"), *footnotes(study.paper)),
+        note("overhead"),
+        *footnotes(study.paper),
     )
 
 
@@ -111,7 +110,7 @@ def episodes_table(study: Comparison) -> Table:
                 "library, once": number(cost.library) if cost.library else NONE,
             }
         )
-    return Table.of("episodes", "Episodes of a run", map(dict.items, rows), (note("episodes"),))
+    return Table.of("episodes", "Episodes of a run", rows, note("episodes"))
 
 
 def _ratio(a: str, b: str, write: Callable[[float], str]) -> Callable[[Overheads], str]:
