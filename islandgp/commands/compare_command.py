@@ -6,21 +6,27 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 import click
 import yaml
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
 from islandgp.commands.options import with_trust_options
+from islandgp.evaluation.processes import Processes, cores
 from islandgp.resources import resource
-
-if TYPE_CHECKING:
-    from islandgp.study.arms import Arm, Comparison
-    from islandgp.study.generalise import Generalisation
-    from islandgp.study.report import ComparisonReport
-    from islandgp.study.table import Table
-    from islandgp.tracking.store import Place
+from islandgp.study.arms import Arm, Comparison
+from islandgp.study.comparable import compare_arms
+from islandgp.study.generalise import controls as evaluate_controls
+from islandgp.study.generalise import generalise, reference_trees
+from islandgp.study.plan import check_plan, parse_plan
+from islandgp.study.report import ComparisonReport, build
+from islandgp.study.select import MLFLOW, find, named, parse_arm, select
+from islandgp.study.table import Table
+from islandgp.study.tables.claims import comparison_verdict, estimate_cells
+from islandgp.study.writing import metrics, write
+from islandgp.tracking.comparison import fetch, publish
+from islandgp.tracking.place import place_from
+from islandgp.tracking.store import Place
 
 EPILOG = """\b
 A selection is a list of KEY=VALUE of the configuration, separated by spaces:
@@ -114,15 +120,6 @@ def command(
     Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and logs
     them as an MLflow run.
     """
-    from islandgp.evaluation.processes import Processes, cores
-    from islandgp.study.comparable import compare_arms
-    from islandgp.study.generalise import controls as library_in_worlds
-    from islandgp.study.generalise import generalise, reference_trees
-    from islandgp.study.plan import check_plan, parse_plan
-    from islandgp.study.report import build
-    from islandgp.study.select import MLFLOW, parse_arm
-    from islandgp.study.writing import write
-
     plan = parse_plan(families, primary, margins)
     place = _place(uri, experiment)
     wanted = [parse_arm(arm) for arm in arms]
@@ -135,10 +132,9 @@ def command(
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     check_folder(folder)
     make = partial(Processes, workers=workers or cores())
-    unseen: tuple[Generalisation, ...] = ()
-    if worlds:
-        unseen = generalise(study, make, worlds=worlds, reference_trees=reference_trees(study))
-    report = build(study, unseen, worlds, library_in_worlds(study, make) if controls else (), plan)
+    references = reference_trees(study)
+    unseen = generalise(study, make, worlds=worlds, reference_trees=references) if worlds else ()
+    report = build(study, unseen, worlds, evaluate_controls(study, make) if controls else (), plan)
     try:
         files = write(report, study, folder)
     except OSError as error:
@@ -153,8 +149,6 @@ def command(
 
 def _place(uri: str | None, experiment: str | None) -> Place:
     """The MLflow store that a run started here would use. Raises TrackingError."""
-    from islandgp.tracking.place import place_from
-
     file = resource("conf") / "tracking" / "mlflow.yaml"
     policy = yaml.safe_load(file.read_text(encoding="utf-8"))["policy"]
     return place_from(
@@ -167,9 +161,6 @@ def _select(
     wanted: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
 ) -> tuple[list[Arm], list[str]]:
     """The arms, and notes on runs that are left out."""
-    from islandgp.study.select import MLFLOW, find, named, select
-    from islandgp.tracking.comparison import fetch
-
     chosen: list[Arm] = []
     notes: list[str] = []
     on_disk = None
@@ -209,13 +200,10 @@ def _lines(table: Table) -> Iterator[str]:
         else:
             question = row.get("Claim") or f"{row['Arms']}: {row['measure']}"
             p = f"p BH {row['p BH']}"
-        difference = f"{row['difference [95 %]']}"
-        yield f"  {question:<47} {difference:>28}  {p:<13} {row['verdict']}"
+        yield f"  {question:<47} {row['difference [95 %]']:>28}  {p:<13} {row['verdict']}"
 
 
 def _tests(report: ComparisonReport) -> Iterator[str]:
-    from islandgp.study.tables.claims import comparison_verdict, estimate_cells
-
     findings = [f for f in report.findings if f.family == report.findings[0].family]
     yield from ("", f"{findings[0].arms[0]} minus {findings[0].arms[1]}")
     for f in findings:
@@ -227,9 +215,7 @@ def _tests(report: ComparisonReport) -> Iterator[str]:
 def _publish(
     report: ComparisonReport, study: Comparison, place: Place, folder: Path, files: list[Path]
 ) -> str:
-    from islandgp.study.writing import metrics
-    from islandgp.tracking.comparison import publish
-
+    results = _results(report)
     return publish(
         place,
         f"compare {report.title}",
@@ -238,13 +224,6 @@ def _publish(
         params={f"arm.{arm.name}": arm.selection for arm in study.arms},
         metrics=metrics(report.findings),
         note="\n".join(
-            [
-                f"**{report.title}**",
-                "",
-                *report.comparability_warnings,
-                "```",
-                *_results(report),
-                "```",
-            ]
+            [f"**{report.title}**", "", *report.comparability_warnings, *("```", *results, "```")]
         ),
     )

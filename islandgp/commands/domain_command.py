@@ -6,7 +6,7 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from inspect import getfile
 from io import StringIO
 from pathlib import Path
@@ -111,29 +111,24 @@ class _Printed(StringIO):
 
 def _lines(schema: Schema) -> Iterator[str]:
     words = schema.vocabulary
+    keys = words.keys.items()
     yield f"Domain {words.domain}"
     yield schema.task
-    for heading, entries in (
-        (
-            "Actions",
-            {
-                signature(name, action.arguments): described(action.meaning, action.arguments)
-                for name, action in words.actions.items()
-            },
-        ),
-        ("Keys that are yes or no", {n: k.meaning for n, k in words.keys.items() if k.flag}),
-        (
-            "Keys that are numbers",
-            {n: k.meaning for n, k in words.keys.items() if not k.flag and not k.words},
-        ),
-        (
-            "Keys that are words",
-            {n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in words.keys.items() if k.words},
-        ),
-        ("Events", {name: event.meaning for name, event in schema.events.items()}),
-        ("Counters", {name: counter.meaning for name, counter in schema.counters.items()}),
-        ("Components of the fitness", schema.components),
-    ):
+    sections = {
+        "Actions": {
+            signature(name, action.arguments): described(action.meaning, action.arguments)
+            for name, action in words.actions.items()
+        },
+        "Keys that are yes or no": {n: k.meaning for n, k in keys if k.flag},
+        "Keys that are numbers": {n: k.meaning for n, k in keys if not k.flag and not k.words},
+        "Keys that are words": {
+            n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in keys if k.words
+        },
+        "Events": {name: event.meaning for name, event in schema.events.items()},
+        "Counters": {name: counter.meaning for name, counter in schema.counters.items()},
+        "Components of the fitness": schema.components,
+    }
+    for heading, entries in sections.items():
         if entries:
             width = max(map(len, entries))
             yield f"\n{heading}"
@@ -144,10 +139,9 @@ def _plain(schema: Schema) -> dict[str, Any]:
     """The schema as JSON values; statuses by name."""
     plain = asdict(schema)
     for action in plain["vocabulary"]["actions"].values():
-        if not action["arguments"]:
-            del action["arguments"]
-        if not action["condition"]:
-            del action["condition"]
+        for name in ("arguments", "condition"):
+            if not action[name]:
+                del action[name]
         for conditions in ("to_start", "to_succeed"):
             action[conditions] = [
                 (each.key, each.operator, each.other or getattr(each.number, "name", each.number))
@@ -166,10 +160,9 @@ def _check(
     """Runs the contract suite; returns the exit code."""
     from islandgp.testing.domain_suite import DomainSuite, run_suite
 
-    words = domain.schema.vocabulary
-    trees = [read_tree(file, words) for file in files]
-    own_set = own_trees(settings, domain)
-    for line in own_set.left_out:
+    trees = [read_tree(file, domain.schema.vocabulary) for file in files]
+    known, left_out = known_trees(settings, domain)
+    for line in left_out:
         click.echo(f"left out: {line}")
 
     class Suite(DomainSuite):
@@ -179,24 +172,17 @@ def _check(
             return settings.make_domain()
 
         def own_trees(self, domain: Domain) -> Iterator[Node]:  # noqa: ARG002 -- the suite's
-            yield from dict.fromkeys((*trees, *own_set.trees))
+            yield from dict.fromkeys((*trees, *known))
 
-    suite = Suite()
-    faults, printed = 0, _Printed()
-    promises = run_suite(suite)
-    while True:
-        with redirect_stdout(printed):
-            promise, fault = next(promises, ("", ""))
-        if not promise:
-            break
-        click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}")
-        if fault:
-            faults += 1
-            click.echo(indent(fault, " " * 8))
+    suite, faults, printed, terminal = Suite(), 0, _Printed(), sys.stdout
+    with redirect_stdout(printed):
+        for promise, fault in run_suite(suite):
+            click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}", file=terminal)
+            if fault:
+                faults += 1
+                click.echo(indent(fault, " " * 8), file=terminal)
     if printed.first:
-        click.echo(
-            f"\nIts code prints while episodes run, e.g. {short_repr(printed.first.strip())}"
-        )
+        click.echo(f"\nIts code prints while episodes run, e.g. {short_repr(printed.first)}")
     if not suite.trees_run:
         click.echo("The other promises are checked as soon as the episode of a tree runs.")
         return 1
@@ -209,30 +195,24 @@ def _check(
     return 1 if faults or (strict and unseen) else 0
 
 
-@dataclass(frozen=True, slots=True)
-class OwnTrees:
-    """Trees for the check of a domain."""
+def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[str]]:
+    """The trees of a domain's library, and those of .bt files that are for it.
 
-    trees: tuple[Node, ...]
-    left_out: tuple[str, ...]  # a line for each file, and for a library, that cannot be read
-
-
-def own_trees(settings: Settings, domain: Domain) -> OwnTrees:
-    """The trees of a domain's library, and those of .bt files that are for it."""
-    trees: list[Node] = []
-    left_out: list[str] = []
-    try:
-        trees += _library(settings, domain)
-    except IslandError as error:
-        left_out.append(str(error).splitlines()[0])
-    for file in _files(domain):
+    Returns:
+        The trees, and a line for each file or library that cannot be read.
+    """
+    trees: dict[Node, None] = {}
+    left_out: dict[str, None] = {}
+    words = domain.schema.vocabulary
+    for file in (None, *_files(domain)):
         try:
-            text = read_text(str(file))
-            if (domain_of(text) or default_domain()) == domain.schema.vocabulary.domain:
-                trees.append(read_tree(str(file), domain.schema.vocabulary))
+            if file is None:
+                trees |= dict.fromkeys(_library(settings, domain))
+            elif (domain_of(read_text(str(file))) or default_domain()) == words.domain:
+                trees[read_tree(str(file), words)] = None
         except IslandError as error:
-            left_out.append(str(error).splitlines()[0])
-    return OwnTrees(tuple(dict.fromkeys(trees)), tuple(dict.fromkeys(left_out)))
+            left_out[str(error).splitlines()[0]] = None
+    return list(trees), list(left_out)
 
 
 def _library(settings: Settings, domain: Domain) -> Iterator[Node]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import reduce
 from math import isnan
@@ -50,34 +50,22 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
     if not jobs:
         click.echo(f"Nothing: none of the {free} runs asks a language model.")
         return
-    first = jobs[0][0]
-    prices = f"prices of {first.prices.date}"
+    prices = f"prices of {jobs[0][0].prices.date}"
     models = ", ".join(sorted({settings.model_name for settings, *_ in jobs}))
-    characters = " or ".join(
-        sorted({f"{settings.facts.characters:g}" for settings, *_ in jobs}, reverse=True)
-    )
+    sizes = {f"{settings.facts.characters:g}" for settings, *_ in jobs}
+    characters = " or ".join(sorted(sizes, reverse=True))
     thoughts = max(_thoughts(settings) for settings, *_ in jobs)
     click.echo(f"Supervision by {models}, {prices}.\n")
-    rows: list[tuple[str, Callable[[LLMSettings, RunContext, int], Bill]]] = [
-        (
-            f"expected, {characters} characters a token, {ANSWER} tokens an answer"
-            + (f" and {thoughts} of thought before it" if thoughts else ""),
-            expected,
-        ),
-        ("at most: failures, repairs and the longest answers", at_most),
-    ]
+    thought = f" and {thoughts} of thought before it" if thoughts else ""
+    text = f"expected, {characters} characters a token, {ANSWER} tokens an answer{thought}"
+    bills = {text: [expected(*job) for job in jobs]}
     if record is not None:
         transcript = Transcript(find_transcript(record))
-        rows.insert(
-            1,
-            (
-                "as measured in the record",
-                lambda s, setup, lag: as_recorded(s, setup, transcript, lag),
-            ),
-        )
-    for name, bill in rows:
+        bills["as measured in the record"] = [as_recorded(*job, transcript) for job in jobs]
+    bills["at most: failures, repairs and the longest answers"] = [at_most(*job) for job in jobs]
+    for name, each in bills.items():
         click.echo(f"{name}:")
-        total = reduce(add, (bill(*job) for job in jobs))
+        total = reduce(add, each)
         lines = [HEAD, _row("a run" if len(jobs) == 1 else "a run, mean", total, len(jobs))]
         if len(jobs) > 1:
             lines.append(_row(f"all {len(jobs)} runs", total, 1))
@@ -156,12 +144,11 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
         most_tokens(request, longer=QUOTED * settings.repairs + (ADDED_MOST if added else 0))
         for request, added in exchanges
     ]
-    bill = _bill(
-        settings,
-        times * turns * len(exchanges) + PROBES * settings.retry.attempts,
-        times * turns * sum(m.input for m in most),
-        times * turns * sum(m.output for m in most),
+    usage = Usage(
+        times * turns * sum(m.input for m in most), times * turns * sum(m.output for m in most)
     )
+    n = times * turns * len(exchanges) + PROBES * settings.retry.attempts
+    bill = Bill.of(n, usage, settings.price)
     requests, tokens, output, usd = (
         cost if cap is None else min(cost, cap)
         for cost, cap in bill.against(settings.caps).values()
@@ -169,9 +156,7 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
     return Bill(requests, tokens, output, bill.usd if isnan(bill.usd) else usd)
 
 
-def as_recorded(
-    settings: LLMSettings, context: RunContext, record: Transcript, lag: int = 0
-) -> Bill:
+def as_recorded(settings: LLMSettings, context: RunContext, lag: int, record: Transcript) -> Bill:
     """The bill where each generation takes what it took in a recorded run, on the mean."""
     attempts = record.attempts
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
@@ -188,10 +173,6 @@ def _times(context: RunContext, lag: int) -> int:
     return max(0, context.generations - 1 - lag)
 
 
-def _bill(settings: LLMSettings, requests: float, tokens: float, output: float) -> Bill:
-    return Bill.of(requests, Usage(round(tokens), round(output)), settings.price)
-
-
 def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request, int]]:
     """One generation's questions, about a state with numbers of the usual length.
 
@@ -199,14 +180,10 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
     """
     questions = Questions(settings, context)
     capabilities = ServerCapabilities(True, settings.temperature, "")
-    state = _state(context)
-    return [
-        (
-            request,
-            ADDED_EDITS if part not in ADDED else ADDED[part] if questions.uses_history else 0,
-        )
-        for part, request in questions.requests(state, capabilities).items()
-    ]
+    requests = questions.requests(_state(context), capabilities)
+    added = dict.fromkeys(requests, ADDED_EDITS)
+    added |= ADDED if questions.uses_history else dict.fromkeys(ADDED, 0)
+    return [(request, added[part]) for part, request in requests.items()]
 
 
 def _state(context: RunContext) -> PopulationState:
@@ -229,11 +206,12 @@ def _state(context: RunContext) -> PopulationState:
         size=23.4,
         rate=0.234,
     )
+    history = [
+        replace(now, best=now.best - 1234 * ago, mean=now.mean - 123 * ago)
+        for ago in range(4, -1, -1)
+    ]
     return population_state(
-        [
-            replace(now, best=now.best - 1234 * ago, mean=now.mean - 123 * ago)
-            for ago in range(4, -1, -1)
-        ],
+        history,
         StateSettings(window=5, improvement=0, low_diversity=0),
         context.crisis,
         classes,

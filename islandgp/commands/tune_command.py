@@ -15,6 +15,7 @@ from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read
 from islandgp.commands.options import Chosen, with_domain_options, with_stage_option
 from islandgp.commands.setting import settings_of, stage_index
 from islandgp.errors import IslandError
+from islandgp.viewer.recording import digits
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
@@ -144,7 +145,7 @@ def _report(tuned: Tuned, seconds: float) -> None:
     if tuned.comparison is None:
         click.echo("Nothing better was found: the written numbers won the race.", err=True)
     else:
-        _report_comparison(tuned.comparison)
+        click.echo("\n".join(_comparison_lines(tuned.comparison)), err=True)
     costs = tuned.costs
     click.echo(
         f"Cost: {costs.total:,} episodes ({costs.search:,} search, {costs.race:,} race,"
@@ -153,25 +154,18 @@ def _report(tuned: Tuned, seconds: float) -> None:
     )
 
 
-def _report_comparison(comparison: NumberComparison) -> None:
+def _comparison_lines(comparison: NumberComparison) -> Iterator[str]:
     """Means and the paired difference, each with its 95 % interval."""
-    from islandgp.viewer.recording import digits
+    places = digits([*comparison.written, *comparison.tuned])
 
-    means = comparison.written, comparison.tuned
-    places = digits([end for mean in means for end in mean])
-
-    def shown(mean: MeanInterval, sign: str = "") -> str:
+    def interval(mean: MeanInterval, sign: str = "") -> str:
         middle, low, high = (f"{end:{sign},.{places}f}" for end in mean)
         return f"{middle} points (95 %: {low} to {high})"
 
-    click.echo(f"In {comparison.worlds} worlds that were not used before:", err=True)
-    click.echo(f"  before: {shown(comparison.written)}", err=True)
-    click.echo(f"  after: {shown(comparison.tuned)}", err=True)
-    click.echo(
-        f"  difference: {shown(comparison.difference, '+')}, better in {comparison.better} worlds",
-        err=True,
-    )
+    yield f"In {comparison.worlds} worlds that were not used before:"
+    yield f"  before: {interval(comparison.written)}"
+    yield f"  after: {interval(comparison.tuned)}"
+    difference = interval(comparison.difference, "+")
+    yield f"  difference: {difference}, better in {comparison.better} worlds"
     if not comparison.accepted:
-        click.echo(
-            "Nothing better was found: the difference may be chance, so the numbers stay.", err=True
-        )
+        yield "Nothing better was found: the difference may be chance, so the numbers stay."

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -30,38 +28,40 @@ class Soundness(StrEnum):
 def verify(folder: RunFolder) -> tuple[Soundness, str]:
     """Compares a run's records with their checksums, and its other files with its records.
 
-    Returns what was found, and a few words about it.
+    Args:
+        folder: of the run.
+
+    Returns:
+        The result, and a few words about it.
     """
+    finished = folder.finished()
     try:
-        if wrong := _damage(folder):
-            return Soundness.DAMAGED, wrong
-        generations, expected = _end(folder)
-        if wrong := _wrong(folder, generations, expected):
-            return Soundness.DAMAGED, wrong
+        _check_files(folder)
+        generations, expected = _last_record(folder)
+        _check_records(folder, generations, expected)
     except RunError as error:
         return Soundness.DAMAGED, str(error)
     if generations and expected is None:
         return Soundness.UNKNOWN, "written by an older version"
-    if folder.finished() and read_manifest(folder.path) is None:
+    if finished and read_manifest(folder.path) is None:
         return Soundness.UNKNOWN, "written by an older version; its records are as it wrote them"
-    state = "finished" if folder.finished() else "unfinished"
-    return Soundness.VERIFIED, f"{generations} generations, {state}"
+    return (
+        Soundness.VERIFIED,
+        f"{generations} generations, {'finished' if finished else 'unfinished'}",
+    )
 
 
-def _damage(folder: RunFolder) -> str:
-    """The files that are not as the run wrote them, and what happened to each; "" if all are.
-
-    Raises:
-        RunError: there is a link among them, or the configuration cannot be read.
-    """
+def _check_files(folder: RunFolder) -> None:
+    """Raises RunError if a file is a link, or is not as the run wrote it."""
     must_have_no_links(folder.path)
     if folder.finished() and (wrong := damaged_files(folder.path)):
-        return "; ".join(f"{file}{_which(folder, file)}" for file in wrong)
+        raise RunError("; ".join(f"{file}{_first_change(folder, file)}" for file in wrong))
     folder.configuration()
-    return "" if folder.about() else "about.json: missing"
+    if not folder.about():
+        raise RunError("about.json: missing")
 
 
-def _which(folder: RunFolder, file: DamagedFile) -> str:
+def _first_change(folder: RunFolder, file: DamagedFile) -> str:
     """A text on the first record that differs from its checksum."""
     if (file.name, file.damage) != ("generations.jsonl", Damage.CHANGED):
         return ""
@@ -72,7 +72,7 @@ def _which(folder: RunFolder, file: DamagedFile) -> str:
     return f", {wrong_record(lines, known[-1], sums)}" if known else ""
 
 
-def _end(folder: RunFolder) -> tuple[int, str | None]:
+def _last_record(folder: RunFolder) -> tuple[int, str | None]:
     """The expected number of records and the digest of the last; None if none was written.
 
     Raises:
@@ -91,46 +91,36 @@ def _end(folder: RunFolder) -> tuple[int, str | None]:
     return 0, None
 
 
-def _wrong(folder: RunFolder, generations: int, expected: str | None) -> str:
-    """A text on the first error in the records and the files made from them; "" if there is none.
-
-    Raises:
-        RunError: there are too few records, or a line holds something else.
-    """
-    records = generation_lines(folder.path)
-    lines = records.head(generations)
+def _check_records(folder: RunFolder, generations: int, expected: str | None) -> None:
+    """Raises RunError for the first error in the records and the files made from them."""
+    path, finished = folder.path, folder.finished()
+    lines = (records := generation_lines(path)).head(generations)
     if expected is not None:
-        sums = folder.path / "generations.sha256"
+        sums = path / "generations.sha256"
         if why := wrong_record(lines, expected, sums):
-            return f"generations.jsonl: {why}"
+            raise RunError(f"generations.jsonl: {why}")
         if read_digests(sums)[: len(lines)] != list(digests(lines)):
-            return f"{sums.name}: it differs from the records, which are as they were written"
-    if folder.finished() and records.path.stat().st_size != sum(map(len, lines)):
-        return "generations.jsonl: there is more in it than the run's generations"
-    costs = Lines(folder.path / "costs.jsonl", "costs of generations", Cost)
+            raise RunError(
+                f"{sums.name}: it differs from the records, which are as they were written"
+            )
+    if finished and records.path.stat().st_size != sum(map(len, lines)):
+        raise RunError("generations.jsonl: there is more in it than the run's generations")
+    costs = Lines(path / "costs.jsonl", "costs of generations", Cost)
     if sum(1 for _ in costs.whole()) < generations:
-        return "costs.jsonl: seconds of generations are missing; the run goes on without them"
-    return _inconsistent(folder, [records.value(line, i) for i, line in enumerate(lines)])
-
-
-def _inconsistent(folder: RunFolder, records: Sequence[dict[str, Any]]) -> str:
-    """A text on the first file that does not agree with the records; "" if all do."""
-    for i, record in enumerate(records):
+        raise RunError("costs.jsonl: seconds of generations are missing; the run goes on without")
+    values = [records.value(line, i) for i, line in enumerate(lines)]
+    for i, record in enumerate(values):
         if record["snapshot"]["generation"] != i:
-            return f"generations.jsonl: line {i + 1} is not the record of generation {i}"
-    if not records:
-        return ""
-    file = folder.path / "best.bt"
-    if not file.exists():
-        return "best.bt: it is missing; the run's command makes it again"
-    if not folder.finished():
-        return ""  # the best tree may be of a generation that is being written down
+            raise RunError(f"generations.jsonl: line {i + 1} is not the record of generation {i}")
+    if values and not (path / "best.bt").exists():
+        raise RunError("best.bt: it is missing; the run's command makes it again")
+    if not values or not finished:
+        return  # the best tree may be of a generation that is being written down
     champion = folder.summary()["champion"]["record"]
-    if not any(champion == one for record in records for one in record["individuals"]):
-        return "summary.json: its champion is not one of the records' individuals"
-    if file.read_bytes() != folder.best_text(champion["tree"]).encode():
-        return "best.bt: it is not the tree of the summary's champion"
-    return ""
+    if not any(champion == one for record in values for one in record["individuals"]):
+        raise RunError("summary.json: its champion is not one of the records' individuals")
+    if (path / "best.bt").read_bytes() != folder.best_text(champion["tree"]).encode():
+        raise RunError("best.bt: it is not the tree of the summary's champion")
 
 
 @click.command()

@@ -93,7 +93,7 @@ def test_a_record_tells_what_it_really_takes(tmp_path: Path) -> None:
     llm, _ = supervisor(answering(), folder=tmp_path)
     for generation in range(4):
         advise(llm, state(generation))
-    found = as_recorded(settings(), context(), Transcript(tmp_path / "transcript.jsonl"))
+    found = as_recorded(settings(), context(), 0, Transcript(tmp_path / "transcript.jsonl"))
     assert found.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
     assert found.output == pytest.approx(9 * 100 * 40 / 4)
 
