@@ -8,6 +8,7 @@ seconds at most: a worker that does not end by itself is killed.
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -78,6 +79,7 @@ def _start(problem: Problem, limit: float) -> None:
     killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
     _problem, _limit = problem, limit
+    gc.freeze()  # the collector need not walk over imported modules again and again
 
 
 def _end_with_parent() -> None:

@@ -82,7 +82,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "sklearn": ("study.distill",),
     "rclpy": ("ros2",),
     "numba": ("domains.island.kernel",),
-    "llvmlite": ("domains.island.kernel", "domains.island.compiled"),
+    "llvmlite": ("domains.island.kernel", "domains.island.machine_code"),
 }
 
 SLOW = (

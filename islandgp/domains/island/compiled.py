@@ -5,25 +5,24 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Callable
-from ctypes import PYFUNCTYPE, c_double, c_int64
-from functools import cache, lru_cache
+from ctypes import PYFUNCTYPE, c_double, c_int, c_int64
+from functools import cache, lru_cache, partial
 from importlib.util import find_spec
 from itertools import chain, count
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import pymunk
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.robot import TOLERANCE
+from islandgp.domains.island import layout as k
 from islandgp.domains.island.schedule import Schedule
-from islandgp.domains.island.sensing import GARBAGE, TOGETHER
-from islandgp.domains.island.world import FAR
+from islandgp.domains.island.sensing import GARBAGE
 
 if TYPE_CHECKING:
     from islandgp.domains.island.garbage import Places
     from islandgp.domains.island.state import State
 
-WARM: Final = 20  # episodes of a process before numba, which takes half a second to import
+WARM: Final = 20  # episodes of a process before it compiles, which takes seconds
 
 
 class Crowded(Exception):
@@ -48,6 +47,7 @@ class Compiled(NamedTuple):
 
 
 _episodes = count()
+_SCRATCH: Final = array("q", [0, 0])  # to which compiled functions write their status
 
 
 def compiled_for(island: State, *, flies: bool = True) -> Compiled | None:
@@ -57,29 +57,50 @@ def compiled_for(island: State, *, flies: bool = True) -> Compiled | None:
         island: at step 0.
         flies: leave out steps in which no bodies can touch. `run` can then raise Crowded.
     """
-    functions = None if next(_episodes) < WARM else _functions()
+    if next(_episodes) < WARM and not _at_hand():
+        return None
+    functions = _functions()
     return None if functions is None else _bound(functions, island, flies)
+
+
+def _can_compile() -> bool:
+    return sys.platform != "win32" and find_spec("numba") is not None and bool(engine.addresses)
+
+
+@cache
+def _at_hand() -> bool:
+    """True if the functions need not be compiled."""
+    try:
+        from islandgp.domains.island.machine_code import is_cached
+
+        return _can_compile() and is_cached()
+    except ImportError:
+        return False
 
 
 @cache
 def _functions() -> Functions | None:
-    """The compiled functions, or None where numba or its cache is missing."""
-    if sys.platform == "win32" or find_spec("numba") is None or not engine.addresses:
+    """The compiled functions, or None where numba or a folder for its results is missing."""
+    if not _can_compile():
         return None
     try:
-        from llvmlite.binding import add_symbol
+        from islandgp.domains.island.machine_code import addresses
 
-        for name, address in engine.addresses.items():
-            add_symbol(name, address)
-        from islandgp.domains.island import kernel
-    except (ImportError, OSError, RuntimeError):  # another NumPy, no room or folder for its cache
+        run, look, fly = (addresses()[name] for name in ("run", "look", "fly"))
+    except (ImportError, OSError, RuntimeError):  # another NumPy, no folder to write to
         return None
-    run, look, fly = (cast(int, f.address) for f in (kernel.run, kernel.look, kernel.fly_alone))
     return Functions(
-        PYFUNCTYPE(None, c_int64, c_int64, c_int64)(run),
-        PYFUNCTYPE(None, c_int64, c_int64)(look),
-        _adds_as_chipmunk(PYFUNCTYPE(None, c_int64, c_double, c_int64)(fly)),
+        _function(run, c_int64, c_int64, c_int64),
+        _function(look, c_int64, c_int64),
+        _adds_as_chipmunk(_function(fly, c_int64, c_double, c_int64)),
     )
+
+
+def _function(address: int, *kinds: type) -> Callable[..., None]:
+    """A function of numba's calling convention: the result and errors go to its first arguments."""
+    scratch = engine.data_address(_SCRATCH)
+    function = PYFUNCTYPE(c_int, c_int64, c_int64, *kinds)(address)
+    return partial(function, scratch, scratch)
 
 
 def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
@@ -119,14 +140,12 @@ def _cells(places: Places) -> tuple[array[float], array[float], array[int], arra
 
 
 def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
-    from islandgp.domains.island import kernel as k
-
     ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
     turn_step, turn_who, turn_velocity = _turns(island.schedule)
     x, y, first, members = _cells(ground.places)
     bodies = array("q", map(engine.address, people.bodies))
     rocks = array("d", chain(*island.schedule.obstacles))
-    run_at, look_at, world = functions.run, functions.look, island.world
+    world = island.world
     arrays: dict[int, Any] = {
         k.BODIES: bodies, k.TOUCHING: physics.contacts.flag, k.TURN_STEP: turn_step,
         k.TURN_WHO: turn_who, k.TURN_VELOCITY: turn_velocity, k.ITEMS: people.items,
@@ -134,7 +153,7 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
         k.THERE: ground.there, k.SEEN: ground.seen, k.FIRST: first, k.MEMBERS: members,
         k.ROCK: rocks,
     }  # fmt: skip
-    n, f = array("q", bytes(8 * (k.QUIET + 1))), array("d", bytes(8 * (k.HUMANOID_RADIUS + 1)))
+    n, f = array("q", bytes(8 * k.WHOLE_NUMBERS)), array("d", bytes(8 * k.NUMBERS))
     for place, held in arrays.items():
         n[place] = engine.data_address(held)
     n[k.PEOPLE], n[k.COLUMNS] = len(people.items), ground.places.columns
@@ -142,18 +161,18 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
     n[k.SPACE], n[k.ROBOT] = engine.address(physics.handle), engine.address(robot.body)
     f[k.DT], f[k.PERCEPTION], f[k.SIGHT] = island.dt, robot.settings.perception, robot.sight
     f[k.STRIDE], f[k.WALK], f[k.CELL] = robot.stride, island.walk, ground.places.cell
-    n[k.TOGETHER], n[k.FAR], f[k.TOLERANCE] = TOGETHER, FAR, TOLERANCE
     n[k.FLIES], n[k.ROCKS] = flies and functions.flies, len(island.schedule.obstacles)
     f[k.SIDE], f[k.ROBOT_RADIUS] = world.side, world.robot.radius
     f[k.HUMANOID_RADIUS] = world.humanoids.radius
-    ints, floats, board = n.buffer_info()[0], f.buffer_info()[0], island.board
+    ints, floats, board = engine.data_address(n), engine.data_address(f), island.board
+    run_to, look_now = partial(functions.run, ints, floats), partial(functions.look, ints, floats)
 
     def run(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
         n[k.STEP], n[k.TURN] = island.step, island.turn
         n[k.GROUND_DUE], n[k.PEOPLE_DUE] = ground.due, people.due
         n[k.FOUND], n[k.DRIVING] = int(board[GARBAGE]), robot.driving
         f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
-        run_at(ints, floats, until)
+        run_to(until)
         if n[k.CROWDED]:
             raise Crowded
         island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
@@ -162,7 +181,7 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
     def look() -> tuple[int, int]:
         n[k.STEP], n[k.DRIVING] = island.step, robot.driving
         f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
-        look_at(ints, floats)
+        look_now()
         ground.due = n[k.GROUND_DUE]
         return n[k.FOUND], n[k.NEW]
 

@@ -13,28 +13,20 @@ every step.
 
 from __future__ import annotations
 
+from functools import partial
 from math import ceil, hypot, inf, sqrt
 
 from llvmlite import ir
-from numba import cfunc, njit, types
+from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-# What numba caches knows of no other module, so its settings come by these arrays.
-# Places of whole numbers: the state of the loop, settings, and addresses. FOUND: garbage is in
-# sight; NEW: items that the last look discovered.
-STEP, TURN, GROUND_DUE, PEOPLE_DUE, FOUND, NEW, DRIVING = range(7)
-PEOPLE, COLUMNS, ASK_FROM, MOST_ITEMS, TOGETHER, FAR = range(7, 13)
-SPACE, ROBOT, BODIES, TOUCHING, TURN_STEP, TURN_WHO, TURN_VELOCITY = range(13, 20)
-ITEMS, DUES, UNSEEN, NEAR, X, Y, THERE, SEEN, FIRST, MEMBERS = range(20, 30)
-# FLIES: steps may be left out; CLEAR: no contact before this step, as of the step CHECKED; ROCKS:
-# how many; ROCK: x, y, r of each; QUIET: steps of Chipmunk since the last contact.
-FLIES, CLEAR, CHECKED, CROWDED, ROCKS, ROCK, QUIET = range(30, 37)
-# Places of numbers: the robot's heading, and settings.
-HEADING_X, HEADING_Y, DT, PERCEPTION, SIGHT, STRIDE, WALK, CELL, TOLERANCE = range(9)
-SIDE, ROBOT_RADIUS, HUMANOID_RADIUS = range(9, 12)
-SETTLE = 4  # steps of Chipmunk after a contact, which it forgets after three
+from islandgp.domains.island import layout as k
+from islandgp.domains.island.robot import TOLERANCE
+from islandgp.domains.island.sensing import TOGETHER
+from islandgp.domains.island.world import FAR
 
+SETTLE = 4  # steps of Chipmunk after a contact, which it forgets after three
 DOUBLE, ADDRESS = ir.DoubleType(), ir.IntType(8).as_pointer()
 
 
@@ -119,22 +111,22 @@ def look_for_garbage(n, f, step, x, y, discover):
     With `discover`, new items are marked as seen. Without, the look ends with the step -1 where it
     shows something new.
     """
-    xs, ys, there, seen = floats(n[X]), floats(n[Y]), flags(n[THERE]), flags(n[SEEN])
-    first, members = ints(n[FIRST]), ints(n[MEMBERS])
-    ux, uy, cell, stride = f[HEADING_X], f[HEADING_Y], f[CELL], f[STRIDE]
+    xs, ys, there, seen = floats(n[k.X]), floats(n[k.Y]), flags(n[k.THERE]), flags(n[k.SEEN])
+    first, members = ints(n[k.FIRST]), ints(n[k.MEMBERS])
+    ux, uy, cell, stride = f[k.HEADING_X], f[k.HEADING_Y], f[k.CELL], f[k.STRIDE]
     column, row, east, north = x // cell, y // cell, x % cell, y % cell
     border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     last, change, back = 0.0, min(border_x, border_y) + stride, inf
     in_sight, new = 0, 0
-    at = (int(row) + 1) * n[COLUMNS] + int(column) + 1
-    for k in range(first[at], first[at + 1]):
-        i = members[k]
+    at = (int(row) + 1) * n[k.COLUMNS] + int(column) + 1
+    for m in range(first[at], first[at + 1]):
+        i = members[m]
         if not there[i]:
             continue
         dx, dy = xs[i] - x, ys[i] - y
         gap = dx * dx + dy * dy
-        if gap <= f[SIGHT]:
+        if gap <= f[k.SIGHT]:
             in_sight = 1
             if not seen[i]:
                 if not discover:
@@ -142,8 +134,8 @@ def look_for_garbage(n, f, step, x, y, discover):
                 seen[i] = 1
                 new += 1
         along = dx * ux + dy * uy
-        half = f[SIGHT] - gap + along * along
-        if half < -f[TOLERANCE]:
+        half = f[k.SIGHT] - gap + along * along
+        if half < -TOLERANCE:
             continue
         half = sqrt(half) if half > 0 else 0.0
         if along <= half:
@@ -152,11 +144,11 @@ def look_for_garbage(n, f, step, x, y, discover):
             back = min(back, along - half)
         else:
             change = min(change, along - half)
-    if not discover and in_sight != n[FOUND]:
+    if not discover and in_sight != n[k.FOUND]:
         return -1
-    n[FOUND], n[NEW] = in_sight, new
+    n[k.FOUND], n[k.NEW] = in_sight, new
     change = min(change, last if in_sight else back)
-    return step + _steps_to(change - f[TOLERANCE], stride) if n[DRIVING] else n[FAR]
+    return step + _steps_to(change - TOLERANCE, stride) if n[k.DRIVING] else FAR
 
 
 @njit
@@ -167,17 +159,17 @@ def _steps_to(distance, stride):
 @njit
 def people_due(n, f, step, x, y):
     """The step of the next look at a humanoid; -1: something new is seen now."""
-    bodies, items, dues = ints(n[BODIES]), ints(n[ITEMS]), ints(n[DUES])
-    unseen, near = flags(n[UNSEEN]), flags(n[NEAR])
-    least = n[FAR]
-    for h in range(n[PEOPLE]):
-        if dues[h] <= step + n[TOGETHER]:
-            asks, inside, due = items[h] >= n[ASK_FROM], False, n[FAR]
+    bodies, items, dues = ints(n[k.BODIES]), ints(n[k.ITEMS]), ints(n[k.DUES])
+    unseen, near = flags(n[k.UNSEEN]), flags(n[k.NEAR])
+    least = FAR
+    for h in range(n[k.PEOPLE]):
+        if dues[h] <= step + TOGETHER:
+            asks, inside, due = items[h] >= n[k.ASK_FROM], False, FAR
             if asks or unseen[h]:
                 hx, hy = position(bodies[h])
-                beyond = hypot(hx - x, hy - y) - f[PERCEPTION]
-                inside = beyond <= f[TOLERANCE]
-                due = step + _steps_to(abs(beyond) - f[TOLERANCE], f[STRIDE] + f[WALK])
+                beyond = hypot(hx - x, hy - y) - f[k.PERCEPTION]
+                inside = beyond <= TOLERANCE
+                due = step + _steps_to(abs(beyond) - TOLERANCE, f[k.STRIDE] + f[k.WALK])
             if (inside and unseen[h]) or (inside and asks) != (near[h] != 0):
                 dues[h] = step
                 return -1
@@ -189,16 +181,20 @@ def people_due(n, f, step, x, y):
 @njit
 def turn_people(n, step, turn):
     """The humanoids of this step's turns turn; returns the index of the next turn."""
-    turn_step, turn_who, velocity = ints(n[TURN_STEP]), ints(n[TURN_WHO]), floats(n[TURN_VELOCITY])
-    bodies, items, dues = ints(n[BODIES]), ints(n[ITEMS]), ints(n[DUES])
+    turn_step, turn_who, velocity = (
+        ints(n[k.TURN_STEP]),
+        ints(n[k.TURN_WHO]),
+        floats(n[k.TURN_VELOCITY]),
+    )
+    bodies, items, dues = ints(n[k.BODIES]), ints(n[k.ITEMS]), ints(n[k.DUES])
     while turn_step[turn] == step:
         h = turn_who[turn]
         steer(bodies[h], velocity[2 * turn], velocity[2 * turn + 1])
-        if items[h] < n[MOST_ITEMS]:
+        if items[h] < n[k.MOST_ITEMS]:
             items[h] += 1
-            if items[h] == n[ASK_FROM]:
+            if items[h] == n[k.ASK_FROM]:
                 dues[h] = step
-                n[PEOPLE_DUE] = min(n[PEOPLE_DUE], step)
+                n[k.PEOPLE_DUE] = min(n[k.PEOPLE_DUE], step)
         turn += 1
     return turn
 
@@ -206,12 +202,12 @@ def turn_people(n, step, turn):
 @njit
 def fixed_gap(n, f, x, y, radius):
     """Metres from a body to the nearest wall or rock, and how many of them it touches."""
-    side, rocks, slack = f[SIDE], floats(n[ROCK]), f[TOLERANCE]
+    side, rocks, slack = f[k.SIDE], floats(n[k.ROCK]), TOLERANCE
     least, touched = inf, 0
     for gap in (x - radius, y - radius, side - x - radius, side - y - radius):
         least = min(least, gap)
         touched += gap <= slack
-    for i in range(n[ROCKS]):
+    for i in range(n[k.ROCKS]):
         dx, dy, reach = rocks[3 * i] - x, rocks[3 * i + 1] - y, rocks[3 * i + 2] + radius
         square, limit = dx * dx + dy * dy, max(least, slack) + reach
         if square <= limit * limit:
@@ -234,28 +230,28 @@ def clear_steps(n, f):
 
     A contact now sets QUIET, the number of steps since the last one, to 0.
     """
-    bodies, slack, touches = ints(n[BODIES]), f[TOLERANCE], 0
-    x, y = position(n[ROBOT])
-    least, touched = fixed_gap(n, f, x, y, f[ROBOT_RADIUS])
-    steps = (least - slack) / f[STRIDE]
-    fast = too_fast(n[ROBOT], f[DT], f[STRIDE])
-    for h in range(n[PEOPLE]):
+    bodies, slack, touches = ints(n[k.BODIES]), TOLERANCE, 0
+    x, y = position(n[k.ROBOT])
+    least, touched = fixed_gap(n, f, x, y, f[k.ROBOT_RADIUS])
+    steps = (least - slack) / f[k.STRIDE]
+    fast = too_fast(n[k.ROBOT], f[k.DT], f[k.STRIDE])
+    for h in range(n[k.PEOPLE]):
         hx, hy = position(bodies[h])
-        least, fixed = fixed_gap(n, f, hx, hy, f[HUMANOID_RADIUS])
-        gap = hypot(hx - x, hy - y) - f[ROBOT_RADIUS] - f[HUMANOID_RADIUS]
+        least, fixed = fixed_gap(n, f, hx, hy, f[k.HUMANOID_RADIUS])
+        gap = hypot(hx - x, hy - y) - f[k.ROBOT_RADIUS] - f[k.HUMANOID_RADIUS]
         if gap <= slack:
             touched += 1
             fixed += 1
         if fixed > 1:
             return -1
         touches += fixed
-        steps = min(steps, (least - slack) / f[WALK], (gap - slack) / (f[STRIDE] + f[WALK]))
-        fast = fast or too_fast(bodies[h], f[DT], f[WALK])
+        steps = min(steps, (least - slack) / f[k.WALK], (gap - slack) / (f[k.STRIDE] + f[k.WALK]))
+        fast = fast or too_fast(bodies[h], f[k.DT], f[k.WALK])
     if touched > 1:
         return -1
     if touched or touches:
-        n[QUIET] = 0
-    return 0 if fast else max(0, int(min(steps, n[FAR])))
+        n[k.QUIET] = 0
+    return 0 if fast else max(0, int(min(steps, FAR)))
 
 
 @njit
@@ -273,70 +269,72 @@ def fly(body, dt, steps):
 @njit
 def move(n, f, step, stop):
     """Steps to `stop`, or to the first contact of the robot; returns the step."""
-    touching, bodies = flags(n[TOUCHING]), ints(n[BODIES])
+    touching, bodies = flags(n[k.TOUCHING]), ints(n[k.BODIES])
     while step < stop:
-        if n[FLIES] and n[CLEAR] <= step and n[CHECKED] != step:
-            n[CLEAR] = step + clear_steps(n, f)
-            n[CHECKED] = step
-        if step < n[CLEAR] and n[QUIET] >= SETTLE:
-            steps = min(stop, n[CLEAR]) - step
-            fly(n[ROBOT], f[DT], steps)
-            for h in range(n[PEOPLE]):
-                fly(bodies[h], f[DT], steps)
+        if n[k.FLIES] and n[k.CLEAR] <= step and n[k.CHECKED] != step:
+            n[k.CLEAR] = step + clear_steps(n, f)
+            n[k.CHECKED] = step
+        if step < n[k.CLEAR] and n[k.QUIET] >= SETTLE:
+            steps = min(stop, n[k.CLEAR]) - step
+            fly(n[k.ROBOT], f[k.DT], steps)
+            for h in range(n[k.PEOPLE]):
+                fly(bodies[h], f[k.DT], steps)
             step += steps
             continue
-        step_space(n[SPACE], f[DT])
+        step_space(n[k.SPACE], f[k.DT])
         step += 1
-        n[QUIET] += 1
-        if n[FLIES]:
+        n[k.QUIET] += 1
+        if n[k.FLIES]:
             clear = clear_steps(n, f)
-            n[CLEAR], n[CHECKED] = step + clear, step
+            n[k.CLEAR], n[k.CHECKED] = step + clear, step
             if clear < 0:
-                n[CROWDED] = 1
+                n[k.CROWDED] = 1
                 break
         if touching[0]:
             break
     return step
 
 
-@cfunc(types.void(types.int64, types.int64, types.int64), cache=True)
 def run(ints_at, floats_at, until):
     """Goes on to the step `until`, to a contact, or to a look that shows something new."""
     n, f = ints(ints_at), floats(floats_at)
-    touching, turn_step = flags(n[TOUCHING]), ints(n[TURN_STEP])
-    step, turn = n[STEP], n[TURN]
+    touching, turn_step = flags(n[k.TOUCHING]), ints(n[k.TURN_STEP])
+    step, turn = n[k.STEP], n[k.TURN]
     while step < until:
         stop = min(turn_step[turn], until)
-        stop = min(stop, max(min(n[GROUND_DUE], n[PEOPLE_DUE]), step + 1))
+        stop = min(stop, max(min(n[k.GROUND_DUE], n[k.PEOPLE_DUE]), step + 1))
         step = move(n, f, step, stop)
-        if touching[0] or step >= until or n[CROWDED]:
+        if touching[0] or step >= until or n[k.CROWDED]:
             break
         turn = turn_people(n, step, turn)
-        if step < n[GROUND_DUE] and step < n[PEOPLE_DUE]:
+        if step < n[k.GROUND_DUE] and step < n[k.PEOPLE_DUE]:
             continue
-        x, y = position(n[ROBOT])
-        if step >= n[GROUND_DUE]:
+        x, y = position(n[k.ROBOT])
+        if step >= n[k.GROUND_DUE]:
             due = look_for_garbage(n, f, step, x, y, False)
             if due < 0:
                 break
-            n[GROUND_DUE] = due
-        if step >= n[PEOPLE_DUE]:
-            n[PEOPLE_DUE] = due = people_due(n, f, step, x, y)
+            n[k.GROUND_DUE] = due
+        if step >= n[k.PEOPLE_DUE]:
+            n[k.PEOPLE_DUE] = due = people_due(n, f, step, x, y)
             if due < 0:
-                n[PEOPLE_DUE] = step
+                n[k.PEOPLE_DUE] = step
                 break
-    n[STEP], n[TURN] = step, turn
+    n[k.STEP], n[k.TURN] = step, turn
 
 
-@cfunc(types.void(types.int64, types.float64, types.int64), cache=True)
-def fly_alone(body, dt, steps):
-    """See `fly`."""
-    fly(body, dt, steps)
-
-
-@cfunc(types.void(types.int64, types.int64), cache=True)
 def look(ints_at, floats_at):
     """A look for garbage from where the robot is."""
     n, f = ints(ints_at), floats(floats_at)
-    x, y = position(n[ROBOT])
-    n[GROUND_DUE] = look_for_garbage(n, f, n[STEP], x, y, True)
+    x, y = position(n[k.ROBOT])
+    n[k.GROUND_DUE] = look_for_garbage(n, f, n[k.STEP], x, y, True)
+
+
+_INT, _REAL = types.int64, types.float64
+_compiled = partial(njit, no_cpython_wrapper=True, no_cfunc_wrapper=True, error_model="numpy")
+FUNCTIONS = {
+    "run": _compiled(types.void(_INT, _INT, _INT))(run),
+    "look": _compiled(types.void(_INT, _INT))(look),
+    "fly": _compiled(types.void(_INT, _REAL, _INT))(fly.py_func),
+}
+"""The functions that Python calls, by name; compiled when this module is imported."""

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import pytest
 
@@ -13,6 +17,7 @@ from islandgp.domains.island import compiled, episode
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.state import State, build_island
 from islandgp.domains.island.world import IslandWorld
+from islandgp.resources import resource
 from tests.domains.island.days import points, world
 from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
 from tests.profiles import sweep
@@ -24,10 +29,11 @@ WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
 def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The first episode may be compiled."""
     monkeypatch.setattr(compiled, "WARM", 0)
-    compiling = compiled._functions
+    compiling, found = compiled._functions, compiled._at_hand
     compiling.cache_clear()
     yield
     compiling.cache_clear()
+    found.cache_clear()
 
 
 @sweep("island", [busy(), world()], ids=["busy", "usual"], quick=1)
@@ -83,16 +89,59 @@ def test_python_does_without_it(lacking: str, monkeypatch: pytest.MonkeyPatch) -
         monkeypatch.setattr(compiled, "find_spec", lambda _: None)
     elif lacking == "a numba that works":
         monkeypatch.setattr(compiled, "find_spec", lambda _: object())
-        monkeypatch.setitem(sys.modules, "islandgp.domains.island.kernel", None)
-        monkeypatch.delattr(islandgp.domains.island, "kernel", raising=False)
+        monkeypatch.setitem(sys.modules, "islandgp.domains.island.machine_code", None)
+        monkeypatch.delattr(islandgp.domains.island, "machine_code", raising=False)
     else:
         monkeypatch.setattr(compiled.engine, "addresses", {})
     assert compiled.compiled_for(build_island(world(), 0, points(), ())) is None
 
 
-def test_short_commands_do_not_wait_for_numba(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first episodes of a process import nothing."""
+def test_short_commands_do_not_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first episodes of a process use compiled functions only if these are in a file."""
     monkeypatch.setattr(compiled, "_episodes", iter(range(compiled.WARM)))
-    monkeypatch.setattr(compiled, "_functions", lambda: pytest.fail("imported"))
+    monkeypatch.setattr(compiled, "_at_hand", lambda: False)
+    monkeypatch.setattr(compiled, "_functions", lambda: pytest.fail("compiled"))
     island = build_island(world(), 0, points(), ())
     assert all(compiled.compiled_for(island) is None for _ in range(compiled.WARM))
+
+
+IMPORTED = """
+import sys
+from islandgp.domains.island import compiled
+assert compiled._functions() is not None
+print("numba" in sys.modules)
+"""
+
+
+def test_numba_is_imported_once(tmp_path: Path) -> None:
+    """The process that makes the file imports numba; later ones do not."""
+    pytest.importorskip("numba", reason="needs islandgp[fast]")
+    package = tmp_path / "islandgp"
+    copytree(resource("islandgp"), package, ignore=ignore_patterns("__pycache__"))
+
+    def imports_numba() -> str:
+        command, environment = (
+            [sys.executable, "-c", IMPORTED],
+            {**os.environ, "PYTHONPATH": str(tmp_path)},
+        )
+        return subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True, cwd=tmp_path
+        ).stdout.strip()
+
+    assert [imports_numba(), imports_numba()] == ["True", "False"]
+    (file,) = package.glob("domains/island/__pycache__/*.o")
+    file.write_bytes(file.read_bytes()[:-1])  # it was cut off
+    assert [imports_numba(), imports_numba()] == ["True", "False"]
+
+
+def test_without_a_folder_for_the_file_python_is_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Where no folder can be written, nothing is compiled in each process again."""
+    machine_code = pytest.importorskip("islandgp.domains.island.machine_code")
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(machine_code, "_files", lambda: iter([tmp_path / "file" / "kernel.o"]))
+    monkeypatch.setattr(machine_code, "_compiled", lambda: b"code")
+    machine_code.addresses.cache_clear()
+    with pytest.raises(OSError, match="none that can be written"):
+        machine_code.addresses()

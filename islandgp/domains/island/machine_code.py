@@ -1,0 +1,122 @@
+"""The functions of `kernel` as machine code in a file.
+
+Only the process that makes the file imports numba, which takes half a second, and compiles, which
+takes seconds; others load the file with llvmlite in a fiftieth of a second. The file's name has a
+digest of the sources and of the processor, so that no other code is loaded.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Final
+
+from llvmlite import binding as llvm
+
+from islandgp.atomic_files import write_atomic
+from islandgp.domains.island import engine
+
+CHECKSUM: Final = 32  # bytes of SHA-256 before the machine code in the file
+
+
+def is_cached() -> bool:
+    """True if the machine code of this version and processor is in a file."""
+    return _cached() is not None
+
+
+@cache
+def addresses() -> dict[str, int]:
+    """The address of each function of `kernel.FUNCTIONS`, by name.
+
+    Raises:
+        ImportError, RuntimeError: it has to be compiled, and numba does not work.
+        OSError: no folder takes the file.
+    """
+    for name, address in engine.addresses.items():
+        llvm.add_symbol(name, address)
+    code = _cached()
+    if code is None:
+        code = _compiled()
+        _store(code)
+    executor = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
+    executor.add_object_file(llvm.ObjectFileRef.from_data(code))
+    executor.finalize_object()
+    _EXECUTORS.append(executor)
+    names = ("run", "look", "fly")
+    return {name: executor.get_function_address(f"island_{name}") for name in names}
+
+
+_EXECUTORS: Final[list[Any]] = []  # they own the memory of the code
+
+
+def _target() -> Any:
+    """This processor, as LLVM knows it."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=3,
+        jit=True,
+        codemodel="jitdefault",
+    )
+
+
+def _compiled() -> bytes:
+    """Compiles the functions with numba; returns an object file."""
+    from islandgp.domains.island import kernel
+
+    functions: dict[str, Any] = kernel.FUNCTIONS
+    program = llvm.parse_assembly("")
+    for name, function in functions.items():
+        module = llvm.parse_assembly(function.inspect_llvm(function.signatures[0]))
+        (entry,) = (
+            f
+            for f in module.functions
+            if f.linkage == llvm.Linkage.external and not f.is_declaration
+        )
+        entry.name = f"island_{name}"
+        program.link_in(module)
+    code: bytes = _target().emit_object(program)
+    return code
+
+
+def _files() -> Iterator[Path]:
+    """The places of the file: beside the module, or in the user's folder."""
+    here, digest = Path(__file__).parent, sha256()
+    for source in sorted(here.glob("*.py")):
+        digest.update(source.read_bytes())
+    for word in (
+        llvm.get_process_triple(),
+        llvm.get_host_cpu_name(),
+        llvm.get_host_cpu_features().flatten(),
+    ):
+        digest.update(word.encode())
+    name = f"kernel-{digest.hexdigest()[:16]}.o"
+    yield here / "__pycache__" / name
+    with suppress(RuntimeError):  # no home
+        yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "islandgp" / name
+
+
+def _cached() -> bytes | None:
+    """The machine code of the first file that is complete, or None."""
+    for file in _files():
+        with suppress(OSError):
+            data = file.read_bytes()
+            if data[:CHECKSUM] == sha256(data[CHECKSUM:]).digest():
+                return data[CHECKSUM:]
+    return None
+
+
+def _store(code: bytes) -> None:
+    """Writes the file to the first place that takes it. Raises OSError if none does."""
+    for file in _files():
+        with suppress(OSError):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(file, sha256(code).digest() + code)
+            return
+    raise OSError("Expected a folder for compiled code, found none that can be written")
