@@ -17,7 +17,6 @@ from typing import Any, Final
 
 from llvmlite import binding as llvm
 
-from islandgp.atomic_files import write_atomic
 from islandgp.domains.island import engine
 
 CHECKSUM: Final = 32  # bytes of SHA-256 before the machine code in the file
@@ -117,6 +116,8 @@ def _store(code: bytes) -> None:
     for file in _files():
         with suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(file, sha256(code).digest() + code)
+            temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
+            temporary.write_bytes(sha256(code).digest() + code)
+            temporary.replace(file)  # other processes read it complete or not at all
             return
     raise OSError("Expected a folder for compiled code, found none that can be written")
