@@ -71,43 +71,32 @@ class Results:
         """One row per edit that a supervisor advised, with its result."""
         return _frame("edits", self._edits())
 
-    def _edits(self) -> Iterator[dict[str, Any]]:
-        for folder in self.folders:
-            labels = self._labels(folder)
-            for fate in edit_fates(folder.generations()):
-                trial, edit = fate.trial, asdict(fate.edit)
-                yield {
-                    **{name: labels[name] for name in ("run", "arm", "seed")},
-                    **{name: value for name, value in edit.items() if name in COLUMNS["edits"]},
-                    "generation": fate.generation,
-                    "source": fate.source,
-                    "id": None if trial is None else trial.id,
-                    "fitness": None if trial is None else trial.fitness,
-                    "parent_fitness": None if trial is None else trial.parent_fitness,
-                    "children": fate.children,
-                    "lived": fate.lived,
-                }
-
     @cached_property
     def archive(self) -> DataFrame:
         """One row an elite of a finished run; `cell.<counter>` is where its cell begins."""
         return _frame("archive", self._elites())
 
+    def _edits(self) -> Iterator[dict[str, Any]]:
+        for folder in self.folders:
+            for fate in edit_fates(folder.generations()):
+                trial = asdict(fate.trial) if fate.trial else {}
+                row = {**asdict(fate), **asdict(fate.edit)}
+                row |= {name: trial.get(name) for name in ("id", "fitness", "parent_fitness")}
+                shared = {**row, **self._identity(folder)}
+                yield {name: shared[name] for name in COLUMNS["edits"]}
+
     def _elites(self) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
             if not (folder.path / ARCHIVE).exists():  # unfinished, or of an older version
                 continue
-            labels, (archive, _) = self._labels(folder), read_archive(folder.path)
-            edges = archive.cells.items()
+            archive, _ = read_archive(folder.path)
             for e in archive.elites:
+                cell = zip(archive.cells.items(), e.cell, strict=True)
                 yield {
-                    **{name: labels[name] for name in ("run", "arm", "seed")},
+                    **self._identity(folder),
                     **{name: getattr(e, name) for name in ("id", "stage", "episodes", "mean")},
                     "tree": e.tree,
-                    **{
-                        f"cell.{name}": begins[place]
-                        for (name, begins), place in zip(edges, e.cell, strict=True)
-                    },
+                    **{f"cell.{name}": begins[place] for (name, begins), place in cell},
                 }
 
     def _run(self, folder: RunFolder) -> dict[str, Any]:
@@ -119,12 +108,15 @@ class Results:
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            labels = self._labels(folder)
-            shared = {name: labels[name] for name in ("run", "arm", "seed")}
+            shared = self._identity(folder)
             constraints = recorded_constraints(folder.configuration())
             for record in folder.checked_records():
                 for row in of(record, constraints):
                     yield {**shared, **row}
+
+    def _identity(self, folder: RunFolder) -> dict[str, Any]:
+        labels = self._labels(folder)
+        return {name: labels[name] for name in ("run", "arm", "seed")}
 
     def _labels(self, folder: RunFolder) -> dict[str, Any]:
         config = folder.configuration()
@@ -164,48 +156,42 @@ def load(path: str | Path) -> Results:
 
 
 def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
-    s, guidance = record["snapshot"], record["guidance"] or {}
+    s, guidance, archive = record["snapshot"], record["guidance"] or {}, record.get("archive") or {}
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
     fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
-    nested = {
-        f"{group}.{name}": value
-        for group in ("tiers", "specialists", "doing", "counters")
-        for name, value in s[group].items()
-    }
     kept = ("source", "phase", "pattern", "target", "crisis", "injected")
-    archive = record.get("archive") or {}
-    yield {
+    row = {
         **plain,
         **fitness,
         **{name: guidance.get(name) for name in kept},
         **{name: archive.get(name) for name in ("coverage", "qd_score")},
-        **nested,
-        **(_share(record, constraints) if constraints else {}),
+        **_nested(s, "tiers", "specialists", "doing", "counters"),
     }
-
-
-def _share(record: Mapping[str, Any], constraints: Constraints) -> dict[str, float]:
-    counters = [i["counters"] for i in record["individuals"]]
-    return {"constraints.feasible": feasible_share(counters, constraints)}
+    if constraints:
+        counters = [i["counters"] for i in record["individuals"]]
+        row["constraints.feasible"] = feasible_share(counters, constraints)
+    yield row
 
 
 def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
+    kept = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
     for i in record["individuals"]:
-        kept = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
-        yield {
+        row = {
             "generation": record["snapshot"]["generation"],
             **{name: i[name] for name in kept},
             "parents": " ".join(i["parents"]),
             "best_tier": i["tiers"][0] if i["tiers"] else "",
             "ending": " ".join(i["endings"]),
-            **{f"components.{name}": points for name, points in i["components"].items()},
-            **{f"counters.{name}": value for name, value in i["counters"].items()},
-            **(
-                {"constraints.violation": violation(i["counters"], constraints)}
-                if constraints
-                else {}
-            ),
+            **_nested(i, "components", "counters"),
         }
+        if constraints:
+            row["constraints.violation"] = violation(i["counters"], constraints)
+        yield row
+
+
+def _nested(record: Mapping[str, Any], *groups: str) -> dict[str, Any]:
+    """The values of nested mappings, by names with a dot."""
+    return {f"{group}.{name}": v for group in groups for name, v in record[group].items()}
 
 
 def _frame(kind: str, rows: Iterator[dict[str, Any]]) -> DataFrame:

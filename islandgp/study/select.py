@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +25,7 @@ from islandgp.study.arms import Arm, Run
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class RunEntry:
     """A run's folder before its records are read."""
 
     path: Path
@@ -34,7 +34,7 @@ class Found:
     finished: bool
 
 
-def find(folder: Path) -> list[Found]:
+def find(folder: Path) -> list[RunEntry]:
     """Every run's folder in or below a folder, by path.
 
     Raises:
@@ -53,30 +53,30 @@ def find(folder: Path) -> list[Found]:
         run = RunFolder(file.parent)
         config = run.configuration()
         if {"seed", "name", "supervisor"} <= set(config):
-            runs.append(Found(file.parent, config, flatten(config), run.finished()))
+            runs.append(RunEntry(file.parent, config, flatten(config), run.finished()))
     return runs
 
 
-def read(found: Found) -> Run:
+def read(entry: RunEntry) -> Run:
     """A finished run with all its records.
 
     Raises:
         StudyError: its files are damaged, or come from another version.
     """
-    folder = RunFolder(found.path)
+    folder = RunFolder(entry.path)
     try:
-        check_version(found.config)
+        check_version(entry.config)
     except RunError as error:
-        raise StudyError(f"{found.path}: {error}") from None
+        raise StudyError(f"{entry.path}: {error}") from None
     try:
         champion = folder.summary()["champion"]
         validation = champion["validation"] or {"worlds": (), "mean": None}
         run = Run(
-            path=found.path,
-            config=found.config,
-            flat=found.flat,
+            path=entry.path,
+            config=entry.config,
+            flat=entry.flat,
             records=tuple(folder.generations()),
-            costs=tuple(_cost(plain) for plain in folder.costs()),
+            costs=tuple(from_plain(Cost, plain) for plain in folder.costs()),
             champion=from_plain(Champion, champion),
             validation=tuple(validation["worlds"]),
             validation_mean=validation["mean"],
@@ -86,20 +86,15 @@ def read(found: Found) -> Run:
         raise StudyError(str(error)) from error
     except (OSError, *DECODE_ERRORS) as error:
         raise StudyError(
-            f"Expected a finished run's records in {found.path}, found {type(error).__name__}:"
+            f"Expected a finished run's records in {entry.path}, found {type(error).__name__}:"
             f" {brief(error)}. They are damaged or from another version: run it again."
         ) from error
     if not run.records or len(run.costs) != len(run.records):
         raise StudyError(
-            f"Expected as many costs as generations in {found.path}, found {len(run.costs)} and"
+            f"Expected as many costs as generations in {entry.path}, found {len(run.costs)} and"
             f" {len(run.records)}; run it again."
         )
     return run
-
-
-def _cost(plain: dict[str, Any]) -> Cost:
-    known = {field.name for field in fields(Cost)}  # a line has its time as well
-    return Cost(**{name: value for name, value in plain.items() if name in known})
 
 
 SHORT: Final = {
@@ -169,15 +164,13 @@ def _value(text: str) -> Any:
         return text
 
 
-def matches(run: Found, selection: Selection) -> bool:
+def matches(run: RunEntry, selection: Selection) -> bool:
     """True if a run matches a selection."""
-    for key, value in selection.wanted:
-        if key not in run.flat:
-            return False
-        have = run.flat[key]
-        if not (have in value if isinstance(value, range) else _equal(have, value)):
-            return False
-    return True
+    return all(
+        key in run.flat
+        and (run.flat[key] in value if isinstance(value, range) else _equal(run.flat[key], value))
+        for key, value in selection.wanted
+    )
 
 
 def _equal(have: Any, wanted: Any) -> bool:
@@ -195,7 +188,7 @@ def _equal(have: Any, wanted: Any) -> bool:
     return have == wanted or str(have) == str(wanted)
 
 
-def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str, ...]]:
+def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
     """The arm of the finished runs that fit, and notes on those that are left out.
 
     Raises:
@@ -216,7 +209,7 @@ def select(name: str, text: str, runs: Sequence[Found]) -> tuple[Arm, tuple[str,
     return Arm(name, text, tuple(chosen)), notes
 
 
-def named(name: str, runs: Sequence[Found]) -> list[Found]:
+def named(name: str, runs: Sequence[RunEntry]) -> list[RunEntry]:
     """The runs of a sweep. Raises StudyError, with a list of the sweeps, if there is none."""
     matching = [run for run in runs if run.flat["name"] == name]
     if not matching:
@@ -228,7 +221,7 @@ def named(name: str, runs: Sequence[Found]) -> list[Found]:
     return matching
 
 
-def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished: int) -> str:
+def _nothing(name: str, selection: Selection, runs: Sequence[RunEntry], unfinished: int) -> str:
     if unfinished:
         return (
             f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
@@ -247,9 +240,9 @@ def _nothing(name: str, selection: Selection, runs: Sequence[Found], unfinished:
     )
 
 
-def overview(runs: Sequence[Found]) -> list[str]:
+def overview(runs: Sequence[RunEntry]) -> list[str]:
     """A line for each sweep and supervisor of the existing runs."""
-    groups: dict[tuple[str, str], list[Found]] = defaultdict(list)
+    groups: dict[tuple[str, str], list[RunEntry]] = defaultdict(list)
     for run in runs:
         groups[str(run.flat["name"]), str(run.flat["supervisor.name"])].append(run)
     lines = []
@@ -265,10 +258,10 @@ def overview(runs: Sequence[Found]) -> list[str]:
 
 def in_short(numbers: Sequence[int]) -> str:
     """Rising numbers in short: 0-4, 7."""
-    parts: list[list[int]] = []
+    spans: list[list[int]] = []
     for n in numbers:
-        if parts and n == parts[-1][-1] + 1:
-            parts[-1].append(n)
+        if spans and n == spans[-1][1] + 1:
+            spans[-1][1] = n
         else:
-            parts.append([n])
-    return ", ".join(str(p[0]) if len(p) == 1 else f"{p[0]}-{p[-1]}" for p in parts)
+            spans.append([n, n])
+    return ", ".join(str(a) if a == b else f"{a}-{b}" for a, b in spans)

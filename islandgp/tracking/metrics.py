@@ -22,66 +22,42 @@ def metrics(
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
-    return {
-        **_fitness(record, constraints),
-        **_population(record),
-        **_archive(record),
-        **_supervision(record),
-        **_edits(record),
-        **dict(_cost(cost)),
-    }
-
-
-def _fitness(record: Mapping[str, Any], constraints: Constraints) -> dict[str, float]:
-    s, individuals = record["snapshot"], record["individuals"]
+    s, guidance = record["snapshot"], record["guidance"] or {}
+    individuals, archive = record["individuals"], record.get("archive") or {}
     broken = [violation(i["counters"], constraints) for i in individuals]
     least, best = max(
         zip(broken, individuals, strict=True), key=lambda pair: merit(pair[1]["fitness"], pair[0])
     )
-    limits = {
-        "constraints/feasible": broken.count(0.0) / len(broken),
-        "constraints/violation_of_best": least,
-    }
-    return {
+    values = {
         "fitness/max": s["best"],
         "fitness/mean": s["mean"],
         "fitness/sd": s["sd"],
         "size/best": best["nodes"],
-        **{f"components/{name}": points for name, points in best["components"].items()},
-        **(limits if constraints else {}),
-    }
-
-
-def _population(record: Mapping[str, Any]) -> dict[str, float]:
-    s = record["snapshot"]
-    return {
+        "size/mean": s["size"],
         "diversity/behavioral": s["diversity"],
         "diversity/working": s["working"],
-        **{f"tiers/{name}": n for name, n in s["tiers"].items()},
-        **{f"specialists/{name}": n for name, n in s["specialists"].items()},
-        **{f"behaviours/{name}": n for name, n in s["doing"].items()},
-        "size/mean": s["size"],
-        **{f"counters/{name}": mean for name, mean in s["counters"].items()},
-    }
-
-
-def _archive(record: Mapping[str, Any]) -> dict[str, float]:
-    """Coverage and QD score; records of older versions have none."""
-    archive = record.get("archive") or {}
-    return {
-        f"archive/{name}": archive[name] for name in ("coverage", "qd_score") if name in archive
-    }
-
-
-def _supervision(record: Mapping[str, Any]) -> dict[str, float]:
-    guidance = record["guidance"] or {}
-    return {
-        "supervisor/mutation_rate": record["snapshot"]["rate"],
+        "supervisor/mutation_rate": s["rate"],
         "supervisor/crisis": bool(guidance.get("crisis")),
         "supervisor/intervention": bool(guidance.get("intervention")),
         "supervisor/injected": record["origins"].get("injected", 0),
         "supervisor/stagnant_generations": record["stagnant_generations"],
+        **_edits(record),
+        **dict(_cost(cost)),
     }
+    sections = {
+        "components": best["components"],
+        "tiers": s["tiers"],
+        "specialists": s["specialists"],
+        "behaviours": s["doing"],
+        "counters": s["counters"],
+        "archive": {name: archive[name] for name in ("coverage", "qd_score") if name in archive},
+    }
+    if constraints:
+        feasible = broken.count(0.0) / len(broken)
+        sections["constraints"] = {"feasible": feasible, "violation_of_best": least}
+    for section, numbers in sections.items():
+        values |= {f"{section}/{name}": number for name, number in numbers.items()}
+    return values
 
 
 def _edits(record: Mapping[str, Any]) -> dict[str, float]:
@@ -90,12 +66,11 @@ def _edits(record: Mapping[str, Any]) -> dict[str, float]:
     trials = record.get("trials", ())
     if not advised and not trials:
         return {}
-    better = sum(trial["fitness"] > trial["parent_fitness"] for trial in trials)
     return {
         "edits/advised": len(advised),
         "edits/refused": sum(bool(edit["refused"]) for edit in advised),
         "edits/evaluated": len(trials),
-        "edits/better": better,
+        "edits/better": sum(trial["fitness"] > trial["parent_fitness"] for trial in trials),
     }
 
 
@@ -134,13 +109,10 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
 def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:
     """Shares of the run's evaluated edits, in [0, 1]."""
     evaluated = [fate for fate in fates if fate.trial is not None]
-    if evaluated:
-        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in evaluated) / len(evaluated)
-        yield (
-            "run/edits_with_children",
-            sum(fate.children > 0 for fate in evaluated) / len(evaluated),
-        )
-        yield "run/edits_lived", sum(fate.lived for fate in evaluated) / len(evaluated)
+    if n := len(evaluated):
+        yield "run/edits_better", sum((fate.gain or 0) > 0 for fate in evaluated) / n
+        yield "run/edits_with_children", sum(fate.children > 0 for fate in evaluated) / n
+        yield "run/edits_lived", sum(fate.lived for fate in evaluated) / n
 
 
 def _decisions(decisions: Decisions) -> Iterator[tuple[str, float]]:

@@ -12,7 +12,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.results import load
 from islandgp.study.select import (
-    Found,
+    RunEntry,
     find,
     in_short,
     matches,
@@ -27,9 +27,9 @@ from tests.study.made_runs import config, individual, made_run, write_run
 from tests.tracking.folders import written
 
 
-def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Found:
+def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunEntry:
     whole = config(supervisor, seed, **changes)
-    return Found(Path(f"{supervisor}-{seed}"), whole, flatten(whole), finished=True)
+    return RunEntry(Path(f"{supervisor}-{seed}"), whole, flatten(whole), finished=True)
 
 
 @pytest.mark.parametrize(
@@ -65,14 +65,14 @@ def _found(supervisor: str = "expert", seed: int = 0, **changes: object) -> Foun
 )
 def test_what_people_type(text: str, fits: bool) -> None:
     """Keys of the configuration with YAML values, ranges of seeds, short names, sweep names."""
-    assert matches(_found(seed=3), parse_selection(text)) is fits
+    assert matches(_entry(seed=3), parse_selection(text)) is fits
 
 
 def test_names_are_texts() -> None:
     """They may hold a space, in quotes; a name that looks like a number is none."""
-    assert matches(_found(name="my sweep"), parse_selection("seed=0 name='my sweep'"))
-    assert matches(_found(name="10"), parse_selection("name=10"))
-    assert not matches(_found(name="10"), parse_selection("name=1e1"))
+    assert matches(_entry(name="my sweep"), parse_selection("seed=0 name='my sweep'"))
+    assert matches(_entry(name="10"), parse_selection("name=10"))
+    assert not matches(_entry(name="10"), parse_selection("name=1e1"))
 
 
 def test_an_arm_has_a_name_and_a_selection() -> None:
@@ -85,7 +85,7 @@ def test_an_arm_has_a_name_and_a_selection() -> None:
 
 def test_an_empty_selection_says_which_runs_there_are() -> None:
     """The message lists sweeps, supervisors and seeds, and counts unfinished runs."""
-    runs = [_found("expert", 0), _found("expert", 1), _found("baseline", 4)]
+    runs = [_entry("expert", 0), _entry("expert", 1), _entry("baseline", 4)]
     with pytest.raises(StudyError) as error:
         select("x", "supervisor=llm", runs)
     assert "name=default supervisor=expert: 2 runs, seeds 0-1" in str(error.value)
@@ -94,9 +94,9 @@ def test_an_empty_selection_says_which_runs_there_are() -> None:
 
 def test_a_sweep_that_is_not_there_is_told_with_those_that_are() -> None:
     """So is a folder without any run."""
-    assert named("default", [_found()]) == [_found()]
+    assert named("default", [_entry()]) == [_entry()]
     with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
-        named("nope", [_found()])
+        named("nope", [_entry()])
     with pytest.raises(StudyError, match="there are no runs at all"):
         named("nope", [])
 
@@ -112,13 +112,13 @@ def test_a_range_that_is_none() -> None:
 def test_an_unknown_key_is_named_with_the_nearest() -> None:
     """A mistyped key is told apart from a value that no run has."""
     with pytest.raises(StudyError, match="no key supervisr, did you mean supervisor"):
-        select("x", "supervisr=expert", [_found()])
+        select("x", "supervisr=expert", [_entry()])
 
 
 def test_an_arm_without_a_name_of_its_own_is_told() -> None:
     """What stands before the first = is the name, even where it looks like a key."""
     with pytest.raises(StudyError, match='Did you mean --arm NAME="supervisor=expert"'):
-        select(*parse_arm("supervisor=expert"), [_found()])
+        select(*parse_arm("supervisor=expert"), [_entry()])
 
 
 def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
