@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from inspect import iscoroutinefunction, signature
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final, Self
 
 from islandgp.bt.core.engine import ABORTED, compile_tree
@@ -57,6 +58,10 @@ class Tree:
         """The actions of the tree, in document order, each once."""
         return tuple(dict.fromkeys(args.name for _, args in _leaves(self.node)))
 
+    def calls(self) -> list[tuple[str, Mapping[str, object]]]:
+        """The action of each leaf and the arguments that its function gets, in document order."""
+        return [(args.name, _arguments(args, self.vocabulary)) for _, args in _leaves(self.node)]
+
     def keys(self) -> tuple[str, ...]:
         """The blackboard keys that its conditions read, in document order, each once."""
         return keys_in(self.node)
@@ -82,9 +87,12 @@ class Tree:
             The tree, ready to be ticked.
 
         Raises:
-            DomainError: an action, a key or `step_s` is missing; an entry is not a function or
-                takes other arguments; or a mapping has a name that is not in the vocabulary.
+            DomainError: an action, a key or `step_s` is missing, or `step_s` is not above 0; an
+                entry is not a function or takes other arguments; or a mapping has a name that is
+                not in the vocabulary.
         """
+        if step_s is not None and not (is_number(step_s) and step_s > 0):
+            raise DomainError(f"Expected seconds above 0 as step_s, found {short_repr(step_s)}.")
         sources = {"action": leaves, "key": leaves if keys is None else keys}
         if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
             lines = "".join(f"\n  {fault}" for fault in faults)
@@ -140,6 +148,7 @@ class RobotTree:
         self._leaves, self._keys = leaves, keys
         self._asked = tree.keys()
         self._known = tree.vocabulary.keys if tree.vocabulary else {}
+        self._ticking = Lock()
         self._board = [0.0] * len(self._asked)
         self._start()
 
@@ -150,19 +159,42 @@ class RobotTree:
         a key stops all running actions and is then raised to the caller.
 
         Raises:
-            DomainError: a leaf did not return a status, or a key is not a number.
+            DomainError: a leaf did not return a status, a key is not a number, or the tree is
+                already in a tick.
         """
-        try:
-            for place, name in enumerate(self._asked):
-                self._board[place] = _value(self._keys, name, self._known.get(name))
-            self.statuses = [None] * len(self.statuses)
-            return _STATUSES[self._tick()]
-        except BaseException:
-            self.stop()
-            raise
+        with self._exclusive("tick"):
+            try:
+                for place, name in enumerate(self._asked):
+                    self._board[place] = _value(self._keys, name, self._known.get(name))
+                self.statuses = [None] * len(self.statuses)
+                return _STATUSES[self._tick()]
+            except BaseException:
+                self._stop()
+                raise
 
     def stop(self) -> None:
-        """Stops all running actions; the next tick starts the tree again."""
+        """Stops all running actions; the next tick starts the tree again.
+
+        Raises:
+            DomainError: the tree is in a tick.
+        """
+        with self._exclusive("stop"):
+            self._stop()
+
+    @contextmanager
+    def _exclusive(self, name: str) -> Iterator[None]:
+        """Raises DomainError if a leaf, a key or another thread calls `name` during a tick."""
+        if not self._ticking.acquire(blocking=False):
+            raise DomainError(
+                f"Expected {name}() between two ticks of {self.tree.name}, found a call during a"
+                " tick, by a leaf, a key or another thread."
+            )
+        try:
+            yield
+        finally:
+            self._ticking.release()
+
+    def _stop(self) -> None:
         try:
             with ExitStack() as stops:  # each is called, also where one raises
                 for leaf in reversed(self._by_place.values()):

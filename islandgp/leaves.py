@@ -46,10 +46,15 @@ class GeneratorSteps:
         if fresh or running is None:
             running = self._running = self._leaf()
         try:
-            next(running)
+            value = next(running)
         except StopIteration as end:
             self._running = None
             return end.value
+        if value is not None and value != RUNNING:
+            raise DomainError(
+                f"Expected `yield` without a value, found {short_repr(value)}; write"
+                f" `return {short_repr(value)}` to end the action{defined_in(self._leaf)}."
+            )
         return RUNNING
 
     def stop(self) -> None:
@@ -80,10 +85,13 @@ _ANY_END: Final = ("True, False or RUNNING", "action")
 
 
 def is_number(value: object) -> bool:
-    """True if a value is a finite number; False for texts and arrays."""
-    if isinstance(value, float | int):  # the usual ones, quickly
-        return isfinite(value)
-    return isinstance(value, Real) and isfinite(value)
+    """True for a finite number of the size of a float; False for texts and arrays."""
+    try:
+        if isinstance(value, float | int):  # the usual ones, quickly
+            return isfinite(value)
+        return isinstance(value, Real) and isfinite(value)
+    except OverflowError:
+        return False
 
 
 def is_flag(value: object) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from importlib.util import find_spec
+from math import isnan
 from pathlib import Path
 
 import click
@@ -46,6 +47,8 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     from islandgp.ros2.robot_map import read_map
 
     robot_map = read_map(map_file)
+    if isnan(rate):
+        raise click.BadParameter("'nan' is not a number from 0.1 to 1000.", param_hint="'--rate'")
     if sys.path and sys.path[0] in ("", str(Path.cwd())):
         del sys.path[0]  # a map names interfaces of ROS, and no modules of the current folder
     if find_spec("rclpy") is None:

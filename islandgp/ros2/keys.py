@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from math import isfinite
 from time import monotonic
 from typing import Any
@@ -33,7 +33,9 @@ class RosKey:
         value = value_of(message, field)
         known = (bool, int, float, str) if self.texts else (bool, int, float)
         if "[" not in field and not isinstance(value, known):
-            expected = "a number, a truth value or a text" if self.texts else "a truth value"
+            expected = (
+                "a number, a truth value or a text" if self.texts else "a number or a truth value"
+            )
             raise ConfigError(
                 f"{place}: expected {expected}, found {type(value).__name__}; name a field of it"
             )
@@ -48,13 +50,19 @@ class RosKey:
 
 
 def ros_keys(
-    node: Any, entries: Mapping[str, TopicKey | ServiceKey], *, texts: bool = True
+    node: Any, entries: Mapping[str, TopicKey | ServiceKey], *, texts: Collection[str] = ()
 ) -> dict[str, Callable[[], Any]]:
-    """A function for each key that returns its value now, or None. Raises ConfigError.
+    """A function for each key that returns its value now, or None if it has none.
 
-    `node`: an rclpy Node, whose executor has to spin. `texts`: fields can be texts.
+    Args:
+        node: an rclpy Node, whose executor has to spin.
+        entries: the topic or service of each key.
+        texts: the keys whose field can be a text: those with declared words.
+
+    Raises:
+        ConfigError: an interface is not installed, or a field does not fit.
     """
-    keys = [RosKey(name, entry, texts=texts) for name, entry in entries.items()]
+    keys = [RosKey(name, entry, texts=name in texts) for name, entry in entries.items()]
     for key in keys:
         if isinstance(key.entry, TopicKey):
             _subscribe(node, key, key.entry)

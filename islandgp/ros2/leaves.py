@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from time import monotonic
 from typing import Any, Final
 from uuid import uuid4
@@ -26,7 +26,19 @@ class RosLeaves:
         self._log = node.get_logger()
         self.cancelling: list[Any] = []
         """Futures of cancellations that have not been answered."""
+        self._messages: dict[str, Callable[..., Any]] = {}
+        """A function for each action that makes its goal or request from its arguments."""
         self.leaves = {name: self._leaf(name, entry) for name, entry in entries.items()}
+
+    def check(self, calls: Iterable[tuple[str, Mapping[str, object]]]) -> None:
+        """Raises ConfigError if the arguments of an action do not fit its goal or request.
+
+        Args:
+            calls: the name and the arguments of each leaf; those of other leaves are ignored.
+        """
+        for name, arguments in calls:
+            if name in self._messages:
+                self._messages[name](**arguments)
 
     def _leaf(self, name: str, entry: ActionServer | ServiceCall) -> RosLeaf:
         if isinstance(entry, ActionServer):
@@ -41,12 +53,17 @@ class RosLeaves:
 
         kind = interface(entry.type)
         place = f"actions.{name}.goal"
-        filled(kind.Goal(), entry.goal, place)
+
+        def goal_of(**arguments: object) -> Any:
+            return filled(kind.Goal(), {**entry.goal, **arguments}, place)
+
+        goal_of()
+        self._messages[name] = goal_of
         client = ActionClient(self._node, kind, entry.action)
         canceller = self._node.create_client(CancelGoal, f"{entry.action}/_action/cancel_goal")
 
         def run(**arguments: object) -> Generator[None, None, bool]:
-            goal = filled(kind.Goal(), {**entry.goal, **arguments}, place)
+            goal = goal_of(**arguments)
             clock = _Clock(entry.timeout, entry.server_timeout)
             while not client.server_is_ready():
                 if why := clock.late(server_is_there=False):
@@ -99,7 +116,12 @@ class RosLeaves:
     def _call(self, name: str, entry: ServiceCall) -> RosLeaf:
         kind = interface(entry.type)
         place = f"actions.{name}.request"
-        filled(kind.Request(), entry.request, place)
+
+        def request_of(**arguments: object) -> Any:
+            return filled(kind.Request(), {**entry.request, **arguments}, place)
+
+        request_of()
+        self._messages[name] = request_of
         response = kind.Response()
         field = entry.success
         if field is not None:
@@ -109,7 +131,7 @@ class RosLeaves:
         client = self._node.create_client(kind, entry.service)
 
         def run(**arguments: object) -> Generator[None, None, bool]:
-            request = filled(kind.Request(), {**entry.request, **arguments}, place)
+            request = request_of(**arguments)
             clock = _Clock(entry.timeout, entry.timeout)
             while not client.service_is_ready():
                 if why := clock.late(server_is_there=False):

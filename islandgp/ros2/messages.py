@@ -8,6 +8,7 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
+from islandgp.bt.core.parameters import NO_YES
 from islandgp.bt.core.source import closest
 from islandgp.errors import ConfigError
 
@@ -26,8 +27,17 @@ def interface(name: str) -> Any:
     return interface_class
 
 
-def filled(message: Any, values: Mapping[str, Any], what: str) -> Any:
-    """A message with these fields. Raises ConfigError for a field that there is not."""
+def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
+    """Set fields of a message, and return it.
+
+    Args:
+        message: an instance of an interface's class.
+        values: by field; a mapping for a field that is itself a message.
+        place: where the values are written, for messages of errors.
+
+    Raises:
+        ConfigError: a field does not exist, or has another type.
+    """
     known = message.get_fields_and_field_types()
     with suppress(AttributeError):  # newer versions check types only where they are asked to
         message._check_fields = True
@@ -36,36 +46,53 @@ def filled(message: Any, values: Mapping[str, Any], what: str) -> Any:
             near = closest(str(name), known)
             hint = f"; perhaps {near} is meant" if near else ""
             raise ConfigError(
-                f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}{hint}"
+                f"{place}: expected fields among {', '.join(known) or 'none'}, found {name!r}{hint}"
             )
         before = getattr(message, name)
         if isinstance(value, Mapping) and hasattr(before, "get_fields_and_field_types"):
-            filled(before, value, f"{what}.{name}")
+            filled(before, value, f"{place}.{name}")
             continue
-        if isinstance(before, float) and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
         try:
-            setattr(message, name, value)
+            setattr(message, name, _converted(value, before))
         except (AssertionError, TypeError, ValueError, OverflowError):
             raise ConfigError(
-                f"{what}.{name}: expected a value of {known[name]}, found {str(value)[:60]!r}"
+                f"{place}.{name}: expected a value of {known[name]}, found {str(value)[:60]!r}"
             ) from None
     return message
 
 
-def must_have(message: Any, field: str, what: str) -> None:
-    """Raises ConfigError where a message has no such field; elements of lists may come later."""
+def _converted(value: Any, default: Any) -> Any:
+    """A value of a map or a tree in the type of a field.
+
+    A tree that has no vocabulary writes `5` for a number and `yes` for a flag.
+
+    Raises:
+        TypeError: a flag for a number.
+    """
+    if isinstance(default, bool):
+        return value == NO_YES[1] if value in NO_YES else value
+    if isinstance(value, bool) and isinstance(default, int | float):
+        raise TypeError
+    if isinstance(default, float) and isinstance(value, int):
+        return float(value)
+    if isinstance(default, int) and isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def must_have(message: Any, field: str, place: str) -> None:
+    """Raises ConfigError if a message has no such field; elements of lists may come later."""
     for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
         if not hasattr(message, "get_fields_and_field_types") or not hasattr(message, name):
             known: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
             raise ConfigError(
-                f"{what}: expected fields among {', '.join(known) or 'none'}, found {name!r}"
+                f"{place}: expected fields among {', '.join(known) or 'none'}, found {name!r}"
             )
         message = getattr(message, name)
 
 
 def value_of(message: Any, field: str) -> Any:
-    """The value of a field such as `pose.position.x` or `ranges[0]`; None where it is not there."""
+    """The value of a field such as `pose.position.x` or `ranges[0]`; None if there is none."""
     for name, index in re.findall(r"([a-z][a-z0-9_]*)(?:\[(\d+)\])?", field):
         message = getattr(message, name, None)
         if index:

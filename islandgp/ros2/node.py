@@ -14,6 +14,7 @@ from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
 from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
+from islandgp.bt.core.vocabulary import NOTHING
 from islandgp.errors import IslandError
 from islandgp.ros2.keys import ros_keys
 from islandgp.ros2.leaves import RosLeaves
@@ -50,8 +51,10 @@ class TreeNode:
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
-        self._keys = ros_keys(node, robot_map.keys)
-        answers = ros_keys(node, robot_map.conditions, texts=False)
+        words = load_tree(file, vocabulary).vocabulary or NOTHING
+        texts = [name for name, key in words.keys.items() if key.words]
+        self._keys = ros_keys(node, robot_map.keys, texts=texts)
+        answers = ros_keys(node, robot_map.conditions)
         self._conditions = {name: partial(holds, read) for name, read in answers.items()}
         self._stamp = _stamp(file)
         self._looked = monotonic()
@@ -94,7 +97,9 @@ class TreeNode:
         return self._keys[key]() is None
 
     def _load(self) -> RobotTree:
-        return load_tree(self._file, self._vocabulary).bind(
+        tree = load_tree(self._file, self._vocabulary)
+        self._actions.check(tree.calls())
+        return tree.bind(
             {**self._actions.leaves, **self._conditions}, self._keys, step_s=self._step_s
         )
 

@@ -12,7 +12,9 @@ from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
 _MOST: Final = 100_000  # characters
-_NAME: Final = Field(pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$")
+_NAME: Final = Field(
+    pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$", max_length=200
+)
 _PART: Final = r"[a-z][a-z0-9_]*(\[[0-9]{1,6}\])?"
 _FIELD: Final = Field(pattern=rf"^{_PART}(\.{_PART})*$")
 _Seconds = Annotated[float, Field(gt=0, le=86_400)]
@@ -75,7 +77,7 @@ class ServiceKey(_Entry):
 class RobotMap(_Entry):
     """The whole file."""
 
-    node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")] = "islandgp"
+    node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=200)] = "islandgp"
     actions: dict[str, ActionServer | ServiceCall]
     keys: dict[str, TopicKey | ServiceKey] = {}
     conditions: dict[str, TopicKey | ServiceKey] = {}  # leaves that succeed while the field is true

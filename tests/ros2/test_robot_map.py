@@ -99,5 +99,7 @@ def test_a_key_can_be_a_text_and_a_condition_cannot() -> None:
     key.check(message)
     key.take(message)
     assert key.read() == "docking"
-    with pytest.raises(ConfigError, match=r"keys.mode.field: expected a truth value, found str"):
+    with pytest.raises(
+        ConfigError, match=r"keys.mode.field: expected a number or a truth value, found str"
+    ):
         RosKey("mode", entry, texts=False).check(message)

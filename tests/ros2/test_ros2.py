@@ -174,6 +174,9 @@ def test_an_abort_cancels_the_goal(servers: Servers, robot: Callable[[str], Robo
         ("std_msgs/msg/Float32", "std_msgs/msg/String", "keys.battery.field: expected a number"),
         ("order: 1", "ordre: 1", "found 'ordre'; perhaps order is meant"),
         ("order: 1", "order: far", "actions.Drive.goal.order: expected a value of int32"),
+        ("order: 1", "order: true", "actions.Drive.goal.order: expected a value of int32"),
+        ("order: 1", "order: 1.5", "actions.Drive.goal.order: expected a value of int32"),
+        ("order: 1", "order: 99999999999", "actions.Drive.goal.order: expected a value of int32"),
         ("Drive:", "Drvie:", "nothing for the action Drive"),
     ],
 )
@@ -189,6 +192,27 @@ def test_maps_that_do_not_fit(
     with pytest.raises(IslandError) as raised:
         robot("selector { when battery < 20 { Dock } Drive }")
     assert message in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("Drive(ordre: 5)", "actions.Drive.goal: expected fields among order, found 'ordre'"),
+        ("Drive(order: far)", "actions.Drive.goal.order: expected a value of int32, found 'far'"),
+        ("Drive(order: 1.5)", "actions.Drive.goal.order: expected a value of int32, found '1.5'"),
+        ("Dock(data: 5)", "actions.Dock.request: expected fields among none, found 'data'"),
+    ],
+)
+def test_arguments_that_do_not_fit(robot: Callable[[str], Robot], text: str, message: str) -> None:
+    """They are reported before the robot starts, also in a branch that may never run."""
+    with pytest.raises(IslandError, match=re.escape(message)):
+        robot(f"selector {{ Wait {text} }}")
+
+
+def test_arguments_without_a_vocabulary(servers: Servers, robot: Callable[[str], Robot]) -> None:
+    """A whole number of the tree fits an integer field of the goal."""
+    made = robot(f"Drive(order: {FAILS})")
+    assert made.until(lambda _: servers.goals == [FAILS])
 
 
 def test_a_service_is_a_key(servers: Servers, robot: Callable[[str], Robot]) -> None:

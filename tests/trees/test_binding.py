@@ -5,7 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Generator
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
@@ -217,7 +220,7 @@ def test_all_faults_are_reported_at_once(load: Callable[..., islandgp.Tree]) -> 
     ]
 
 
-@pytest.mark.parametrize("value", ["50", None, float("nan"), [1]])
+@pytest.mark.parametrize("value", ["50", None, float("nan"), 10**400, Fraction(10**400, 3), [1]])
 def test_a_key_is_a_number(load: Callable[..., islandgp.Tree], value: object) -> None:
     """Anything else is one clear error."""
     robot_tree = load(GUARDED).bind(Porter(), {"battery": lambda: value})
@@ -231,6 +234,58 @@ def test_a_leaf_returns_a_status(load: Callable[..., islandgp.Tree], status: Any
     robot_tree = load("Wave").bind({"Wave": lambda: status})
     with pytest.raises(DomainError, match="Expected True, False or RUNNING from the action Wave"):
         robot_tree.tick()
+
+
+def test_a_generator_yields_nothing(load: Callable[..., islandgp.Tree]) -> None:
+    """`yield True` is no end of an action; `yield RUNNING` is a tick in which it runs."""
+
+    def yielding(value: object) -> Generator[object, None, bool]:
+        yield value
+        return True
+
+    tree = load("Drive")
+    running = tree.bind({"Drive": partial(yielding, NodeStatus.RUNNING)})
+    assert [running.tick(), running.tick()] == [NodeStatus.RUNNING, NodeStatus.SUCCESS]
+    with pytest.raises(DomainError, match="found True; write `return True` to end the action"):
+        tree.bind({"Drive": partial(yielding, True)}).tick()
+
+
+@pytest.mark.parametrize("name", ["tick", "stop"])
+@pytest.mark.parametrize("caller", ["leaf", "key", "thread"])
+def test_one_tick_at_a_time(load: Callable[..., islandgp.Tree], name: str, caller: str) -> None:
+    """A leaf, a key and another thread cannot tick or stop a tree that is in a tick."""
+    errors: list[DomainError] = []
+
+    def call() -> float:
+        if len(errors) < 1:
+            try:
+                getattr(robot_tree, name)()
+            except DomainError as error:
+                errors.append(error)
+        return 1
+
+    def drive() -> bool:
+        if caller == "thread":
+            (thread := Thread(target=call)).start()
+            thread.join()
+        elif caller == "leaf":
+            call()
+        return True
+
+    battery: Any = call if caller == "key" else 50
+    robot_tree = load("when battery > 0 { Drive }").bind({"Drive": drive, "battery": battery})
+    assert robot_tree.tick() is NodeStatus.SUCCESS
+    assert str(errors[0]).startswith(f"Expected {name}() between two ticks of ")
+    assert robot_tree.tick() is NodeStatus.SUCCESS
+    robot_tree.stop()
+
+
+@pytest.mark.parametrize("step_s", [0, -1, float("nan"), float("inf"), "1"])
+@pytest.mark.parametrize("text", ["Drive", "wait 2 { Drive }"])
+def test_the_time_of_a_tick(load: Callable[..., islandgp.Tree], text: str, step_s: Any) -> None:
+    """It is checked also where no node counts seconds."""
+    with pytest.raises(DomainError, match="Expected seconds above 0 as step_s"):
+        load(text).bind({"Drive": lambda: True}, step_s=step_s)
 
 
 def test_the_words_of_a_file(load: Callable[..., islandgp.Tree], tmp_path: Path) -> None:
