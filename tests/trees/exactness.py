@@ -43,7 +43,7 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
-    Used,
+    as_subtree,
     leaf,
     walk,
 )
@@ -183,7 +183,7 @@ def in_subtrees(tree: Node, rng: Random) -> Node:
             return rng.choice(made)
         found = node._replace(children=tuple(map(visit, node.children)))
         for _ in range(rng.choice([0, 0, 0, 1, 1, 2])):
-            found = Used.of(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
+            found = as_subtree(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
             made.append(found)
         return found
 

@@ -16,8 +16,11 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.parameters import one_of, real, switch
 from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
+from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
@@ -393,6 +396,109 @@ def test_ports_are_arguments() -> None:
     words = declared(xml, "MoveTo", name="model")
     assert [*words.action("MoveTo").arguments] == ["speed", "fast"]
     assert words.action("IsPathClear").condition
+
+
+NOTED = """<!-- The day
+     of a robot -->
+<root BTCPP_format="4" main_tree_to_execute="Day">
+  <!-- the whole day -->
+  <BehaviorTree ID="Day" _description="until night">
+    <Fallback name="choose" _fullpath="a/b">
+      <!-- first the battery -->
+      <SubTree ID="Recharge" name="charge" _autoremap="true"/>
+      <Sequence name="collect">
+        <ScriptCondition code="foundGarbage" name="garbage?"/>
+        <!-- drive --> <Action ID="MoveToGarbage" name="go"/>
+        <PickupGarbage name="PickupGarbage"/>
+      </Sequence>
+      <PatrolWaypoint _uid="7" _description="a &#10; &lt;b&gt; &quot;"/>
+    </Fallback>
+  </BehaviorTree>
+  <BehaviorTree ID="Recharge"><ExecuteCharge name="low"/></BehaviorTree>
+</root>"""
+
+
+def test_comments_and_names_come_back() -> None:
+    """An import writes them above their nodes, an export where they were."""
+    text = read_tree(NOTED, VOCABULARY).text
+    assert text == (
+        """# name: low
+subtree Recharge = ExecuteCharge
+
+# The day
+# of a robot
+# the whole day
+# _description: until night
+# name: choose
+# _fullpath: a/b
+selector {
+  # first the battery
+  # name: charge
+  use Recharge
+  # name: collect
+  # name: garbage?
+  when foundGarbage abort none {
+    sequence {
+      # drive
+      # name: go
+      MoveToGarbage
+      PickupGarbage
+    }
+  }
+  # _description: a <b> "
+  # _uid: 7
+  PatrolWaypoint
+}
+"""
+    )
+    assert format_text(text) == text
+    xml = to_xml(parse(text, VOCABULARY, marked=True), VOCABULARY)
+    for part in (
+        '<Fallback name="choose" _description="until night" _fullpath="a/b">',
+        '<SubTree ID="Recharge" _autoremap="true" name="charge"/>',
+        '<!-- drive -->\n          <MoveToGarbage name="go"/>',
+        '<PatrolWaypoint _description=\'a &lt;b&gt; "\' _uid="7"/>',
+    ):
+        assert part in xml
+    again = read_tree(xml, VOCABULARY)
+    assert to_xml(parse(again.text, VOCABULARY, marked=True), VOCABULARY) == xml
+    assert again.tree == parse(text, VOCABULARY)
+
+
+def test_comments_of_our_own_files() -> None:
+    """Those above a node and at the end of its line; odd ones make no broken XML."""
+    text = """
+    # above
+    sequence {  # behind
+      # a -- b --- \x01 <c> -->
+      PatrolWaypoint  # patrol
+      SeekCharger ExecuteCharge  # of the line's first node
+    }
+    # after the tree
+    """
+    xml = to_xml(parse(text, VOCABULARY, marked=True), VOCABULARY)
+    tree = read_tree(xml, VOCABULARY)
+    assert tree.tree == parse(text, VOCABULARY)
+    assert tree.text.splitlines() == [
+        "# above",
+        "# behind",
+        "sequence {",
+        "  # a - - b - - -  <c> - ->",
+        "  # patrol",
+        "  PatrolWaypoint",
+        "  # of the line's first node",
+        "  SeekCharger",
+        "  ExecuteCharge",
+        "}",
+    ]
+
+
+def test_more_comments_than_a_file_holds() -> None:
+    """They are left out, and the tree is imported."""
+    text = NOTED.replace("the whole day", "the whole day " * 10_000)
+    imported = read_tree(text, VOCABULARY)
+    assert "#" not in imported.text
+    assert [each.loss.about for each in imported.differences] == ["comments"]
 
 
 def test_seconds_need_a_step() -> None:

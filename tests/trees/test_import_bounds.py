@@ -133,7 +133,7 @@ def test_version_3(islandgp: Cli, tmp_path: Path) -> None:
     )
     said = islandgp("import", tmp_path / "a.xml")
     assert (said.code, said.err) == (0, "")
-    assert said.out == f"subtree S = {A}\n\nretry 1 {{ use S }}\n"
+    assert said.out == f"# _description: x\nsubtree S = {A}\n\nretry 1 {{ use S }}\n"
 
 
 def test_included_files(islandgp: Cli, tmp_path: Path) -> None:
@@ -146,6 +146,11 @@ def test_included_files(islandgp: Cli, tmp_path: Path) -> None:
     assert f"subtree T9 = {A}" in islandgp("import", tmp_path / "a.xml").out
     part.write_text(xml_of("<Nope/>").replace("T0", "T9"))
     assert "b.xml:" in islandgp("import", tmp_path / "a.xml").err
+    for path in ("../a.xml", "./../parts/../a.xml", "b.xml"):
+        part.write_text(xml_of(f"<{A}/>", head=f"<include path='{path}'/>").replace("T0", "T9"))
+        said = islandgp("import", tmp_path / "a.xml")
+        assert said.err.startswith("islandgp: parts/b.xml:1:")
+        assert said.err.strip().endswith(f"'{Path(path).name}' includes itself")
     part.unlink()
     part.symlink_to("/etc/hostname")
     assert "leads out of the folder" in islandgp("import", tmp_path / "a.xml").err
@@ -235,6 +240,8 @@ WRONG = {
         xml_of("<Sequence><ScriptCondition code='foundGarbage &amp;&amp; lap'/><A/></Sequence>"),
         "lap is a number",
     ),
+    "text": (xml_of("<Sequence>\t lap <A/></Sequence>"), "in 'Sequence', found the text 'lap'"),
+    "text behind": (xml_of("<A/> lap &amp; x"), "in 'BehaviorTree', found the text 'lap'"),
     "nothing": (xml_of("<ScriptCondition/>"), "expected a node after"),
     "nul": (xml_of("<A/>") + "\0", "not XML"),
 }  # fmt: skip

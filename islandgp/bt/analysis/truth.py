@@ -22,7 +22,7 @@ from islandgp.bt.core.condition import (
     to_nnf,
 )
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import Args, GuardArgs, Node
+from islandgp.bt.core.node import Args, GuardArgs, Node, commented, comments_of
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
@@ -65,7 +65,8 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     child = with_aborts(branch.children[0], change)
     if args == branch.args and child is branch.children[0]:
         return branch  # it may be a subtree, which keeps its name
-    return Node(branch.kind, args, (child,))
+    comments = [line for lines in comments_of(branch) for line in lines]
+    return commented(Node(branch.kind, args, (child,)), comments)
 
 
 def hidden(branch: Node) -> Node:

@@ -12,7 +12,7 @@ from islandgp.bt.core.condition_builder import built_condition
 from islandgp.bt.core.diagnosis import unknown_argument, unknown_node
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
-from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Used, Value, sequence
+from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, as_subtree, commented, sequence
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import use_text
 from islandgp.bt.core.scope import Scope
@@ -82,7 +82,7 @@ class Builder:
         Args:
             source: the text.
             vocabulary: the valid actions and keys. None: all names are valid.
-            marked: make the root of each used subtree a `Used`.
+            marked: mark nodes with their comments and the names of subtrees: `MarkedNode`.
             named: make the numbers of constants and parameters `Named`.
             errors: list to append errors of names and numbers to. None: raise the first one.
         """
@@ -236,7 +236,8 @@ class Builder:
                 raise
             self._errors.append(error)
             node, subtrees = NO_TREE, [part for part in parts if _is(part, *KINDS, "use")]
-        return node._replace(children=tuple([self._node(part, level + 1) for part in subtrees]))
+        node = node._replace(children=tuple([self._node(part, level + 1) for part in subtrees]))
+        return commented(node, self._scope.source.comments_at(parts[0])) if self._marked else node
 
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
         """A node without its children, and the trees of these."""
@@ -338,9 +339,8 @@ class Builder:
         self._places.append((subtree, tree))
         if not self._marked:
             return subtree.node
-        return Used.of(
-            subtree.node, use_text(str(name), [self._scope.number(each) for each in arguments])
-        )
+        text = use_text(str(name), [self._scope.number(each) for each in arguments])
+        return commented(as_subtree(subtree.node, text), self._scope.source.comments_at(name))
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
         self.nodes += nodes

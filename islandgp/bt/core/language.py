@@ -53,7 +53,7 @@ def parse(
         name: of the text in error messages, e.g. its file name.
         folder: of the file with the text; included files are there or below. None: the
             text is not from a file and cannot include files.
-        marked: make the root of each used subtree a `Used`, which has the subtree's name.
+        marked: mark nodes with their comments and the names of subtrees: `MarkedNode`.
 
     Returns:
         The root node, with every `use` expanded.

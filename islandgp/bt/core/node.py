@@ -6,7 +6,7 @@ and blackboard keys are a domain's (`vocabulary`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
@@ -152,24 +152,43 @@ def sequence(*children: Node) -> Node:
     return Node("sequence", (), children)
 
 
-class Used(Node):
-    """The root of a named subtree where it is used; equal to the same node without a name."""
+class MarkedNode(Node):
+    """A node with comments or the name of a subtree; equal to the same node without them."""
 
     names: tuple[str, ...] = ()
-    """As after `use`, e.g. `recharge(20, 3)`; several, the outermost first, if a subtree consists
-    of another one only."""
+    """The subtrees whose root it is where they are used, as after `use`: `recharge(20, 3)`.
+    Several, the outermost first, if a subtree consists of another one only."""
+    comments: tuple[tuple[str, ...], ...] = ((),)
+    """The lines of comments above each `use`, in the order of the names, and above the node."""
 
-    @classmethod
-    def of(cls, node: Node, name: str) -> Used:
-        """The node under that name, outside of those that it has."""
-        used = cls._make(node)
-        used.names = (name, *names_of(node))
-        return used
+
+def as_subtree(node: Node, name: str) -> MarkedNode:
+    """The node as the root of a subtree, around those that it is already the root of."""
+    marked = MarkedNode._make(node)
+    marked.names = (name, *names_of(node))
+    marked.comments = ((), *comments_of(node))
+    return marked
+
+
+def commented(node: Node, comments: Sequence[str]) -> Node:
+    """The node with these lines of comments above those that it already has."""
+    if not comments:
+        return node
+    marked = MarkedNode._make(node)
+    marked.names = names_of(node)
+    outermost, *inner = comments_of(node)
+    marked.comments = ((*comments, *outermost), *inner)
+    return marked
 
 
 def names_of(node: Node) -> tuple[str, ...]:
     """The names of the subtrees whose root this is; the outermost first."""
-    return node.names if isinstance(node, Used) else ()
+    return node.names if isinstance(node, MarkedNode) else ()
+
+
+def comments_of(node: Node) -> tuple[tuple[str, ...], ...]:
+    """The comments above each `use` of `names_of`, and last those above the node itself."""
+    return node.comments if isinstance(node, MarkedNode) else ((),)
 
 
 def walk(node: Node) -> Iterator[Node]:

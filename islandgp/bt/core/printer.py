@@ -12,7 +12,16 @@ from typing import Any, Self
 
 from islandgp.bt.core.condition import Compound, ConditionExpr
 from islandgp.bt.core.kinds import KINDS, NAME, RESERVED, Argument, Sort
-from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, names_of
+from islandgp.bt.core.node import (
+    ActionArgs,
+    Node,
+    UseArgs,
+    Value,
+    commented,
+    comments_of,
+    names_of,
+    walk,
+)
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
@@ -49,26 +58,32 @@ def to_text(node: Node) -> str:
     return "\n".join(_lines(node, "")) + "\n"
 
 
-def with_subtrees(tree: Node) -> str:
-    """The text of a tree with its named subtrees (`Used`) defined above it.
+def with_subtrees(tree: Node, *, comments: bool = True) -> str:
+    """The text of a tree with its named subtrees defined above it, and with its comments.
 
     A name defines the first tree that bears it; one that differs is written where it is used.
     """
     bodies: dict[str, Node] = {}
     texts: list[str] = []
 
+    def text(node: Node, lead: str = "") -> str:
+        return "\n".join(_lines(node, "", lead, comments=comments)) + "\n"
+
     def define(node: Node) -> Node:
-        inner = node._replace(children=tuple(map(define, node.children)))
-        for name in reversed(names_of(node)):
+        *above, own = comments_of(node)
+        plain = Node(node.kind, node.args, tuple(map(define, node.children)))
+        inner = commented(plain, own)
+        for name, lines in zip(reversed(names_of(node)), reversed(above), strict=True):
             if name not in bodies:
                 bodies[name] = inner
-                texts.append(f"subtree {name} = {to_text(inner)}")
+                texts.append(text(inner, f"subtree {name} = "))
             if bodies[name] == inner:
                 inner = Node("use", UseArgs(name))
+            inner = commented(inner, lines)
         return inner
 
     root = define(tree)
-    return "\n".join([*texts, to_text(root)])
+    return "\n".join([*texts, text(root)])
 
 
 def number_text(value: float) -> str:
@@ -134,15 +149,22 @@ def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
     return f"{expr.key} {expr.operator} {expr.other or number_text(expr.number)}"
 
 
-def _lines(node: Node, indent: str) -> Iterator[str]:
-    line = inline(node, INLINE_LEVELS)
+def _lines(node: Node, indent: str, lead: str = "", *, comments: bool = False) -> Iterator[str]:
+    """The lines of a node; `lead` is the text before its head, `comments`: with those above it."""
+    if comments:
+        yield from (f"{indent}# {text}" for lines in comments_of(node) for text in lines)
+    line = None if comments and _has_comments_below(node) else inline(node, INLINE_LEVELS)
     if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
-        yield f"{indent}{line}"
+        yield f"{indent}{lead}{line}"
         return
-    yield f"{indent}{head(node)} {{"
+    yield f"{indent}{lead}{head(node)} {{"
     for child in node.children:
-        yield from _lines(child, indent + INDENT)
+        yield from _lines(child, indent + INDENT, comments=comments)
     yield f"{indent}}}"
+
+
+def _has_comments_below(node: Node) -> bool:
+    return any(comments_of(each) != ((),) for child in node.children for each in walk(child))
 
 
 def inline(node: Node, levels: int) -> str | None:

@@ -12,16 +12,19 @@ The words of such a message are chosen in `diagnosis` and `builder`.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from islandgp.errors import TreeError
 
 if TYPE_CHECKING:
     from lark import Token
 
+_BEFORE_NODE: Final = re.compile(r"\s*(subtree\s+\w+\s*(\([^)]*\))?\s*=\s*)?(use\s+)?")
+_QUOTED: Final = re.compile(r'"[^"]*"')
 _EXCERPT = 100  # columns of a source line that a message shows
 _LONGEST_GUESS = 40  # characters; no word of the language is nearly as long
 
@@ -59,6 +62,29 @@ class Source:
         error = kind("\n".join(parts), line=line, column=column, source=source)
         error.guess = guess
         return error
+
+    def comments_at(self, token: Token) -> tuple[str, ...]:
+        """The comments above a node that begins its line, and at the end of that line.
+
+        Args:
+            token: the first word of the node, or the name after `use`.
+
+        Returns:
+            The lines without `#`; none if another node begins the line.
+        """
+        lines = _lines(self.text)
+        row, column = (token.line or 1) - 1, (token.column or 1) - 1
+        if not _BEFORE_NODE.fullmatch(lines[row][:column]):
+            return ()
+        _, sign, behind = _QUOTED.sub("", lines[row][column:]).partition("#")
+        comments = [behind.strip()] if sign else []
+        for above in range(row - 1, -1, -1):
+            text = lines[above].strip()
+            if text and not text.startswith("#"):
+                break
+            if text:
+                comments.insert(0, text.lstrip("#").strip())
+        return tuple(filter(None, comments))
 
     def error_at(
         self,

@@ -11,9 +11,10 @@ One tick here is one call of `Tree::tickExactlyOnce()`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from typing import Final, NamedTuple
-from xml.sax.saxutils import escape, quoteattr
+from xml.sax.saxutils import quoteattr
 
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms, with_term
 from islandgp.bt.core.node import (
@@ -88,6 +89,10 @@ NODES: Final[dict[str, NodeType]] = {
     "timeout_ticks": NodeType("TimeoutTicks", ("ticks", "seconds"), "Decorator"),
 }
 """By the kinds of `plan`."""
+
+NOTES: Final = ("name", "_description", "_fullpath", "_uid")
+"""Attributes without a meaning for the tree; as comments, `# name: ...`, in the language."""
+_NOTE: Final = re.compile(rf"({'|'.join(NOTES)}): (.*)")
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
 
@@ -165,7 +170,7 @@ def to_xml(
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
     Args:
-        tree: what to write; each `Used` in it becomes a separate tree in the file.
+        tree: what to write; each named subtree becomes a separate tree in the file.
         vocabulary: its actions and keys.
         plain: only nodes of the library; `losses` lists the differences.
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.
@@ -201,8 +206,8 @@ def to_xml(
         ]
     lines.append("  <TreeNodesModel>")
     for name in used:
-        words = vocabulary.action(name).meaning.replace("--", "-")
-        meaning = f"<!-- {escape(words)} -->" if words else ""
+        words = _comment(vocabulary.action(name).meaning)
+        meaning = f"<!-- {words} -->" if words else ""
         ports = vocabulary.action(name).arguments
         tag = "Condition" if vocabulary.action(name).condition else "Action"
         lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
@@ -246,21 +251,37 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
 
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
+    notes: dict[str, str] = {}
+    for text in part.comments:
+        if (match := _NOTE.fullmatch(text)) and match[1] not in notes:
+            notes[match[1]] = match[2]
+        else:
+            yield f"{indent}<!-- {_comment(text)} -->"
+    notes = {name: notes[name] for name in NOTES if name in notes}
     if isinstance(part.args, ActionArgs):
-        ports = (f" {name}={quoteattr(_word(value))}" for name, value in part.args.values)
-        yield f"{indent}<{part.args.name}{''.join(ports)}/>"
+        ports = {name: _word(value) for name, value in part.args.values}
+        yield f"{indent}<{part.args.name}{_written({**notes, **ports})}/>"
         return
     if part.kind == "subtree":
-        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"/>'
+        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_written(notes)}/>'
         return
     if part.kind == "check" and isinstance(part.args, GuardArgs):
         yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args.condition))}/>"
         return
     tag = NODES[part.kind].tag
-    yield f"{indent}<{tag}{_attributes(part, step_s)}>"
+    yield f"{indent}<{tag}{_attributes(part, step_s)}{_written(notes)}>"
     for child in part.children:
         yield from _lines(child, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
+
+
+def _written(attributes: Mapping[str, str]) -> str:
+    return "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
+
+
+def _comment(text: str) -> str:
+    """A comment as XML can have it."""
+    return "".join(c for c in text if c.isprintable()).replace("--", "- -").replace("--", "- -")
 
 
 def _attributes(part: TargetNode, step_s: float | None) -> str:

@@ -16,12 +16,12 @@ from typing import Final, NamedTuple, NoReturn
 from islandgp.bt.analysis.truth import hidden
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import ABORTS, KINDS
-from islandgp.bt.core.language import parse, parse_condition
-from islandgp.bt.core.node import Node, Value, guarded
+from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
+from islandgp.bt.core.node import Node, Value, commented, guarded
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, Vocabulary
-from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, REPEAT, REST, TAGS
+from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, NOTES, REPEAT, REST, TAGS
 from islandgp.bt.export.branching import (
     ASKED,
     SKIPPED,
@@ -40,7 +40,7 @@ from islandgp.bt.export.nav2 import GATE, GATES, RATE, ROUND
 from islandgp.bt.export.plan import CLOCK, ORDER, Loss
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, tag_of
+from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, notes_of, tag_of
 from islandgp.bt.export.xml_values import (
     COUNTED,
     TIMED,
@@ -54,8 +54,6 @@ from islandgp.bt.export.xml_values import (
 from islandgp.errors import TreeError
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
-_NOTES: Final = ("_description", "_fullpath", "_uid")
-"""Attributes that editors write, without a meaning for the tree."""
 _ATTRIBUTES: Final = {
     "SubTree": ("_autoremap", "__autoremap"),
     **{node.tag: node.attributes for node in NODES.values()},
@@ -92,6 +90,13 @@ MEMORY = Loss(
 )
 
 
+COMMENTS = Loss(
+    "comments",
+    f"there are comments and names, with which the text would have more than {MAX_CHARACTERS:,}"
+    " characters; they are left out",
+)
+
+
 class Imported(NamedTuple):
     """A tree with the differences in meaning from the file, each kind once."""
 
@@ -125,7 +130,10 @@ def read_tree(
     importer = _Importer(name, read_xml(text, name=name), vocabulary, folder)
     root = importer.tree(tree)
     # The text of the tree is parsed, as only the parser checks a whole tree.
-    written = with_subtrees(root)
+    written = with_subtrees(commented(root, notes_of(importer.root)))
+    if len(written) > MAX_CHARACTERS:
+        importer.differs(importer.root, COMMENTS)
+        written = with_subtrees(root, comments=False)
     checked = parse(written, vocabulary, name=f"{name}, as text")
     return Imported(checked, tuple(sorted(importer.differences.values())), written)
 
@@ -324,9 +332,8 @@ class _Importer(SubtreeReader):
         expr = self._condition(condition, "code")
         # In that library no composite observes a guard behind a condition.
         inner = hidden(inner)
-        if not inverted:
-            return guarded(expr, inner, abort)
-        return implies(unless(expr), inner, abort)
+        guard = implies(unless(expr), inner, abort) if inverted else guarded(expr, inner, abort)
+        return commented(guard, notes_of(condition))
 
     def _asked(self, element: Element, attribute: str) -> str:
         """A condition's text with the keys of the blackboard."""
@@ -364,10 +371,10 @@ class _Importer(SubtreeReader):
 
     def check_attributes(self, element: Element, tag: str) -> None:
         for attribute, value in element.attributes.items():
-            if attribute in _NOTES or (tag == "SubTree" and value[:1] + value[-1:] == "{}"):
+            if attribute in NOTES or (tag == "SubTree" and value[:1] + value[-1:] == "{}"):
                 continue
             ports = self.vocabulary.action(tag).arguments
-            if attribute not in ("name", "ID", *ports, *_ATTRIBUTES.get(tag, ())):
+            if attribute not in ("ID", *ports, *_ATTRIBUTES.get(tag, ())):
                 self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.truth import chain, exposes
 from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
-from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, names_of, walk
+from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, comments_of, names_of, walk
 from islandgp.errors import DomainError
 
 
@@ -38,6 +38,7 @@ class TargetNode(NamedTuple):
     args: Args = ()  # of the node of ours that it comes from
     children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
+    comments: tuple[str, ...] = ()  # lines above the node of ours
 
 
 class Loss(NamedTuple):
@@ -127,9 +128,10 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
         differs: True for nodes that need one of ours; None: use the library's nodes only.
         observed: a composite above observes guards here, through decorators.
     """
-    part = _part(node, differs, observed)
-    for name in reversed(names_of(node)):
-        part = TargetNode("subtree", UseArgs(name), (part,))
+    *above, own = comments_of(node)
+    part = _part(node, differs, observed)._replace(comments=own)
+    for name, comments in zip(reversed(names_of(node)), reversed(above), strict=True):
+        part = TargetNode("subtree", UseArgs(name), (part,), comments=comments)
     return part
 
 
@@ -206,7 +208,8 @@ def separated(
         if (name, children[0]) not in names:
             names[name, children[0]] = fresh_name(name, unfit)
             unfit.add(names[name, children[0]])
-        return TargetNode("subtree", UseArgs(names[name, children[0]]))
+        use = UseArgs(names[name, children[0]])
+        return TargetNode("subtree", use, comments=part.comments)
 
     root = visit(whole)
     return root, {name: body for (_, body), name in names.items()}

@@ -85,7 +85,7 @@ def to_python(
 ) -> str:
     """The text of a Python module. Arguments and errors as in `behaviortree_cpp.to_xml`.
 
-    Each `Used` of the tree becomes a separate function.
+    Each named subtree becomes a separate function.
     """
     unfit = {"cooldown", *NAV2} if plain else NAV2
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 from xml.parsers import expat
 
 from islandgp.errors import TreeError
@@ -11,15 +11,25 @@ from islandgp.errors import TreeError
 DEEPEST = 300  # levels of elements
 
 
+class Text(NamedTuple):
+    """A text between elements."""
+
+    text: str
+    line: int
+    column: int
+
+
 @dataclass(slots=True)
 class Element:
-    """An element; text between elements is left out."""
+    """An element."""
 
     tag: str
     attributes: dict[str, str]
     line: int  # from 1
     column: int
     children: list[Element] = field(default_factory=list)
+    comments: tuple[str, ...] = ()  # before it, and after its last child
+    texts: list[Text] = field(default_factory=list)  # inside it, other than blanks
 
     def error(self, message: str, file: str) -> TreeError:
         """The error for an element of a file, with its place."""
@@ -37,6 +47,7 @@ def read_xml(text: str, *, name: str) -> Element:
     parser = expat.ParserCreate()
     open_elements: list[Element] = []
     roots: list[Element] = []
+    comments: list[str] = []  # since the last tag
 
     def fail(message: str, line: int, column: int) -> NoReturn:
         raise TreeError(f"{name}:{line}:{column}: {message}", line=line, column=column)
@@ -45,12 +56,20 @@ def read_xml(text: str, *, name: str) -> Element:
         line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
         if len(open_elements) >= DEEPEST:
             fail(f"expected at most {DEEPEST} nested elements", line, column)
-        element = Element(tag, attributes, line, column)
+        element = Element(tag, attributes, line, column, comments=(*comments,))
+        comments.clear()
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
 
     def end(_: str) -> None:
-        open_elements.pop()
+        open_elements.pop().comments += (*comments,)
+        comments.clear()
+
+    def text_between(text: str) -> None:
+        if stripped := text.strip():
+            before = text[: text.index(stripped)]
+            column = parser.CurrentColumnNumber + 1 + len(before)
+            open_elements[-1].texts.append(Text(stripped, parser.CurrentLineNumber, column))
 
     def doctype(*_: object) -> None:
         fail("expected no document type", parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
@@ -58,6 +77,8 @@ def read_xml(text: str, *, name: str) -> Element:
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = doctype
+    parser.CharacterDataHandler = text_between
+    parser.CommentHandler = comments.append
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
-from islandgp.bt.core.node import Node, Used
+from islandgp.bt.core.node import Node, as_subtree, commented
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
+from islandgp.bt.export.behaviortree_cpp import HEADER, NOTES, REST
 from islandgp.bt.export.branching import PRECONDITIONS
 from islandgp.bt.export.plan import Loss, fresh_name
 from islandgp.bt.export.xml_reader import Element
@@ -60,7 +61,7 @@ class SubtreeReader(ABC):
         self._name = name
         self.keys: dict[str, str] = {}  # of the tree that is being read, with the blackboard's
         self.vocabulary = vocabulary
-        self._root = root
+        self.root = root
         self._trees = trees_of(root, name, folder)
         self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
@@ -75,15 +76,15 @@ class SubtreeReader(ABC):
     def tree(self, identity: str | None) -> Node:
         """The tree of that ID; None: the main tree."""
         if identity is not None:
-            return self._subtree(identity, self._root).node
-        main_tree = self._root.attributes.get("main_tree_to_execute", "")
+            return self._subtree(identity, self.root).node
+        main_tree = self.root.attributes.get("main_tree_to_execute", "")
         if not main_tree and len(self._trees) > 1:
             self.fail(
-                self._root,
+                self.root,
                 "expected main_tree_to_execute, as there are several trees:"
                 f" {_listed(self._trees)}; add it, or choose one by --tree ID",
             )
-        return self._subtree(main_tree or next(iter(self._trees)), self._root).node
+        return self._subtree(main_tree or next(iter(self._trees)), self.root).node
 
     def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
         key = identity, frozenset(self.keys.items())
@@ -107,13 +108,13 @@ class SubtreeReader(ABC):
         outside = self._nodes, self.level, self._levels, self.asks, self.parents
         self._nodes = self.level = self._levels = 0
         self.asks, self.parents = False, []
-        node = self.node(tree.children[0])
+        node = commented(self.node(tree.children[0]), notes_of(tree))
         self._open.pop()
         self._name = name
         if self._open:  # it is used, not the tree that is asked for
             word = fresh_name(identity, self._names)
             self._names.add(word)
-            node = Used.of(node, word)
+            node = as_subtree(node, word)
         self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self.asks)
         self._nodes, self.level, self._levels, self.asks, self.parents = outside
         return self._read[key]
@@ -135,7 +136,7 @@ class SubtreeReader(ABC):
         if conditions := [name for name in PRECONDITIONS if name in element.attributes]:
             return self.preconditions(element, conditions)
         if tag == "SubTree":
-            return self._use(element)
+            return commented(self._use(element), notes_of(element))
         self.count(element, 1, 1)
         self.level += 1
         self.parents.append(tag)
@@ -145,7 +146,7 @@ class SubtreeReader(ABC):
             self.fail(element, str(error))
         self.parents.pop()
         self.level -= 1
-        return node
+        return commented(node, notes_of(element))
 
     def _use(self, element: Element) -> Node:
         remapped = {
@@ -201,6 +202,16 @@ def _listed(names: Collection[str]) -> str:
     """The first names of many."""
     first = [shown(name) for name in list(names)[:10]]
     return ", ".join(first) + (", ..." if len(names) > 10 else "")
+
+
+def notes_of(element: Element) -> list[str]:
+    """The comments above an element, and its attributes without a meaning, as comments."""
+    lines = [line.strip() for comment in element.comments for line in comment.splitlines()]
+    values = {name: " ".join(element.attributes.get(name, "").split()) for name in NOTES}
+    if values["name"] in (tag_of(element), element.attributes.get("ID"), REST):
+        del values["name"]
+    own = [line for line in lines if line and not line.startswith(f"Needs {HEADER}")]
+    return [*own, *(f"{name}: {value}" for name, value in values.items() if value)]
 
 
 def tag_of(element: Element) -> str:

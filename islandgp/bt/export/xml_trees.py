@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.source import shown
 from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.errors import TreeError
 
 MAX_XML: Final = 1_000_000  # characters of an included file; a longer one is not read whole
 
@@ -33,7 +34,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
     trees: dict[str, XmlTree] = {}
     included: set[Path] = set()
 
-    def add(root: Element, file: str, beside: Path | None) -> None:
+    def add(root: Element, file: str, above: tuple[Path, ...]) -> None:
         if root.tag != "root":
             found_tag = f"found <{shown(root.tag)}>"
             raise root.error(f"expected <root> with a <BehaviorTree>, {found_tag}", file)
@@ -42,25 +43,43 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
             raise root.error(f'expected BTCPP_format="4", found version {shown(version)}', file)
         for element in root.children:
             if element.tag == "include":
-                path = _included(element, file, folder, beside)
+                path = _included(element, file, folder, above[-1].parent if above else None)
+                if path in above:
+                    raise element.error(f"{shown(path.name)} includes itself", file)
                 if path not in included:
                     included.add(path)
                     _check_count(element, file, len(included))
-                    add(*_read(element, file, path, folder), path.parent)
+                    add(*_read(element, file, path, folder), (*above, path))
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in trees:
                     again = f"the tree {shown(identity)} is defined twice; rename one"
                     raise element.error(again, file)
+                _check_texts(element, file)
                 trees[identity] = XmlTree(element, file)
             elif element.tag != "TreeNodesModel":
                 tag = shown(element.tag)
                 raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
 
-    add(main, name, folder)
+    add(main, name, () if folder is None else ((folder / Path(name).name).resolve(),))
     if not trees:
         raise main.error("expected <root> with a <BehaviorTree>, found none", name)
     return trees
+
+
+def _check_texts(tree: Element, file: str) -> None:
+    """Raises TreeError for text between the nodes of a tree, which has no meaning."""
+    waiting = [tree]
+    while waiting:
+        element = waiting.pop()
+        for text, line, column in element.texts:
+            raise TreeError(
+                f"{file}:{line}:{column}: expected nodes in {shown(element.tag)}, found the text"
+                f" {shown(text)}; make it a comment, <!-- ... -->",
+                line=line,
+                column=column,
+            )
+        waiting += reversed(element.children)
 
 
 def _check_count(element: Element, file: str, count: int) -> None:
