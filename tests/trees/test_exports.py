@@ -456,6 +456,7 @@ selector {
     for part in (
         '<Fallback name="choose" _description="until night" _fullpath="a/b">',
         '<SubTree ID="Recharge" _autoremap="true" name="charge"/>',
+        '<ScriptCondition code="foundGarbage" name="garbage?"/>',
         '<!-- drive -->\n          <MoveToGarbage name="go"/>',
         '<PatrolWaypoint _description=\'a &lt;b&gt; "\' _uid="7"/>',
     ):

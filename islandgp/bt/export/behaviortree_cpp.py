@@ -252,9 +252,13 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
     notes: dict[str, str] = {}
+    repeated: list[str] = []  # notes of the condition of a guard
     for text in part.comments:
-        if (match := _NOTE.fullmatch(text)) and match[1] not in notes:
+        match = _NOTE.fullmatch(text)
+        if match and match[1] not in notes:
             notes[match[1]] = match[2]
+        elif match and part.children and part.children[0].kind == "check":
+            repeated.append(text)
         else:
             yield f"{indent}<!-- {_comment(text)} -->"
     notes = {name: notes[name] for name in NOTES if name in notes}
@@ -266,12 +270,14 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_written(notes)}/>'
         return
     if part.kind == "check" and isinstance(part.args, GuardArgs):
-        yield f"{indent}<ScriptCondition code={quoteattr(_script(part.args.condition))}/>"
+        code = quoteattr(_script(part.args.condition))
+        yield f"{indent}<ScriptCondition code={code}{_written(notes)}/>"
         return
     tag = NODES[part.kind].tag
     yield f"{indent}<{tag}{_attributes(part, step_s)}{_written(notes)}>"
     for child in part.children:
-        yield from _lines(child, indent + "  ", step_s)
+        condition = child._replace(comments=(*repeated,)) if child.kind == "check" else child
+        yield from _lines(condition, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
 
 
