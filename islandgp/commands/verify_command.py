@@ -21,7 +21,7 @@ class Soundness(StrEnum):
     """The result of verifying a run's files."""
 
     VERIFIED = "verified"  # all checksums agree
-    UNKNOWN = "not verified"  # there is none: written by an older version
+    UNKNOWN = "not verified"  # there is no manifest: written by version 0.2
     DAMAGED = "damaged"
 
 
@@ -41,8 +41,6 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
         _check_records(folder, generations, expected)
     except RunError as error:
         return Soundness.DAMAGED, str(error)
-    if generations and expected is None:
-        return Soundness.UNKNOWN, "written by an older version"
     if finished and read_manifest(folder.path) is None:
         return Soundness.UNKNOWN, "written by an older version; its records are as it wrote them"
     return (
@@ -80,11 +78,11 @@ def _last_record(folder: RunFolder) -> tuple[int, str | None]:
     """
     if folder.finished():
         summary = folder.summary()
-        return summary["generations"], summary.get("records")
+        return summary["generations"], summary["records"]
     checkpoint = folder.path / "checkpoint.json"
     if checkpoint.exists():
         state, expected = read_checkpoint(checkpoint)
-        return state.generation, expected or None
+        return state.generation, expected
     n = sum(1 for _ in generation_lines(folder.path).whole())
     if n > 1:
         raise RunError(f"there is no {checkpoint.name} beside {n} generations")
@@ -109,9 +107,6 @@ def _check_records(folder: RunFolder, generations: int, expected: str | None) ->
     if sum(1 for _ in costs.whole()) < generations:
         raise RunError("costs.jsonl: seconds of generations are missing; the run goes on without")
     values = [records.value(line, i) for i, line in enumerate(lines)]
-    for i, record in enumerate(values):
-        if record["snapshot"]["generation"] != i:
-            raise RunError(f"generations.jsonl: line {i + 1} is not the record of generation {i}")
     if values and not (path / "best.bt").exists():
         raise RunError("best.bt: it is missing; the run's command makes it again")
     if not values or not finished:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import yaml
 from hydra.core.config_loader import ConfigLoader
@@ -22,9 +21,10 @@ from omegaconf.errors import OmegaConfBaseException
 from islandgp.config.error_lines import keys_at, unknown_key
 from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, IslandError
 from islandgp.records.parameters import RENAMED, flatten, is_secret
 from islandgp.redaction import HIDDEN
+from islandgp.text_files import decoded
 
 MISTAKES: Final = (
     HydraException,
@@ -103,8 +103,7 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
+class Mistake(NamedTuple):
     """An error of composing a configuration."""
 
     error: Exception
@@ -244,14 +243,10 @@ def _yaml(error: yaml.YAMLError) -> str:
 def _no_text(source: ConfigSource) -> str:
     """The message for the first file of the user's that is not UTF-8; "" if all are."""
     for file in _files(source):
-        data = file.read_bytes()
         try:
-            data.decode()
-        except UnicodeDecodeError as error:
-            return (
-                f"Expected UTF-8 text in {file}, found the byte 0x{data[error.start]:02x} at"
-                f" position {error.start}; save it as UTF-8."
-            )
+            decoded(file.read_bytes(), str(file))
+        except IslandError as error:
+            return str(error)
     return ""
 
 

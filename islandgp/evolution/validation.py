@@ -9,11 +9,11 @@ evaluates the others in more worlds.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
 from statistics import fmean
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
@@ -32,6 +32,8 @@ from islandgp.scoring.constraints import (
     violation,
 )
 from islandgp.seeding import Stream, stream
+
+T = TypeVar("T")
 
 MOST: Final = 24  # candidates
 FINALISTS: Final = 3  # candidates of the last round
@@ -106,22 +108,40 @@ def candidates(
     Returns:
         At most `most` candidates.
     """
-    stage: int | None = None
-    last: list[tuple[int, Mapping[str, Any]]] = []
-    for record in records:
-        if record["snapshot"]["stage"] != stage:  # earlier stages are ignored
-            stage, last = record["snapshot"]["stage"], []
-        last += [
-            (record["snapshot"]["generation"], _slim(i, classes, constraints))
-            for i in record["individuals"]
-            if not tier or tier in i["tiers"]
-        ]
+
+    def keep(generation: int, i: Mapping[str, Any]) -> _Shown:
+        counters = i["counters"]
+        shown = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
+        broken, tree = violation(counters, constraints), sys.intern(i["tree"])  # elites are copies
+        candidate = Candidate(generation, i["id"], tree, i["fitness"], broken)
+        return candidate, frozenset((*i["tiers"], i["specialist"], *shown))
+
+    last = [pair for pair in _of_last_stage(records, keep) if not tier or tier in pair[1]]
     by_tree: dict[str, Candidate] = {}
-    for generation, i in _ordered(last, classes, top):
-        if i["tree"] not in by_tree and len(by_tree) < most:
-            broken, points = i["violation"], i["fitness"]
-            by_tree[i["tree"]] = Candidate(generation, i["id"], i["tree"], points, broken)
-    return list(by_tree.values())
+    for candidate in _ordered(last, classes, top):
+        by_tree.setdefault(candidate.tree, candidate)
+    return list(by_tree.values())[:most]
+
+
+_Shown = tuple["Candidate", frozenset[str]]
+"""A candidate with its class, tiers and behaviours."""
+
+
+def _of_last_stage(
+    records: Iterable[Mapping[str, Any]], keep: Callable[[int, Mapping[str, Any]], T]
+) -> list[T]:
+    """`keep(generation, individual)` of all individuals of the last stage.
+
+    Only these values are kept, as long runs have tens of thousands of individuals.
+    """
+    stage: int | None = None
+    last: list[T] = []
+    for record in records:
+        now = record["snapshot"]
+        if now["stage"] != stage:
+            stage, last = now["stage"], []
+        last += [keep(now["generation"], individual) for individual in record["individuals"]]
+    return last
 
 
 def candidates_by_evidence(
@@ -144,20 +164,20 @@ def candidates_by_evidence(
     Returns:
         Candidates, best first; `trained` is the bound.
     """
-    stage: int | None = None
+    last = _of_last_stage(
+        records,
+        lambda generation, i: (
+            *(generation, i["id"], sys.intern(i["tree"]), i["fitness"]),
+            limited(i["counters"], constraints),
+        ),
+    )
     evaluations: dict[str, _Evaluations] = {}
-    for record in records:
-        generation = record["snapshot"]["generation"]
-        if record["snapshot"]["stage"] != stage:
-            stage, evaluations = record["snapshot"]["stage"], {}
-        for i in record["individuals"]:
-            tree = sys.intern(i["tree"])
-            seen = evaluations.setdefault(tree, _Evaluations())
-            seen.generation, seen.id = generation, i["id"]
-            seen.fitness[generation] = i["fitness"]
-            now = limited(i["counters"], constraints)
-            seen.counters = running_mean(seen.counters or now, now, seen.evaluations + 1)
-            seen.evaluations += 1
+    for generation, name, tree, fitness, counters in last:
+        seen = evaluations.setdefault(tree, _Evaluations())
+        seen.generation, seen.id = generation, name
+        seen.fitness[generation] = fitness
+        seen.counters = running_mean(seen.counters or counters, counters, seen.evaluations + 1)
+        seen.evaluations += 1
     levels, sd = estimate([seen.fitness for seen in evaluations.values()])
     everyone = [
         Candidate(
@@ -183,45 +203,19 @@ class _Evaluations:
     evaluations: int = 0
 
 
-def _slim(
-    individual: Mapping[str, Any], classes: Classes, constraints: Constraints
-) -> dict[str, Any]:
-    """The values of an individual that are needed here; long runs have tens of thousands."""
-    return {
-        "id": individual["id"],
-        "tree": sys.intern(individual["tree"]),  # elites are copies
-        "fitness": individual["fitness"],
-        "shown": frozenset(_shown(individual, classes)),
-        "violation": violation(individual["counters"], constraints),
-    }
-
-
-def _ordered(
-    last: Sequence[tuple[int, Mapping[str, Any]]], classes: Classes, top: int
-) -> Iterator[tuple[int, Mapping[str, Any]]]:
+def _ordered(last: Sequence[_Shown], classes: Classes, top: int) -> Iterator[Candidate]:
     """Individuals in the order in which they become candidates."""
-
-    def worth(pair: tuple[int, Mapping[str, Any]]) -> Merit:
-        return merit(pair[1]["fitness"], pair[1]["violation"])
-
-    by_fitness = sorted(last, key=worth, reverse=True)
-    own: dict[int, list[tuple[int, Mapping[str, Any]]]] = {}
-    for pair in by_fitness:
-        own.setdefault(pair[0], []).append(pair)
-    newest = [own[generation] for generation in sorted(own, reverse=True)]
+    by_merit = sorted(last, key=lambda pair: pair[0].merit, reverse=True)
+    by_generation: dict[int, list[Candidate]] = {}
+    for candidate, _ in by_merit:
+        by_generation.setdefault(candidate.generation, []).append(candidate)
+    newest = [by_generation[generation] for generation in sorted(by_generation, reverse=True)]
     for rank in range(top):
         for ranked in newest:
             yield from ranked[rank : rank + 1]
         if rank == 0:
             for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours):
-                yield from [pair for pair in by_fitness if name in pair[1]["shown"]][:1]
-
-
-def _shown(individual: Mapping[str, Any], classes: Classes) -> set[str]:
-    """The tiers, the class and the behaviours of an individual."""
-    counters = individual["counters"]
-    does = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
-    return {*individual["tiers"], individual["specialist"], *does}
+                yield from [candidate for candidate, shown in by_merit if name in shown][:1]
 
 
 def validation_seeds(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from islandgp.bt.core.node import Node
 from islandgp.gp.plan import Allocation, Plan
@@ -68,29 +69,37 @@ def diversity_slots(allocation: Allocation, population: int, taken: int, diversi
     return max(min(wanted, free - fewest_children), min(least, free))
 
 
+class Survivor(NamedTuple):
+    """A tree of the next population that is taken over as it is."""
+
+    origin: Origin
+    parent: str  # id
+    tree: Node
+
+
 def elites(
     population: Sequence[Evaluated],
     allocation: Allocation,
     archive: BehaviourArchive,
     behaviours: Sequence[str],
-) -> list[tuple[Origin, str, Node]]:
-    """Elites, the best of each behaviour, and resurrected ones: (origin, parent, tree)."""
+) -> list[Survivor]:
+    """Elites, the best of each behaviour, and resurrected ones."""
     n, order = len(population), ranked(tuple(population))
     best = order[: scaled(allocation.elites, allocation, n)]
     taken = {e.individual.id for e in best}
-    slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
+    slots = [Survivor(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
     room = scaled(allocation.behavioural_elites, allocation, n)
     for behaviour in behaviours:
-        first = next((e for e in order if behaviour in e.labels.behaviours), None)
-        if room and first is not None and first.individual.id not in taken:
-            taken.add(first.individual.id)
+        i = next((e.individual for e in order if behaviour in e.labels.behaviours), None)
+        if room and i is not None and i.id not in taken:
+            taken.add(i.id)
             room -= 1
-            slots.append((Origin.BEHAVIOURAL_ELITE, first.individual.id, first.individual.tree))
+            slots.append(Survivor(Origin.BEHAVIOURAL_ELITE, i.id, i.tree))
     alive = {behaviour for e in population for behaviour in e.labels.behaviours}
     # One ancestor may be the best of several behaviours: it comes back once.
     extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
     slots += [
-        (Origin.RESURRECTED, a.id, a.tree)
+        Survivor(Origin.RESURRECTED, a.id, a.tree)
         for a in extinct[: scaled(allocation.resurrected, allocation, n)]
     ]
     return slots
@@ -115,8 +124,8 @@ def next_population(
     select, cross = selection(gp.selection), crossover(gp.crossover)
     kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
     new = [
-        Individual(f"{generation}.{slot}", tree, origin, (parent,))
-        for slot, (origin, parent, tree) in enumerate(kept)
+        Individual(f"{generation}.{slot}", s.tree, s.origin, (s.parent,))
+        for slot, s in enumerate(kept)
     ]
     for i in range(diversity_slots(allocation, n, len(new) + len(edited), diversity)):
         slot = len(new)
@@ -132,8 +141,9 @@ def next_population(
         rng = streams(Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
-            size = gp.tournament_size
-            e = pick_parent(rng, select, population, supplied, most=most, entrants=size)
+            e = pick_parent(
+                rng, select, population, supplied, most=most, entrants=gp.tournament_size
+            )
             supplied[e.labels.specialist] += 1
             parents.append(e.individual)
         tree, origin = parents[0].tree, Origin.COPY

@@ -189,54 +189,38 @@ def update_archive(
     ]
     elites |= {cell: challengers[cell] for cell in filled}
     improved = 0
-    for trial in _trials(rivals, settings.again, again, constraints, stage):
-        winner = trial.winner()
-        improved += winner is trial.challenger
-        if winner is None:
-            elites.pop(trial.elite.cell)
-        else:
+    for elite, _ in rivals:
+        del elites[elite.cell]
+    for old, new in _again(rivals, settings.again, again, constraints, stage):
+        wins = new is not None and (old is None or _beats(new, old))
+        improved += wins
+        if (winner := new if wins else old) is not None:
             elites[winner.cell] = winner
     kept = tuple(elites[cell] for cell in sorted(elites))
     record = archive_record(kept, axes, floor=settings.floor, new=len(filled), improved=improved)
     return ArchiveUpdate(kept, record, 2 * settings.again * len(rivals))
 
 
-@dataclass(frozen=True, slots=True)
-class _Trial:
-    """An elite and its challenger, after both were evaluated again."""
-
-    elite: Elite
-    challenger: Elite
-    elite_breaks: bool  # a constraint, in these evaluations
-    challenger_breaks: bool
-
-    def winner(self) -> Elite | None:
-        """The elite of the cell after a challenge; None: both violate a constraint."""
-        if self.challenger_breaks:
-            return None if self.elite_breaks else self.elite
-        if self.elite_breaks or _beats(self.challenger, self.elite):
-            return self.challenger
-        return self.elite
-
-
-def _trials(
+def _again(
     rivals: Sequence[tuple[Elite, Elite]],
     n: int,
     again: Again,
     constraints: Constraints,
     stage: int,
-) -> list[_Trial]:
-    """Elites and their challengers, evaluated in `n` more worlds."""
+) -> Iterator[tuple[Elite | None, Elite | None]]:
+    """Elites and their challengers after `n` more episodes; None: it violates a constraint."""
     if not n or not rivals:
-        return [_Trial(*pair, False, False) for pair in rivals]
+        yield from rivals
+        return
     everyone = [elite for pair in rivals for elite in pair]
     outcomes = again([elite.tree for elite in everyone])
     entrants = [
         _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
+        if not mean_violation(more, constraints)
+        else None
         for elite, more in zip(everyone, outcomes, strict=True)
     ]
-    broken = [bool(mean_violation(more, constraints)) for more in outcomes]
-    return list(map(_Trial, entrants[::2], entrants[1::2], broken[::2], broken[1::2]))
+    yield from zip(entrants[::2], entrants[1::2], strict=True)
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:

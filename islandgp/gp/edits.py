@@ -24,7 +24,17 @@ from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.condition import terms, with_term
 from islandgp.bt.core.kinds import REPEATS, kind_of
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import FAILURE, CountArgs, Limits, Node, depth, selector, size, within
+from islandgp.bt.core.node import (
+    FAILURE,
+    CountArgs,
+    Limits,
+    Node,
+    depth,
+    replace_at,
+    selector,
+    size,
+    within,
+)
 from islandgp.bt.core.printer import Named, condition_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
@@ -106,11 +116,9 @@ class EditKind:
 
     needs: str  # the field of `Edit` that it takes besides `of`, `at` and `reason`
     meaning: str  # one line for people and prompts
-    change: Callable[[Node, Path, Edit, Node | None], Node]
-    """The changed tree, of the tree, the place, the edit, and the donor's branch.
-
-    Raises ValueError if the edit is not possible there.
-    """
+    change: Callable[[Node, Path, Node], Node] | None
+    """Returns the changed tree, for the tree, the place, and the branch of the edit or the donor.
+    Raises ValueError if the edit is not possible there. None: `_with_number` changes the tree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,13 +168,9 @@ def written(path: Path) -> str:
 
 
 def with_node(tree: Node, path: Path, new: Node) -> Node:
-    """The tree with the node at a path replaced; the path exists."""
-    if not path:
-        return new
-    first, *rest = path
-    children = list(tree.children)
-    children[first] = with_node(children[first], tuple(rest), new)
-    return tree._replace(children=tuple(children))
+    """The tree with the node at a path replaced. Raises ValueError if there is none."""
+    node_at(tree, path)
+    return replace_at(tree, [place for place, _ in nodes_with_paths(tree)].index(path), new)
 
 
 def nodes_with_paths(tree: Node, path: Path = ()) -> Iterator[tuple[Path, Node]]:
@@ -237,75 +241,56 @@ def _with_child(tree: Node, path: Path, branch: Node) -> Node:
     return with_node(tree, tuple(above), parent._replace(children=children))
 
 
-def _front(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
-    assert edit.branch is not None
-    return put_in_front(tree, path, edit.branch)
-
-
-def _insert(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
-    assert edit.branch is not None
+def _inserted(tree: Node, path: Path, branch: Node) -> Node:
     parent = node_at(tree, path[:-1]) if path else None
     if parent is None or len(parent.children) >= kind_of(parent).children[1]:
         raise ValueError(
             "expected the place of a child of a selector, sequence or parallel, found"
-            f" {edit.at[:60]!r}"
+            f" {written(path)!r}"
         )
-    return _with_child(tree, path, edit.branch)
+    return _with_child(tree, path, branch)
 
 
-def _replace(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
-    assert edit.branch is not None
-    node_at(tree, path)
-    return with_node(tree, path, edit.branch)
-
-
-def _number(tree: Node, path: Path, edit: Edit, _: Node | None) -> Node:
-    node, number = node_at(tree, path), edit.number
-    assert number is not None
+def _with_number(tree: Node, path: Path, number: float, place: int) -> Node:
+    """The tree with another count of a repeater, or number in a term of a guard."""
+    node = node_at(tree, path)
     if isinstance(node.args, CountArgs):
         fewest, most = REPEATS
         if number != int(number) or not fewest <= number <= most:
             raise ValueError(f"expected a count of {fewest} to {most}, found {number:g}")
         return with_node(tree, path, node._replace(args=CountArgs(int(number))))
     if node.guard is None:
-        raise ValueError(f"expected a `when` or a repeater at {edit.at[:60]!r}, found {node.kind}")
+        raise ValueError(f"expected a `when` or a repeater at {written(path)!r}, found {node.kind}")
     condition = node.guard.condition
     conditions = list(terms(condition))
-    if not 0 <= edit.term < len(conditions):
-        raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {edit.term}")
-    term = conditions[edit.term]
+    if not 0 <= place < len(conditions):
+        raise ValueError(f"expected a term of 0 to {len(conditions) - 1}, found {place}")
+    term = conditions[place]
     if term.operator in ("is", "not"):
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
     if term.other or isinstance(term.number, Named):
         raise ValueError(f"expected a comparison with a number, found {condition_text(term)}")
-    changed = with_term(condition, edit.term, term._replace(number=float(number)))
+    changed = with_term(condition, place, term._replace(number=float(number)))
     assert changed is not None
     return with_node(tree, path, node._replace(args=node.guard._replace(condition=changed)))
 
 
-def _combine(tree: Node, path: Path, _: Edit, donated: Node | None) -> Node:
-    assert donated is not None
-    return put_in_front(tree, path, donated)
-
-
 EDITS: Final[Mapping[str, EditKind]] = {
     "front": EditKind(
-        "branch", "inserts a branch that is tried before the node at the place", _front
+        "branch", "inserts a branch that is tried before the node at the place", put_in_front
     ),
     "insert": EditKind(
         "branch",
         "inserts a branch into a selector, sequence or parallel; the place is the future one of the"
         " branch: 0/2 makes it the third child of the node 0",
-        _insert,
+        _inserted,
     ),
-    "replace": EditKind("branch", "replaces the subtree at the place by a branch", _replace),
-    "number": EditKind(
-        "number", "changes a number of a `when`, or the count of a repeater", _number
-    ),
+    "replace": EditKind("branch", "replaces the subtree at the place by a branch", with_node),
+    "number": EditKind("number", "changes a number of a `when`, or the count of a repeater", None),
     "combine": EditKind(
         "donor",
         "inserts the donor's branch at `donor_at`; it is tried before the node at the place",
-        _combine,
+        put_in_front,
     ),
 }
 
@@ -323,11 +308,16 @@ def edited(edit: Edit, trees: Mapping[str, Node], vocabulary: Vocabulary, limits
         ValueError: the edit names what is not there, or changes nothing, or the tree would break
             the limits, be none of the language, or hold a part that can never work.
     """
-    tree, donated = _tree(edit.of, trees), None
+    tree, branch, change = _tree(edit.of, trees), edit.branch, EDITS[edit.kind].change
     if edit.donor:
         donor = _tree(edit.donor, trees)
-        donated = node_at(donor, path_of(donor, edit.donor_at))
-    changed = EDITS[edit.kind].change(tree, path_of(tree, edit.at), edit, donated)
+        branch = node_at(donor, path_of(donor, edit.donor_at))
+    path = path_of(tree, edit.at)
+    if change is not None and branch is not None:
+        changed = change(tree, path, branch)
+    else:
+        assert edit.number is not None
+        changed = _with_number(tree, path, edit.number, edit.term)
     if changed == tree:
         raise ValueError("expected a change, found that the tree stays as it is")
     if not within(changed, limits):
@@ -354,14 +344,13 @@ def _tree(name: str, trees: Mapping[str, Node]) -> Node:
 
 def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
     """Raises ValueError if an edit makes a part that can never run or never succeed."""
-
-    def broken(text: str) -> list[str]:
-        new_warnings = warnings(text, vocabulary)
-        return [w.message for w in new_warnings if w.code in ("unreachable", "never-succeeds")]
-
-    known = broken(before)
-    if new := [message for message in broken(after) if message not in known]:
-        raise ValueError(new[0])
+    known, new = (
+        [w.message for w in warnings(t, vocabulary) if w.code in ("unreachable", "never-succeeds")]
+        for t in (before, after)
+    )
+    for message in new:
+        if message not in known:
+            raise ValueError(message)
 
 
 def as_record(edit: Edit, refused: str) -> EditRecord:

@@ -78,9 +78,8 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
         archive = from_json(ArchiveFile, read_json(data))
         sizes = [len(edges) for edges in archive.cells.values()]
         for e in archive.elites:
-            if len(e.cell) != len(sizes) or any(
-                not 0 <= place < size for place, size in zip(e.cell, sizes, strict=True)
-            ):
+            in_grid = (0 <= place < size for place, size in zip(e.cell, sizes, strict=False))
+            if len(e.cell) != len(sizes) or not all(in_grid):
                 raise ValueError(f"the elite {e.id} is in no cell of its grid")
         return archive, hashlib.sha256(data).hexdigest()[:12]
     except DECODE_ERRORS as error:

@@ -1,26 +1,23 @@
-"""A run's state on disk: written in one piece or not at all, and checked when read.
+"""A run's state on disk: written in one piece or not at all, and checked when it is read.
 
-The history is not in it, but in the records beside it, a line a generation. The
-checkpoint holds their digest, so that it belongs to these records and to no others.
+The history is in the records beside it, one line per generation. The checkpoint has the digest of
+these records, so that it cannot be used with others.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from islandgp.atomic_files import reading, write_atomic
+from islandgp.atomic_files import damaged, reading, write_atomic
+from islandgp.errors import RunError
 from islandgp.gp.record import RunState
-from islandgp.plain import from_json, read_json, to_json
-
-
-def dump(value: Any) -> str:
-    """JSON of dataclasses' plain dicts, the same bytes each time, on one line."""
-    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+from islandgp.plain import from_json, from_plain, read_json, to_json
+from islandgp.records.lines import Lines, dump, wrong_record
+from islandgp.scoring.generation_stats import GenerationStats
 
 
 def save_state(
@@ -30,22 +27,19 @@ def save_state(
 
     Args:
         path: the file.
-        state: what it holds.
-        records: the digest of the generations' records before it.
-        previous: where the checkpoint that stood in `path` is kept.
+        state: to write.
+        records: digest of the records before it.
+        previous: new path of the checkpoint that is replaced.
     """
     kept = to_json(replace(state, history=()))
     del kept["history"]
     body = dump({"generation": state.generation, "records": records, **kept})
     digest = hashlib.sha256(body.encode()).hexdigest()
-    data = f'{{"sha256":"{digest}","state":{body}}}\n'.encode()
-    write_atomic(path, data, previous=previous)
+    write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode(), previous=previous)
 
 
 def read_checkpoint(path: Path) -> tuple[RunState, str]:
     """A state without its history, and the digest of the records before it.
-
-    The digest is "" in files of the oldest versions.
 
     Raises:
         RunError: the file is damaged, or of a version that wrote other fields.
@@ -55,14 +49,74 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
         state = whole["state"]
         if hashlib.sha256(dump(state).encode()).hexdigest() != whole["sha256"]:
             raise ValueError("its checksum differs")
-        return from_json(RunState, {**state, "history": []}), str(state.get("records", ""))
+        return from_json(RunState, {**state, "history": []}), str(state["records"])
 
 
 def generation_of(checkpoint: Path) -> int:
-    """The generation that a checkpoint's file goes on with, 0 where none can be read."""
+    """The next generation of a checkpoint's file; 0 if it cannot be read."""
     try:
         with checkpoint.open(encoding="utf-8", errors="replace") as file:
             head = re.search(r'"generation":(\d+)', file.read(200))
     except FileNotFoundError:
         return 0
     return int(head[1]) if head else 0
+
+
+def sound_state(
+    checkpoints: tuple[Path, Path], generations: Lines, sums: Path, warn: Callable[[str], None]
+) -> RunState | None:
+    """The state of the newest sound checkpoint, whose file then replaces the newest one.
+
+    Args:
+        checkpoints: the newest checkpoint and the one before it.
+        generations: the records.
+        sums: the file of their digests.
+        warn: called with one line for each damaged file.
+
+    Returns:
+        The state with its history; None if the run starts at generation 0.
+
+    Raises:
+        RunError: no checkpoint is sound, or the records before it are damaged or missing.
+    """
+    newest = checkpoints[0]
+    files = [file for file in checkpoints if file.exists()]
+    if not files:
+        _must_be_new(newest, generations, warn)
+        return None
+    damage = [] if files[0] == newest else [f"There is no {newest}."]
+    for file in files:
+        try:
+            state = _with_history(file, generations, sums)
+        except RunError as error:
+            damage.append(str(error))
+            continue
+        if damage:
+            why = damage[0].partition(";")[0].rstrip(".")
+            warn(f"{why}; going on from the checkpoint of generation {state.generation}.")
+            file.replace(newest)
+        return state
+    raise RunError(damage[0])
+
+
+def _must_be_new(newest: Path, generations: Lines, warn: Callable[[str], None]) -> None:
+    """Raises RunError if there are records of several generations but no checkpoint."""
+    n = sum(1 for _ in generations.whole())
+    if n > 1:
+        raise RunError(
+            f"Expected a checkpoint beside {n} generations in {newest}, found none;"
+            " restore it, or use resume=never for a new folder beside this one."
+        )
+    if n:
+        warn(f"There is no {newest}: the run begins again at generation 0.")
+
+
+def _with_history(file: Path, generations: Lines, sums: Path) -> RunState:
+    """A checkpoint's state. Raises RunError if it or a record before it is damaged or missing."""
+    state, expected = read_checkpoint(file)
+    lines = generations.head(state.generation)
+    if why := wrong_record(lines, expected, sums):
+        raise damaged(generations.what, generations.path, why)
+    records = (generations.value(line, i) for i, line in enumerate(lines))
+    history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
+    return replace(state, history=history)

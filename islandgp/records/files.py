@@ -17,8 +17,7 @@ from pydantic import Field
 from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
 from islandgp.gp.record import Cost, IndividualRecord
-from islandgp.records.checkpoint import dump
-from islandgp.records.lines import Lines
+from islandgp.records.lines import Lines, dump
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +55,8 @@ class RunSummary:
     mean_diversity: float
     generations: Annotated[int, Field(ge=1)]
     seconds: float
+    records: str  # digest of all records
     constraints: str | None = None  # in words; None: there are none
-    records: str | None = None  # the digest of the last record; older versions lack it
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ docs/running.md lists its files. A run is finished if there is a summary.json.
 from __future__ import annotations
 
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from copy import deepcopy
@@ -23,43 +24,14 @@ from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, wr
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_values
 from islandgp.plain import from_plain, validate_json
+from islandgp.records import files, lines, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.checkpoint import generation_of, save_state
-from islandgp.records.files import (
-    OWN,
-    PAGE,
-    RunMetadata,
-    RunSummary,
-    mend_costs,
-    pretty,
-    write_lineage,
-)
-from islandgp.records.lines import (
-    Lines,
-    Stamp,
-    append_digest,
-    chained,
-    digests,
-    generation_lines,
-    read_digests,
-    stamp,
-    write_digests,
-    wrong_record,
-)
+from islandgp.records.checkpoint import generation_of, save_state, sound_state
+from islandgp.records.files import RunMetadata, RunSummary, pretty
+from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
-from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.records.manifest import (
-    RESTORABLE,
-    Damage,
-    damaged_files,
-    must_be_as_written,
-    read_manifest,
-    refused,
-    write_manifest,
-)
 from islandgp.records.parameters import with_todays_names, without_credentials
-from islandgp.records.resume import sound_state
 from islandgp.trust import must_have_no_links
 
 
@@ -108,11 +80,11 @@ class RunFolder:
                 " work there; wait for it, or give this one another name=..."
             )
             take(self._lock, self.path, busy)
-            for name in OWN:
+            for name in files.OWN:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return
-            (self.path / MANIFEST).unlink(missing_ok=True)  # of an interrupted end
+            (self.path / manifest.NAME).unlink(missing_ok=True)  # of an interrupted end
             write_atomic(self.path / "about.json", pretty(asdict(replace(about, manifest=True))))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
@@ -137,8 +109,8 @@ class RunFolder:
 
     def reason(self) -> str:
         """The first line of the run's error message, or its traceback's last line; or ""."""
-        lines = [line for line in self.error().splitlines() if line.strip()]
-        return "" if not lines else lines[-1] if lines[0].startswith("Traceback") else lines[0]
+        text = [line for line in self.error().splitlines() if line.strip()]
+        return "" if not text else text[-1] if text[0].startswith("Traceback") else text[0]
 
     def status(self) -> Status:
         """The status of the run, also if its process has died."""
@@ -197,7 +169,7 @@ class RunFolder:
         """Raises RunError for a link in the folder or a damaged file of a finished run."""
         must_have_no_links(self.path)
         if self.finished():
-            must_be_as_written(self.path, name)
+            manifest.must_be_as_written(self.path, name)
 
     def must_be_sound(self, *, page: bool = True) -> None:
         """Raises RunError if a file of a finished run was changed or is missing.
@@ -205,18 +177,12 @@ class RunFolder:
         Files that can be made again may be missing, and further files are allowed. `page`: check
         the run's page as well.
         """
-        for damaged_file in damaged_files(self.path):
-            restorable = damaged_file.damage is Damage.MISSING and damaged_file.name in RESTORABLE
-            if (
-                restorable
-                or damaged_file.damage is Damage.ADDED
-                or (damaged_file.name == PAGE and not page)
-            ):
-                continue
-            raise refused(self.path, damaged_file)
-        if read_manifest(self.path) is None:
-            for _ in self.checked_records():  # of a run of an older version
-                pass
+        for file in manifest.damaged_files(self.path):
+            added = file.damage is manifest.Damage.ADDED
+            if not (added or file.restorable or (file.name == files.PAGE and not page)):
+                raise manifest.refused(self.path, file)
+        if manifest.read_manifest(self.path) is None:
+            deque(self.checked_records(), 0)  # of a run of version 0.2
 
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
@@ -238,11 +204,11 @@ class RunFolder:
             state = sound_state(checkpoints, self._generations, self._sums, warn)
             done = state.generation if state else 0
             self._generations.cut(done)
-            mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
-            sums = list(digests(self._generations.head(done)))
+            files.mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
+            sums = list(lines.digests(self._generations.head(done)))
             self._digest = sums[-1] if sums else ""
-            if read_digests(self._sums) != sums:
-                write_digests(self._sums, sums)
+            if lines.read_digests(self._sums) != sums:
+                lines.write_digests(self._sums, sums)
             self._left = stamp(self._generations.path)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
@@ -256,7 +222,7 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                write_lineage(lineage, self.records())
+                files.write_lineage(lineage, self.records())
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -277,7 +243,7 @@ class RunFolder:
             line = self._generations.append(record_values(step.record))
             self._left = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
-            append_digest(self._sums, step.record.snapshot.generation, self._digest)
+            lines.append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
             if step.champion.generation == step.record.snapshot.generation:
                 self._restore_best(step.champion.record.tree)
@@ -316,9 +282,9 @@ class RunFolder:
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
-            write_lineage(self.path / "lineage.csv", self.records())
+            files.write_lineage(self.path / "lineage.csv", self.records())
             end = pretty({**summary, "records": self._digest, "manifest": True})
-            write_manifest(self.path, end)
+            manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
@@ -333,16 +299,16 @@ class RunFolder:
 
         Raises:
             RunError: a line holds something else; or, after the last one, the records are not
-                those that the run wrote. There is no checksum of the oldest versions' runs.
+                those that the run wrote.
         """
         self._must_be_as_written(self._generations.path.name)
-        expected = self.summary().get("records") if self.finished() else None
+        expected = self.summary()["records"] if self.finished() else None
         digest = ""
         for i, line in enumerate(self._generations.whole()):
             digest = chained(digest, line)
             yield self._generations.value(line, i)
         if expected is not None and digest != expected:
-            why = wrong_record(list(self._generations.whole()), expected, self._sums)
+            why = lines.wrong_record(list(self._generations.whole()), expected, self._sums)
             raise damaged(self._generations.what, self._generations.path, why)
 
     def generations(self) -> Iterator[GenerationRecord]:
@@ -371,7 +337,7 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
 
     The copies of runs in MLflow's folders of artifacts are left out.
     """
-    signs = ("about.json", "generations.sha256", MANIFEST)
+    signs = ("about.json", "generations.sha256", manifest.NAME)
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
         if not COPIES.intersection(folder.relative_to(root).parts):
             yield RunFolder(folder)

@@ -8,6 +8,7 @@ in the checkpoint, and at the end of the run in its summary.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,9 +20,13 @@ from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
 from islandgp.gp.record import GenerationRecord
 from islandgp.plain import validate_json
-from islandgp.records.checkpoint import dump
 
 Stamp = tuple[int, int, int] | None  # bytes, ns of the last change, inode
+
+
+def dump(value: Any) -> str:
+    """JSON on one line; equal values have equal bytes."""
+    return json.dumps(value, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def stamp(file: Path) -> Stamp:

@@ -57,9 +57,14 @@ class DamagedFile:
     name: str
     damage: Damage
 
+    @property
+    def restorable(self) -> bool:
+        """True if the run's command makes the file again."""
+        return self.damage is Damage.MISSING and self.name in RESTORABLE
+
     def __str__(self) -> str:
-        restorable = self.damage is Damage.MISSING and self.name in RESTORABLE
-        return f"{self.name}: {self.damage}{'; the command of the run makes it again' * restorable}"
+        remedy = "; the command of the run makes it again" * self.restorable
+        return f"{self.name}: {self.damage}{remedy}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +80,16 @@ class Manifest:
     """Content of manifest.json."""
 
     files: dict[str, ManifestEntry]  # by name
+
+    def damage(self, file: Path) -> DamagedFile | None:
+        """The damage to a file; None if it is as written."""
+        expected = self.files.get(file.name)
+        if not file.is_file():
+            return DamagedFile(file.name, Damage.MISSING)
+        if expected is None:
+            return DamagedFile(file.name, Damage.ADDED)
+        same = file.stat().st_size == expected.bytes and _entry(file) == expected
+        return None if same else DamagedFile(file.name, Damage.CHANGED)
 
 
 def write_manifest(folder: Path, summary: bytes) -> None:
@@ -94,7 +109,7 @@ def add_to_manifest(folder: Path, name: str) -> None:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest; None for a run of an older version. Raises RunError: damaged or deleted."""
+    """The manifest; None for a run of version 0.2. Raises RunError: damaged or deleted."""
     file = folder / NAME
     if not file.exists():
         if _promised(folder):
@@ -105,7 +120,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 
 def damaged_files(folder: Path) -> list[DamagedFile]:
-    """The damaged files of a finished run; [] for a run of an older version.
+    """The damaged files of a finished run; [] for a run of version 0.2.
 
     Raises:
         RunError: the manifest is damaged.
@@ -116,38 +131,25 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
     if manifest is None:
         return []
     names = sorted({*manifest.files, *NEEDED, *_names(folder)})
-    return [damage for name in names if (damage := _damage(folder / name, manifest)) is not None]
+    return [damage for name in names if (damage := manifest.damage(folder / name))]
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
     """Raises RunError if a file of a finished run is damaged."""
     manifest = read_manifest(folder)
-    damaged_file = None if manifest is None else _damage(folder / name, manifest)
-    if damaged_file is not None:
+    if manifest is not None and (damaged_file := manifest.damage(folder / name)):
         raise refused(folder, damaged_file)
 
 
 def is_as_written(folder: Path, name: str) -> bool:
     """True if a file exists. Raises RunError if it differs from its entry in the manifest."""
     manifest = read_manifest(folder)
-    return (folder / name).exists() and (
-        manifest is None or _damage(folder / name, manifest) is None
-    )
+    return (folder / name).exists() and not (manifest and manifest.damage(folder / name))
 
 
 def refused(folder: Path, damage: DamagedFile) -> RunError:
     """The error for a damaged file of a finished run."""
     return damaged("a file of a finished run", folder / damage.name, str(damage.damage))
-
-
-def _damage(file: Path, manifest: Manifest) -> DamagedFile | None:
-    expected = manifest.files.get(file.name)
-    if not file.is_file():
-        return DamagedFile(file.name, Damage.MISSING)
-    if expected is None:
-        return DamagedFile(file.name, Damage.ADDED)
-    same = file.stat().st_size == expected.bytes and _entry(file) == expected
-    return None if same else DamagedFile(file.name, Damage.CHANGED)
 
 
 def _names(folder: Path) -> Iterator[str]:

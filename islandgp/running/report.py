@@ -10,7 +10,7 @@ from islandgp.domain import total
 from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
-from islandgp.records.files import answers, fallback_share
+from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import title
@@ -112,10 +112,8 @@ def _known_episodes(target: RunFolder) -> Iterator[str]:
 
 def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:
     """Lines on the sources of the guidance and the costs of a language model."""
-    if sources.get("fallback"):
-        part = f", {sources['in_part']:,} of them in part" if sources["in_part"] else ""
-        share = f"{sources['fallback']:,} of {sources['total']:,}"
-        yield f"Supervision: {share} answers were the fallback's{part}"
+    if share := fallback_words([{"answers": sources}]):
+        yield f"Answers of the fallback: {share}"
     spent: Mapping[str, float] = {}
     for cost in target.costs():
         spent = cost["llm"]

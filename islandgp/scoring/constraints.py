@@ -9,7 +9,6 @@ higher fitness.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from types import MappingProxyType
 from typing import Any, Final, Self, TypeAlias
 
@@ -17,6 +16,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_valid
 
 from islandgp.domain import Outcome, Schema, total
 from islandgp.errors import RunError, brief
+from islandgp.scoring.rewards import unknown
 
 
 class Bound(BaseModel, frozen=True, extra="forbid"):
@@ -98,11 +98,7 @@ def in_words(constraints: Constraints) -> str:
 def faults(constraints: Constraints, schema: Schema) -> Iterator[str]:
     """A line for each counter that the domain does not declare."""
     for name in constraints:
-        if name not in schema.counters:
-            near = get_close_matches(name, schema.counters, 1, 0.5)
-            hint = f"did you mean constraints.{near[0]}? " if near else ""
-            known = ", ".join(schema.counters)
-            yield f"constraints.{name}: unknown counter; {hint}there are {known}"
+        yield from unknown(f"constraints.{name}", name, schema.counters)
 
 
 def recorded_constraints(config: Mapping[str, Any]) -> Constraints:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
 from typing import Final
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
@@ -66,7 +67,9 @@ class RewardTable(BaseModel, frozen=True, extra="forbid"):
 def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
     """A line for a name that the domain does not declare."""
     if name not in known:
-        yield f"{path}: expected one of {', '.join(known)}, found {name!r}"
+        near = get_close_matches(name, known, 1, 0.7)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        yield f"{path}: expected one of {', '.join(known)}, found {name!r}{hint}"
 
 
 Worth = Callable[[str, float], tuple[str, float]]

@@ -10,12 +10,12 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from islandgp.errors import SupervisionError, brief
+from islandgp.errors import SupervisionError
 from islandgp.gp.record import GenerationRecord, IndividualRecord
 from islandgp.plain import validate_json
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement
-from islandgp.supervision.yoked import Yoked, YokedSettings
+from islandgp.supervision.yoked import Yoked, YokedSettings, damaged_record
 
 
 class RandomBranch(Editor):
@@ -116,11 +116,7 @@ class EditorYoked(Editor):
         try:
             supervisor.counters = tuple(map(counters_of, Yoked.lines(settings, context)))
         except ValueError as error:
-            raise SupervisionError(
-                f"Expected the record of another run in {settings.folder(context.seed)}, found a"
-                f" damaged one ({brief(error)}); run it again under another name, or set"
-                " supervisor.policy.record."
-            ) from None
+            raise damaged_record(settings.folder(context.seed), error) from None
         return supervisor
 
     def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:

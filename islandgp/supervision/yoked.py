@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -18,7 +19,14 @@ from islandgp.errors import SupervisionError, TreeError, brief
 from islandgp.gp.record import GenerationRecord
 from islandgp.plain import validate_json
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext
+from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.guidance import GUIDANCE
+
+REPEATED: Final = (
+    *("phase", "pattern", "target", "intervention"),
+    *("risk", "reasoning", "rationale"),
+)
+"""Fields of the record that are repeated as they are."""
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
@@ -67,12 +75,7 @@ class Yoked:
         try:
             return cls([repeated(line) for line in cls.lines(settings, context)])
         except (ValueError, TreeError) as error:
-            folder = settings.folder(context.seed)
-            raise SupervisionError(
-                f"Expected the record of another run in {folder}, found a damaged one"
-                f" ({brief(error)}); run it again under another name, or set"
-                " supervisor.policy.record."
-            ) from None
+            raise damaged_record(settings.folder(context.seed), error) from None
 
     @classmethod
     def lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
@@ -101,21 +104,21 @@ class Yoked:
         return self.schedule[state.now.generation]
 
 
+def damaged_record(folder: Path, error: Exception) -> SupervisionError:
+    """The error for a record of another run that cannot be read."""
+    return SupervisionError(
+        f"Expected the record of another run in {folder}, found a damaged one ({brief(error)});"
+        " run it again under another name, or set supervisor.policy.record."
+    )
+
+
 def repeated(line: bytes) -> Guidance:
     """The guidance in a generation's record. Raises ValueError or TreeError if it is damaged."""
     recorded = validate_json(GenerationRecord, line)["guidance"]
     if recorded is None:
         return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
-    return Guidance(
-        mutation_rate=recorded["wanted_rate"],
-        tree=None if recorded["tree"] is None else parse(recorded["tree"]),
-        source=Yoked.name,
-        phase=None if recorded["phase"] is None else Phase(recorded["phase"]),
-        pattern=None if recorded["pattern"] is None else Pattern(recorded["pattern"]),
-        target=recorded["target"],
-        intervention=recorded["intervention"],
-        risk=recorded["risk"],
-        reasoning=recorded["reasoning"],
-        rationale=recorded["rationale"],
-        notes={"led_by": recorded["source"]},
-    )
+    tree = None if recorded["tree"] is None else parse(recorded["tree"])
+    notes = {"led_by": recorded["source"]}
+    fields = {name: recorded[name] for name in REPEATED}
+    guidance = Guidance(recorded["wanted_rate"], tree, Yoked.name, notes=notes, **fields)
+    return GUIDANCE.validate_python(guidance)

@@ -37,8 +37,8 @@ from islandgp.domain import Scene, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import Problem
-from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
+from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read

@@ -175,7 +175,7 @@ def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[st
         assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3
         assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3  # complete already
     said = capsys.readouterr()
-    assert "Supervision: 3 of 3 answers were the fallback's\n" in said.out
+    assert "Answers of the fallback: 3 of 3\n" in said.out
     assert (
         "Language model: 0% of the answers, 12 requests, 0 tokens in, 0 out, $0.0000\n" in said.out
     )
@@ -201,7 +201,7 @@ def test_answers_that_are_the_fallbacks_in_part(
         assert main([*words, "supervisor.policy.most_fallback=0.4"]) == 3
     said = capsys.readouterr()
     assert "3 of 3, 3 of them in part" in said.out
-    assert "Supervision: 3 of 3 answers were the fallback's, 3 of them in part\n" in said.out
+    assert "Answers of the fallback: 3 of 3, 3 of them in part\n" in said.out
     assert "Language model: 50% of the answers" in said.out
     assert "in 1 of 1 jobs expected the language model to supervise" in said.err
     for file in here.rglob("summary.json"):

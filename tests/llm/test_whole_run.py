@@ -20,7 +20,7 @@ from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
-from islandgp.records.checkpoint import dump
+from islandgp.records.lines import dump
 from islandgp.running.run import make_supervisor, run_context
 from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions

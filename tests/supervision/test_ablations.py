@@ -13,7 +13,7 @@ import pytest
 from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.gp.record import record_values
-from islandgp.records.checkpoint import dump
+from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.run import make_supervisor

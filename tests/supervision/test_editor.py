@@ -14,7 +14,7 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.gp.record import IndividualRecord, record_values
-from islandgp.records.checkpoint import dump
+from islandgp.records.lines import dump
 from islandgp.running.run import make_supervisor
 from islandgp.supervision.base import GenerationView
 from islandgp.supervision.editor import (

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError, RunError
-from islandgp.records.checkpoint import save_state
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked
 from tests.profiles import sweep
@@ -93,23 +92,6 @@ def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Pa
         folder.resume()
 
 
-def test_a_run_of_an_older_version_goes_on(tmp_path: Path) -> None:
-    """Records that hold more than today's are read as today's."""
-    folder = written(tmp_path / "one", tmp_path, 3)
-    before = folder.resume()
-    of_an_older_version(folder)
-    file = folder.path / "generations.jsonl"
-    old = file.read_bytes().replace(b'"doing":', b'"charging":4,"clearing":4,"doing":')
-    file.write_bytes(old)
-    told: list[str] = []
-    assert folder.resume(told.append) == before
-    assert file.read_bytes() == old
-    assert told == [f"{file}: not verified: written by an older version."]
-    folder.append(steps()[3])
-    folder.resume(told.append)  # what was written since is checked, and so is what was before it
-    assert len(told) == 1
-
-
 @pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
 def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line: bytes) -> None:
     """The run's history is read from its records, so they are checked like the checkpoint."""
@@ -137,15 +119,6 @@ def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
     with (folder.path / "generations.jsonl").open("ab") as file:
         file.write(b'{"snap')
     assert len(list(folder.records())) == 2
-
-
-def of_an_older_version(folder: RunFolder) -> None:
-    """Takes away what older versions did not write."""
-    state = folder.resume()
-    assert state is not None
-    save_state(folder.path / "checkpoint.json", state)
-    (folder.path / "checkpoint.previous.json").unlink()
-    (folder.path / "generations.sha256").unlink()
 
 
 def told(folder: RunFolder) -> tuple[int, list[str]]:

@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from islandgp.gp.record import IndividualRecord, record_values
-from islandgp.records.checkpoint import dump
 from islandgp.records.folder import RunFolder
+from islandgp.records.lines import dump
 from islandgp.viewer import ancestry
 from islandgp.viewer.ancestry import lineage, tree_changes
 from tests.study.made_runs import config, guidance, individual, made_run
