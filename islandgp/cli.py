@@ -118,7 +118,9 @@ class Lazy(click.Group):
             formatter.write_dl([(name, info.help) for name, info in COMMANDS.items()])
 
 
-@click.group(cls=Lazy, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Lazy, context_settings={"help_option_names": ["-h", "--help"], "show_default": True}
+)
 @click.version_option(package_name="islandgp")
 def islandgp() -> None:
     """Evolve robot Behaviour Trees under a supervisor, and work with trees and runs."""

@@ -14,7 +14,7 @@ from typing import Any, Final
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN, write_text
-from islandgp.commands.options import with_trust_options
+from islandgp.commands.options import with_trust_options, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
@@ -64,22 +64,19 @@ class UnseenWorlds:
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--tier", default="", help="Only trees that reached this tier in training.")
+@click.option("--tier", help="Only trees that reached this tier in training.")
 @click.option(
     "--worlds",
     type=click.IntRange(2, 10_000),
     default=100,
-    show_default=True,
     help="Number of test worlds in which the best trees are evaluated.",
 )
-@click.option(
-    "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one per core."
-)
+@with_workers_option
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 @with_trust_options
 def command(
-    run: Path, tier: str, worlds: int, workers: int, output: str | None, as_json: bool
+    run: Path, tier: str | None, worlds: int, workers: int, output: str | None, as_json: bool
 ) -> None:
     """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
 
@@ -92,7 +89,7 @@ def command(
     config = runs[0].configuration()
     processes = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
     with closing(processes(Problem.recorded(config))) as evaluator:
-        rows, test = _rows(runs, evaluator, tier, worlds)
+        rows, test = _rows(runs, evaluator, tier or "", worlds)
     if recorded_perturbation(config) is not None:
         with closing(processes(Problem.recorded(config, perturbed=True))) as evaluator:
             rows = _with_perturbed(rows, evaluator, test)

@@ -11,7 +11,7 @@ import click
 import yaml
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
-from islandgp.commands.options import with_trust_options
+from islandgp.commands.options import with_trust_options, with_workers_option
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.resources import resource
 from islandgp.study.arms import Arm, Comparison
@@ -42,19 +42,11 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     "--arm", "arms", multiple=True, required=True, metavar='NAME="SELECTION"', help="One arm."
 )
 @click.option(
-    "--runs",
-    type=click.Path(path_type=Path),
-    default=Path("runs"),
-    show_default=True,
-    help="Folder of the runs.",
+    "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of the runs."
 )
 @click.option("--name", default=None, help="Use only the runs of this sweep.")
 @click.option(
-    "-o",
-    "--out",
-    type=FOLDER,
-    default=None,
-    help="Folder for the report.  [default: study/<arms>]",
+    "-o", "--out", type=FOLDER, default=None, help="Folder for the report.  [default: study/<arms>]"
 )
 @click.option(
     "--primary",
@@ -81,7 +73,6 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     "--worlds",
     type=click.IntRange(0, 10_000),
     default=100,
-    show_default=True,
     help="Unseen worlds for the champions; 0 leaves them out.",
 )
 @click.option(
@@ -89,12 +80,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     default=True,
     help="Evaluate the library's trees in the runs' worlds.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(0, 1024),
-    default=0,
-    help="Processes for the unseen worlds and the controls.  [default: one for each core]",
-)
+@with_workers_option
 @click.option("--mlflow/--no-mlflow", default=True, help="Log the report as an MLflow run.")
 @click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
 @click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")

@@ -21,19 +21,9 @@ from islandgp.trust import must_trust_code
 @click.command()
 @click.argument("runs", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
 @click.option("-o", "--out", type=FOLDER, required=True, help="Folder for the policy.")
+@click.option("--depth", type=click.IntRange(1, 20), default=6, help="Maximum depth of a tree.")
 @click.option(
-    "--depth",
-    type=click.IntRange(1, 20),
-    default=6,
-    show_default=True,
-    help="Maximum depth of a tree.",
-)
-@click.option(
-    "--cases",
-    type=click.IntRange(1),
-    default=4,
-    show_default=True,
-    help="Minimum number of decisions in a leaf.",
+    "--cases", type=click.IntRange(1), default=4, help="Minimum number of decisions in a leaf."
 )
 @with_trust_options
 def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:

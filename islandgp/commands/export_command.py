@@ -11,8 +11,8 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, write_text
+from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
 
 FORMATS: Final = ("json", "btcpp", "pytrees")
@@ -22,7 +22,7 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.command()
 @click.argument("file", type=FILE, required=False)
 @click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
-@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@with_output_option
 @click.option("--plain", is_flag=True, help="Only nodes of the library; the meaning may differ.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @click.option(

@@ -11,8 +11,8 @@ from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, called, folder_of, read_text, write_text
+from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
 
@@ -25,7 +25,7 @@ FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
 @click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
 @click.option("--tree", "identity", help="ID of a tree; default: the main tree.")
 @click.option("--strict", is_flag=True, help="Reject nodes whose meaning would change.")
-@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@with_output_option
 @with_vocabulary_options
 def command(
     file: str, form: str | None, identity: str | None, strict: bool, output: str, chosen: Chosen

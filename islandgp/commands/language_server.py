@@ -299,11 +299,7 @@ def _diagnostic(finding: dict[str, Any], document: TextDocument) -> types.Diagno
     error = finding["severity"] == "error"
     severity = types.DiagnosticSeverity.Error if error else types.DiagnosticSeverity.Warning
     return types.Diagnostic(
-        types.Range(start, end),
-        message,
-        severity=severity,
-        code=finding["code"],
-        source="islandgp",
+        types.Range(start, end), message, severity=severity, code=finding["code"], source="islandgp"
     )
 
 

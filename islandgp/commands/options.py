@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import click
 
+from islandgp.commands.files import OUTPUT, STDIN
 from islandgp.trust import EVERYTHING, trust, trust_folder, trusting
 
 Command = Callable[..., None]
@@ -107,8 +108,14 @@ with_timeout_option = click.option(
     "--timeout",
     type=NotNegative(),
     default=TIMEOUT,
-    show_default=True,
     help="Time limit of an episode in seconds; 0: none.",
+)
+
+with_workers_option = click.option(
+    "--workers", type=click.IntRange(0, 1024), default=0, help="Processes; 0: one per core."
+)
+with_output_option = click.option(
+    "-o", "--output", type=OUTPUT, default=STDIN, help="File to write; -: the standard output."
 )
 
 with_domain_options = grouped("chosen", Chosen, *DOMAIN)

@@ -35,15 +35,9 @@ ENDS: Final = ("", "_low", "_high")  # of the names of an estimate and its inter
 
 @click.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
-@click.option(
-    "--seeds",
-    type=click.IntRange(1, 100_000),
-    default=30,
-    show_default=True,
-    help="Number of worlds.",
-)
+@click.option("--seeds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds.")
 @click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch; default: 0.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch.")
 @click.option(
     "--speed",
     type=NotNegative(),

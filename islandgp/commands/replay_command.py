@@ -13,8 +13,8 @@ from islandgp.commands.setting import recorded
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world; default: 0.")
-@click.option("-o", "--output", type=OUTPUT, default="replay.html", show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world.")
+@click.option("-o", "--output", type=OUTPUT, default="replay.html")
 @click.option("--title", help="Default: the file's name.")
 @with_episode_options
 def command(file: str, seed: int, output: str, title: str | None, episode: EpisodeOptions) -> None:

@@ -24,13 +24,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     required=True,
     help="YAML file with the action server, service or topic of each action and key.",
 )
-@click.option(
-    "--rate",
-    type=click.FloatRange(0.1, 1000),
-    default=10.0,
-    show_default=True,
-    help="Ticks per second.",
-)
+@click.option("--rate", type=click.FloatRange(0.1, 1000), default=10.0, help="Ticks per second.")
 @click.option(
     "--vocabulary",
     type=_FILE,

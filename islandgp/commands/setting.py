@@ -93,12 +93,7 @@ def read_in_domain(
 
 
 def vocabulary_of(
-    text: str,
-    chosen: Chosen,
-    *,
-    name: str,
-    folder: Path | None = None,
-    in_world: bool = False,
+    text: str, chosen: Chosen, *, name: str, folder: Path | None = None, in_world: bool = False
 ) -> Vocabulary:
     """The words of the domain that the options choose, or the text of a tree.
 

@@ -10,7 +10,8 @@ import click
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.export.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
-from islandgp.commands.files import FILE, OUTPUT, STDIN, read_tree, write_text
+from islandgp.commands.files import FILE, STDIN, read_tree, write_text
+from islandgp.commands.options import with_output_option
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {
     "text": lambda tree: "\n".join(to_lines(tree)) + "\n",
@@ -35,7 +36,7 @@ ENDINGS: Final = {
 @click.command()
 @click.argument("file", type=FILE)
 @click.option("--format", "form", type=click.Choice([*FORMATS]), help="Default: by -o, else text.")
-@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@with_output_option
 def command(file: str, form: str | None, output: str) -> None:
     """Draw the tree in FILE: in the terminal, as SVG, Mermaid or Graphviz dot.
 

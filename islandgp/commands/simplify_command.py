@@ -9,14 +9,14 @@ import click
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import domain_of, to_text
 from islandgp.bt.core.node import size
-from islandgp.commands.files import FILE, OUTPUT, STDIN, write_text
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, write_text
+from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
 
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@with_output_option
 @click.option("--explain", is_flag=True, help="Print each change with its reason to stderr.")
 @with_vocabulary_options
 def command(file: str, output: str, explain: bool, chosen: Chosen) -> None:

@@ -13,7 +13,7 @@ from islandgp.commands.setting import recorded
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world; default: 0.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world.")
 @click.option(
     "--from", "begin", type=NotNegative(), default=0.0, help="Start of the timeline, in s."
 )

@@ -11,8 +11,13 @@ import click
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.printer import number_text
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, folder_of, read_text, write_text
-from islandgp.commands.options import Chosen, with_domain_options, with_stage_option
+from islandgp.commands.files import FILE, called, folder_of, read_text, write_text
+from islandgp.commands.options import (
+    Chosen,
+    with_domain_options,
+    with_output_option,
+    with_stage_option,
+)
 from islandgp.commands.setting import settings_of, stage_index
 from islandgp.errors import IslandError
 from islandgp.viewer.recording import digits
@@ -32,19 +37,17 @@ MOST: Final = 100  # numbers of a file that are tuned at a time
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("-o", "--output", type=OUTPUT, default=STDIN, help="File to write.")
+@with_output_option
 @click.option(
     "--episodes",
     type=click.IntRange(1, 1_000_000),
     default=9_600,
-    show_default=True,
     help="Maximum number of episodes: four fifths for the search, the rest to compare.",
 )
 @click.option(
     "--worlds",
     type=click.IntRange(2, 1_000),
     default=16,
-    show_default=True,
     help="New worlds per generation of the search.",
 )
 @click.option(
@@ -53,13 +56,7 @@ MOST: Final = 100  # numbers of a file that are tuned at a time
 @with_domain_options
 @with_stage_option
 def command(
-    file: str,
-    output: str,
-    episodes: int,
-    worlds: int,
-    seed: int,
-    chosen: Chosen,
-    stage: int | None,
+    file: str, output: str, episodes: int, worlds: int, seed: int, chosen: Chosen, stage: int | None
 ) -> None:
     """Tune the thresholds of the tree in FILE with CMA-ES, starting at its numbers.
 

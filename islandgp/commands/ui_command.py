@@ -17,13 +17,11 @@ from islandgp.tracking.ui import served
 @click.option(
     "--uri", help="The store: sqlite:///FILE or http://...; default: that of the last run."
 )
-@click.option(
-    "--experiment", default="islandgp", show_default=True, help="MLflow experiment, with --uri."
-)
+@click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
 @click.option(
     "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of runs."
 )
-@click.option("--port", default=5000, show_default=True, help="Port of the server.")
+@click.option("--port", default=5000, help="Port of the server.")
 @click.option("--open", "opened", is_flag=True, help="Open the page of the arms in a browser.")
 def command(uri: str | None, experiment: str, runs: Path, port: int, opened: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""

@@ -29,7 +29,6 @@ SHOWN: Final = 12  # ticks of a counterexample, the last ones
     "--steps",
     type=click.IntRange(1, 2_000_000),
     default=STEPS,
-    show_default=True,
     help="Maximum number of search steps per rule; 100,000 take some seconds.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")

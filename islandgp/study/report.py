@@ -12,14 +12,7 @@ from islandgp.study.figures import emergence, episodes, generations, newcomers, 
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import (
-    FURTHER,
-    MEAN_MAX,
-    TABLE_9,
-    TABLE_10,
-    all_measures,
-    examined,
-)
+from islandgp.study.measures import FURTHER, MEAN_MAX, TABLE_9, TABLE_10, all_measures, examined
 from islandgp.study.measures import emergence as first_emergence
 from islandgp.study.plan import NOTHING, AnalysisPlan, families, in_sentences
 from islandgp.study.profiles import ScoreRow, Scores
@@ -103,10 +96,7 @@ def build(
         ],
         "Convergence (section 3.3)": [
             *tables(
-                "table-10",
-                "Table 10. Fitness by training stage",
-                TABLE_10,
-                comparisons.fitness_row,
+                "table-10", "Table 10. Fitness by training stage", TABLE_10, comparisons.fitness_row
             ),
             generations.figure_5(study),
         ],

@@ -22,13 +22,7 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import (
-    STATUS_NAMES,
-    Limits,
-    Node,
-    leaf,
-    sequence,
-)
+from islandgp.bt.core.node import STATUS_NAMES, Limits, Node, leaf, sequence
 from islandgp.domain import Domain, Observer, Outcome
 from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree

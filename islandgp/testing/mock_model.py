@@ -163,11 +163,7 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def _target(
-    state: Mapping[str, Any],
-    named: Sequence[str],
-    user: str,
-    rng: np.random.Generator,
-    guess: bool,
+    state: Mapping[str, Any], named: Sequence[str], user: str, rng: np.random.Generator, guess: bool
 ) -> str:
     """The rarest behaviour, or another one if trees for it have died out DIED times."""
     rarest: list[str] = state["behaviours"]["lacking"]

@@ -9,14 +9,7 @@ from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import (
-    AGAIN,
-    FAILURE,
-    SUCCESS,
-    Node,
-    size,
-    walk,
-)
+from islandgp.bt.core.node import AGAIN, FAILURE, SUCCESS, Node, size, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
 from islandgp.errors import IslandError
 from islandgp.plugin import raised_in

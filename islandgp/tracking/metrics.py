@@ -17,9 +17,7 @@ COSTS = {"evaluation": "evaluation_s", "supervision": "supervision_s", "operator
 
 
 def metrics(
-    record: Mapping[str, Any],
-    cost: Mapping[str, Any],
-    constraints: Constraints = NO_CONSTRAINTS,
+    record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints = NO_CONSTRAINTS
 ) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
     s, guidance = record["snapshot"], record["guidance"] or {}
