@@ -155,6 +155,27 @@ def test_resuming_changes_nothing(case: Case, tmp_path: Path) -> None:
         assert list(lines(rest)) == expected[start.generation :]
 
 
+RESTARTS = (
+    "search.policy.random=1",
+    "search.policy.restarts=2",
+    "search.policy.joint=0.2",
+)
+"""Restarts of three generations each, then a joint one."""
+
+
+def test_resuming_between_restarts_changes_nothing(tmp_path: Path) -> None:
+    """The champions of earlier restarts are in the checkpoint."""
+    racing = Case("racing")
+    steps = racing.run(*RESTARTS)
+    for step in steps[:-1]:
+        assert step.state is not None
+        save_state(tmp_path / "checkpoint.json", step.state)
+        state, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(state, history=step.state.history)
+        rest = racing.run(*RESTARTS, start=start)
+        assert list(lines(rest)) == list(lines(steps))[start.generation :]
+
+
 def test_the_memory_is_plain(case: Case) -> None:
     """It is JSON, and does not grow without bound: less than 4 kB an individual."""
     steps = case.run("gp.generations=12")
