@@ -131,7 +131,7 @@ WORLDS: Final[dict[str, World]] = {
         ("experiment=best",),
         ROOT / "grammar" / "examples" / "all_rounder.bt",
         arms=("racing",),
-        seeds=range(9020, 9030),
+        seeds=range(9030, 9040),
     ),
     "island_best_16000": World(
         ("experiment=best", "budget.episodes=16000", *ONE_POPULATION),

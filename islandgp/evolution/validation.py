@@ -39,6 +39,7 @@ MOST: Final = 24  # candidates
 FINALISTS: Final = 3  # candidates of the last round
 WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all candidates
 TOP: Final = 2  # candidates per generation
+PART: Final = 100  # least generations of a part of a long run
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +154,9 @@ def candidates_by_evidence(
 ) -> list[Candidate]:
     """The trees of the last stage with the highest lower bounds of their mean fitness.
 
-    Constraints come first, by the means of the counters over all evaluations of a tree.
+    Constraints come first, by the means of the counters over all evaluations of a tree. A run of
+    at least 2 * PART generations is divided into parts with as many candidates each: trees of
+    distant generations did not meet the same worlds, so their levels cannot be compared.
 
     Args:
         records: generation records as plain values, oldest first; they are read once.
@@ -171,13 +174,28 @@ def candidates_by_evidence(
             limited(i["counters"], constraints),
         ),
     )
-    evaluations: dict[str, _Evaluations] = {}
+    first, end = last[0][0], last[-1][0] + 1
+    parts = min(most, max(1, (end - first) // PART))
+    evaluations: list[dict[str, _Evaluations]] = [{} for _ in range(parts)]
     for generation, name, tree, fitness, counters in last:
-        seen = evaluations.setdefault(tree, _Evaluations())
+        part = evaluations[(generation - first) * parts // (end - first)]
+        seen = part.setdefault(tree, _Evaluations())
         seen.generation, seen.id = generation, name
         seen.fitness[generation] = fitness
         seen.counters = running_mean(seen.counters or counters, counters, seen.evaluations + 1)
         seen.evaluations += 1
+    best = {
+        c.tree: c
+        for part in evaluations
+        for c in _by_bound(part, caution, constraints)[: most // parts]
+    }
+    return sorted(best.values(), key=lambda c: c.merit, reverse=True)
+
+
+def _by_bound(
+    evaluations: Mapping[str, _Evaluations], caution: float, constraints: Constraints
+) -> list[Candidate]:
+    """All trees as candidates, those with the highest lower bounds first."""
     levels, sd = estimate([seen.fitness for seen in evaluations.values()])
     everyone = [
         Candidate(
@@ -189,7 +207,7 @@ def candidates_by_evidence(
         )
         for (tree, seen), level in zip(evaluations.items(), levels, strict=True)
     ]
-    return sorted(everyone, key=lambda c: c.merit, reverse=True)[:most]
+    return sorted(everyone, key=lambda c: c.merit, reverse=True)
 
 
 @dataclass(slots=True)
