@@ -15,8 +15,10 @@ from islandgp.evaluation.base import Job
 from islandgp.evolution.validation import (
     FINALISTS,
     MOST,
+    PART,
     Candidate,
     candidates,
+    candidates_by_evidence,
     entrants,
     interval,
     rounds,
@@ -161,3 +163,29 @@ def test_a_single_value_has_no_interval() -> None:
     assert mean == 5.0
     assert isnan(low)
     assert isnan(high)
+
+
+def test_each_part_of_a_long_run_has_candidates() -> None:
+    """Levels of distant generations cannot be compared, so no part takes the places of another."""
+
+    def record(generation: int) -> dict[str, Any]:
+        inflated = 50.0 * (generation >= PART)
+        points = (("a", 9.0 + inflated), ("b", 3.0 + inflated))
+        trees = ((f"{name}{generation // PART}", fitness) for name, fitness in points)
+        return {
+            "snapshot": {"stage": 0, "generation": generation},
+            "individuals": [
+                {
+                    "id": f"{generation}.{k}",
+                    "tree": tree,
+                    "fitness": fitness,
+                    "counters": {},
+                }
+                for k, (tree, fitness) in enumerate(trees)
+            ],
+        }
+
+    long = [record(generation) for generation in range(2 * PART)]
+    assert [c.tree for c in candidates_by_evidence(long, most=2)] == ["a1", "a0"]
+    short = long[1:]
+    assert [c.tree for c in candidates_by_evidence(short, most=2)] == ["a1", "b1"]

@@ -20,6 +20,7 @@ from islandgp.gp.record import (
     IndividualRecord,
     record_values,
 )
+from islandgp.records.lines import digests, generation_lines
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
 from tests.composed import plain
@@ -159,6 +160,7 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
             "first": {},
             **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),
             "generations": len(run.records),
+            "records": [*digests(generation_lines(folder).whole())][-1],
         }
         (folder / "summary.json").write_text(json.dumps(summary))
 
