@@ -299,6 +299,7 @@ def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
 
 def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
     """Highest fitness in training so far against episodes: the mean over runs, a panel a world."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 2.9 * len(raws)), layout="constrained")
@@ -321,7 +322,8 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
         axes.axhline(raw["by_hand"], color="black", linestyle=":", label="by hand, unseen worlds")
         axes.set(title=name, xlabel="episodes", ylabel="highest fitness so far")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, frameon=False)
-    figure.savefig(FOLDER / "curves.svg", metadata={"Date": None, "Creator": None})
+    with rc_context({"svg.hashsalt": "islandgp"}):  # the same ids in each file
+        figure.savefig(FOLDER / "curves.svg", metadata={"Date": None, "Creator": None})
     figure.savefig(FOLDER / "curves.png", dpi=150, metadata={"Software": None})
 
 

@@ -164,7 +164,7 @@ def test_play_fits_a_narrow_terminal(
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
     assert "\N{HORIZONTAL ELLIPSIS}" not in said.out
-    headings = ("picked up", "inactive", "battery", "laps", "ended by", "class", "best tier")
+    headings = ("pickups", "inactive", "battery", "laps", "ended by", "class", "best tier")
     for heading in (*headings, "most"):
         assert heading in said.out
 

@@ -201,8 +201,8 @@ def _check_range(key: Key, where: str) -> None:
     """Raises DomainError for a number whose range is empty or too large."""
     if not -LARGEST <= key.low < key.high <= LARGEST:
         raise DomainError(
-            f"Expected low < high, at most {LARGEST:,}, for {where}, found {key.low:g},"
-            f" {key.high:g}."
+            f"Expected low < high, both from -{LARGEST:,} to {LARGEST:,}, for {where}, found"
+            f" {key.low:g}, {key.high:g}."
         )
     if not SMALLEST_STEP <= key.step <= key.high - key.low:
         raise DomainError(
