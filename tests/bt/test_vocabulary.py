@@ -66,7 +66,7 @@ def test_a_name_is_either_an_action_or_a_key() -> None:
     [
         (number("", 5, 5), "low < high"),
         (number("", 6, 5), "low < high"),
-        (number("", 0, 2**53), "at most 1,000,000"),
+        (number("", 0, 2**53), "from -1,000,000 to 1,000,000"),
         (number("", 0, 5, 0), "a step from 1e-09 to high - low"),
         (number("", 0, 5, -1), "a step from 1e-09 to high - low"),
         (number("", 0, 5, 1e-300), "a step from 1e-09 to high - low"),
