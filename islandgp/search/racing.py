@@ -105,7 +105,7 @@ TRIED: Final = 3000  # most digests kept, the latest ones
 
 
 class Racing(BreedingSearch[RacingSettings]):
-    """The search of this module."""
+    """Keeps the trees with the highest lower bounds, and evaluates promising ones again."""
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = RacingMemory
