@@ -10,8 +10,8 @@ bound on their mean fitness, over all episodes so far. Each generation evaluates
 So a tree does not survive by luck in one world, and is not evaluated twice in the same worlds.
 
 With `restarts` above 1, populations begin from random trees one after another, and the best trees
-of all of them breed together at the end. A population keeps the combination of behaviours that it
-had early, so several short ones find a better one more often than a long one does.
+of all of them breed together at the end. A population often keeps the combination of behaviours
+that it had early, so restarts give a large budget several chances.
 
 Survivors without duplicates, and fitness as a mean of reruns: Iovino et al. 2021, arXiv
 2011.03252. The upper bound is that of racing (Maron and Moore 1994) and bandits.
