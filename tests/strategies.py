@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, SecondsArgs, leaf
@@ -65,7 +65,7 @@ def conditions(
 
     def grown(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
         words = st.sampled_from(["and", "or"])
-        return st.builds(conjoin, words, st.lists(part, min_size=2, max_size=3)) | part.map(negate)
+        return st.builds(combine, words, st.lists(part, min_size=2, max_size=3)) | part.map(negate)
 
     return st.one_of(single, st.recursive(single, grown, max_leaves=8))
 

@@ -300,7 +300,7 @@ def archived(
     stage, n = plan.curriculum.stage(generation), plan.gp.episodes
     meets = [
         seed_of(seed, Stream.ARCHIVE, generation=generation, slot=i)
-        for i in range(plan.archive.again)
+        for i in range(plan.archive.reevaluations)
     ]
     nodes = {text: e.individual.tree for text, e in zip(texts, population, strict=True)}
     return update_archive(
@@ -312,7 +312,7 @@ def archived(
         plan.classes,
         stage=stage,
         episodes=n,
-        again=lambda trees: evaluated(
+        reevaluate=lambda trees: evaluated(
             parts.evaluator, [nodes.get(text, text) for text in trees], stage, meets
         ),
         constraints=plan.constraints,

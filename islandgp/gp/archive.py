@@ -2,8 +2,8 @@
 
 Every run has one, with any search; it does not affect the population. Mouret and Clune 2015, arXiv
 1504.04909; coverage and QD score: Pugh, Soros and Stanley 2016, doi 10.3389/frobt.2016.00040. An
-elite's value is the mean of its episodes. With `again` above 0 a challenger and the elite are
-evaluated in further worlds first, because a single lucky episode would otherwise hold a cell
+elite's fitness is the mean over its episodes. With `reevaluations` above 0 a challenger and the
+elite are first evaluated in further worlds, as a single lucky episode would otherwise hold a cell
 forever (Flageat and Cully 2020, arXiv 2003.13530).
 """
 
@@ -25,8 +25,8 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, mean_viola
 from islandgp.scoring.rewards import unknown
 
 EDGES: Final = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # of a counter where none are configured
-AXES: Final = 4  # at most: a map of more can hardly be read
-CELLS: Final = 10_000  # at most: each checkpoint holds the whole archive
+MOST_AXES: Final = 4  # a map with more axes is hard to read
+MOST_CELLS: Final = 10_000  # each checkpoint holds the whole archive
 
 Edges = Annotated[tuple[FiniteFloat, ...], Field(min_length=2, max_length=100)]
 
@@ -35,11 +35,12 @@ class ArchiveSettings(BaseModel, frozen=True, extra="forbid"):
     """The key `archive`: the grid, and how elites are displaced."""
 
     cells: dict[str, Edges] | None = None
-    """Rising edges by counter: a cell begins at each and ends before the next, the last has no
-    end. None: edges 0, 1, 2, 4, 8, 16 for the first four counters of `classes.behaviours`."""
-    again: Annotated[int, Field(ge=0, le=1000)] = 0
-    """Episodes, in worlds that both meet, before a challenger may displace an elite."""
-    floor: FiniteFloat = 0.0  # points; the QD score sums what the elites' means have above it
+    """Rising edges by counter: a cell begins at an edge and ends before the next one; the last
+    cell has no end. None: EDGES for the first four counters of `classes.behaviours`."""
+    reevaluations: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Further episodes of a challenger and of the elite, in the same worlds, before the challenger
+    can displace it."""
+    floor: FiniteFloat = 0.0  # points; the QD score sums the elites' means above the floor
 
     @field_validator("cells")
     @classmethod
@@ -50,15 +51,15 @@ class ArchiveSettings(BaseModel, frozen=True, extra="forbid"):
             if any(b <= a for a, b in pairwise(edges)):
                 shown = ", ".join(f"{edge:g}" for edge in edges)
                 raise ValueError(f"expected rising edges of {counter}, found [{shown}]")
-        if len(cells) > AXES:
-            raise ValueError(f"expected at most {AXES} counters, found {len(cells)}")
-        if (n := prod(map(len, cells.values()))) > CELLS:
-            raise ValueError(f"expected at most {CELLS:,} cells in all, found {n:,}")
+        if len(cells) > MOST_AXES:
+            raise ValueError(f"expected at most {MOST_AXES} counters, found {len(cells)}")
+        if (n := prod(map(len, cells.values()))) > MOST_CELLS:
+            raise ValueError(f"expected at most {MOST_CELLS:,} cells in all, found {n:,}")
         return cells
 
     def axes(self, classes: Classes) -> Mapping[str, Edges]:
         """The grid's edges by counter."""
-        counters = [*dict.fromkeys(classes.behaviours.values())][:AXES]
+        counters = [*dict.fromkeys(classes.behaviours.values())][:MOST_AXES]
         return self.cells or dict.fromkeys(counters, EDGES)
 
     def faults(self, schema: Schema) -> Iterator[str]:
@@ -69,15 +70,15 @@ class ArchiveSettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Elite:
-    """The tree of a cell."""
+    """The best tree of a cell."""
 
-    cell: tuple[int, ...]  # its place on each axis, from 0
-    id: str  # of the individual that it came as
+    cell: tuple[int, ...]  # index on each axis, from 0
+    id: str  # of the individual that filled the cell
     tree: str  # canonical text
-    stage: int  # of the curriculum, whose multipliers made its points
-    episodes: int  # >= 1
-    mean: float  # fitness over these, points
-    world: int  # first world of its last generation: the same one again is no news
+    stage: int  # of the curriculum, whose multipliers are in `mean`
+    episodes: int  # in which it was evaluated, >= 1
+    mean: float  # fitness over these episodes, points
+    world: int  # seed of the first world that it met in its last generation
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,26 +86,27 @@ class ArchiveRecord:
     """The archive after a generation."""
 
     coverage: float  # share of the cells that have an elite, in [0, 1]
-    qd_score: float  # sum of what the elites' means have above the floor, points, >= 0
+    qd_score: float  # sum of the elites' means above the floor, points, >= 0
     new: int  # cells filled in this generation
     improved: int  # elites displaced in this generation
 
 
 @dataclass(frozen=True, slots=True)
 class ArchiveUpdate:
-    """The archive after a generation, and what it took."""
+    """The archive after a generation, its record, and the number of episodes."""
 
     elites: tuple[Elite, ...]  # by cell
     record: ArchiveRecord
-    episodes: int  # in which challengers and elites were evaluated again
+    episodes: int  # of the re-evaluations of challengers and elites
 
 
-Again = Callable[[Sequence[str]], Sequence[Sequence[Outcome]]]
-"""Evaluates trees, given as canonical text, in the same `again` worlds; an entry for each tree."""
+Reevaluate = Callable[[Sequence[str]], Sequence[Sequence[Outcome]]]
+"""Evaluates trees (canonical text) in the same `reevaluations` worlds; returns an entry per tree,
+with an outcome per world."""
 
 
 def cell_of(counters: Mapping[str, float], axes: Mapping[str, Sequence[float]]) -> tuple[int, ...]:
-    """The cell of these counters; what lies below the first edge is in the first cell."""
+    """The cell of these counters; a value below the first edge is in the first cell."""
     return tuple(max(0, bisect_right(edges, counters[name]) - 1) for name, edges in axes.items())
 
 
@@ -118,7 +120,7 @@ def archive_record(
 ) -> ArchiveRecord:
     """Coverage and QD score of an archive.
 
-    An elite below the floor adds nothing, so that to fill a cell never lowers the QD score.
+    An elite below the floor adds nothing, so filling a cell never lowers the QD score.
     """
     coverage = len(elites) / prod(map(len, axes.values()))
     return ArchiveRecord(
@@ -136,43 +138,47 @@ def update_archive(
     *,
     stage: int,
     episodes: int,
-    again: Again,
+    reevaluate: Reevaluate,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> ArchiveUpdate:
     """The archive after a generation.
 
-    A tree that is an elite already keeps its cell, and its mean takes the new episodes in. Of the
-    others the fittest in each cell challenges the elite there. Stages of the curriculum have
-    scales of their own: points of an earlier stage count for nothing against those of this one.
-    Only trees that keep all constraints are elites: one that breaks them in a later evaluation
-    leaves its cell.
+    A tree that is already an elite keeps its cell, and its mean includes the new episodes. The
+    fittest of the other trees of a cell challenges its elite. Stages of the curriculum have
+    different scales, so the mean of an earlier stage loses against any mean of this one. Only
+    trees that keep all constraints are elites; an elite that violates one in a later evaluation
+    is removed.
 
     Args:
-        before: the elites after the generation before.
+        before: the elites after the previous generation.
         evaluated: this generation's individuals.
         texts: their canonical texts.
-        worlds: the first world of each.
-        settings: the grid, and how many episodes a challenge takes.
-        classes: whose counters make the grid where `settings` name none.
+        worlds: seed of the first world of each.
+        settings: the grid, and the number of re-evaluations.
+        classes: the behaviours, whose counters are the axes by default.
         stage: index of this generation's stage.
-        episodes: that each individual had.
-        again: called once at most, and never where `settings.again` is 0.
+        episodes: of each individual.
+        reevaluate: called at most once, and not if `settings.reevaluations` is 0.
         constraints: that elites keep.
+
+    Returns:
+        The elites, the generation's record, and the number of re-evaluation episodes.
     """
     axes = settings.axes(classes)
     elites = {e.cell: e for e in before}
-    known = {e.tree: e.cell for e in before}
+    cell_of_elite = {e.tree: e.cell for e in before}
     challengers: dict[tuple[int, ...], Elite] = {}
     seen: set[str] = set()
     for e, text, world in zip(evaluated, texts, worlds, strict=True):
-        if text in seen:  # it is in this generation twice, mostly in the same world
+        if text in seen:  # a duplicate, mostly evaluated in the same world
             continue
         seen.add(text)
-        if (cell := known.get(text)) is not None:
+        if (cell := cell_of_elite.get(text)) is not None:
+            elite = elites[cell]
             if e.violation:
                 elites.pop(cell)
-            elif (elites[cell].world, elites[cell].stage) != (world, stage):
-                elites[cell] = replace(_with(elites[cell], episodes, e.fitness, stage), world=world)
+            elif (elite.world, elite.stage) != (world, stage):  # else the same episodes again
+                elites[cell] = replace(_updated(elite, episodes, e.fitness, stage), world=world)
             continue
         if e.violation:
             continue
@@ -191,36 +197,36 @@ def update_archive(
     improved = 0
     for elite, _ in rivals:
         del elites[elite.cell]
-    for old, new in _again(rivals, settings.again, again, constraints, stage):
+    for old, new in _reevaluated(rivals, settings.reevaluations, reevaluate, constraints, stage):
         wins = new is not None and (old is None or _beats(new, old))
         improved += wins
         if (winner := new if wins else old) is not None:
             elites[winner.cell] = winner
-    kept = tuple(elites[cell] for cell in sorted(elites))
-    record = archive_record(kept, axes, floor=settings.floor, new=len(filled), improved=improved)
-    return ArchiveUpdate(kept, record, 2 * settings.again * len(rivals))
+    after = tuple(elites[cell] for cell in sorted(elites))
+    record = archive_record(after, axes, floor=settings.floor, new=len(filled), improved=improved)
+    return ArchiveUpdate(after, record, 2 * settings.reevaluations * len(rivals))
 
 
-def _again(
+def _reevaluated(
     rivals: Sequence[tuple[Elite, Elite]],
     n: int,
-    again: Again,
+    reevaluate: Reevaluate,
     constraints: Constraints,
     stage: int,
 ) -> Iterator[tuple[Elite | None, Elite | None]]:
-    """Elites and their challengers after `n` more episodes; None: it violates a constraint."""
+    """Elites and challengers after `n` more episodes; None for one that violates a constraint."""
     if not n or not rivals:
         yield from rivals
         return
-    everyone = [elite for pair in rivals for elite in pair]
-    outcomes = again([elite.tree for elite in everyone])
-    entrants = [
-        _with(elite, len(more), total(o.fitness for o in more) / len(more), stage)
+    before = [elite for pair in rivals for elite in pair]
+    outcomes = reevaluate([elite.tree for elite in before])
+    after = [
+        _updated(elite, len(more), total(o.fitness for o in more) / len(more), stage)
         if not mean_violation(more, constraints)
         else None
-        for elite, more in zip(everyone, outcomes, strict=True)
+        for elite, more in zip(before, outcomes, strict=True)
     ]
-    yield from zip(entrants[::2], entrants[1::2], strict=True)
+    yield from zip(after[::2], after[1::2], strict=True)
 
 
 def _beats(challenger: Elite, elite: Elite) -> bool:
@@ -228,9 +234,10 @@ def _beats(challenger: Elite, elite: Elite) -> bool:
     return (challenger.stage, challenger.mean) > (elite.stage, elite.mean)
 
 
-def _with(elite: Elite, n: int, mean: float, stage: int) -> Elite:
-    """The elite after `n` more episodes; those of an earlier stage are dropped."""
+def _updated(elite: Elite, n: int, mean: float, stage: int) -> Elite:
+    """The elite after `n` more episodes with this mean; those of an earlier stage are dropped."""
     if elite.stage != stage:
         return replace(elite, stage=stage, episodes=n, mean=mean)
-    whole = elite.episodes + n
-    return replace(elite, episodes=whole, mean=(elite.episodes * elite.mean + n * mean) / whole)
+    episodes = elite.episodes + n
+    total_points = elite.episodes * elite.mean + n * mean
+    return replace(elite, episodes=episodes, mean=total_points / episodes)

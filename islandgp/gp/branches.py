@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.condition import ConditionExpr, conjoin, terms, with_term
+from islandgp.bt.core.condition import ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -68,7 +68,7 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
         return body
     declared = space.vocabulary.action(next(_actions(body)).action).to_start
     if declared and rng.random() < DECLARED:
-        condition: ConditionExpr = conjoin("and", declared)
+        condition: ConditionExpr = combine("and", declared)
     else:
         condition = _random_condition(rng, space)
     return guarded(condition, body, random_abort(rng, space))
@@ -113,11 +113,13 @@ def _random_condition(rng: np.random.Generator, space: TreeSpace) -> ConditionEx
     if rng.random() < 0.7:
         return condition
     word = "or" if rng.random() < 0.2 else "and"
-    return conjoin(word, [condition, random_term(rng, space)])
+    return combine(word, [condition, random_term(rng, space)])
 
 
 def _selectors(tree: Node) -> list[tuple[int, Node]]:
-    return [(i, node) for i, node in enumerate(walk(tree)) if kind_of(node).hands_over == FAILURE]
+    return [
+        (i, node) for i, node in enumerate(walk(tree)) if kind_of(node).advance_status == FAILURE
+    ]
 
 
 def _guards(tree: Node) -> list[tuple[int, Node, GuardArgs]]:
@@ -192,7 +194,7 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
     if draw < 0.5 and len(parts) < space.settings.conditions.terms:
         word = "or" if rng.random() < 0.3 else "and"
         assert new is not None
-        new = conjoin(word, [parts[at], new])
+        new = combine(word, [parts[at], new])
     elif draw < 0.65:
         new = None
     changed = with_term(expr, at, new)
@@ -214,7 +216,7 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
     if not needy:
         return tree
     i, node, conditions = needy[rng.integers(len(needy))]
-    return replace_at(tree, i, guarded(conjoin("and", conditions), node, "none"))
+    return replace_at(tree, i, guarded(combine("and", conditions), node, "none"))
 
 
 def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:

@@ -211,7 +211,7 @@ def path_of(tree: Node, at: str) -> Path:
 
 def is_selector(node: Node) -> bool:
     """True for a selector, also a reactive one."""
-    return kind_of(node).hands_over == FAILURE
+    return kind_of(node).advance_status == FAILURE
 
 
 def put_in_front(tree: Node, path: Path, branch: Node) -> Node:

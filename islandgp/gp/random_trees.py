@@ -11,7 +11,13 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, conjoin
+from islandgp.bt.core.condition import (
+    FLAG_OPERATORS,
+    OPERATORS,
+    Condition,
+    ConditionExpr,
+    combine,
+)
 from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of
@@ -162,7 +168,7 @@ def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
     if KINDS[kind].args is GuardArgs:
         return _random_guard(rng, space)
-    return KINDS[kind].made([_drawn(rng, each, space) for each in KINDS[kind].arguments])
+    return KINDS[kind].make_args([_drawn(rng, each, space) for each in KINDS[kind].arguments])
 
 
 def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
@@ -193,7 +199,7 @@ def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Co
         return random_term(rng, space)
     n_first = int(rng.integers(1, terms))
     word = ("and", "or")[rng.integers(2)]
-    return conjoin(word, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
+    return combine(word, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
 
 
 def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:

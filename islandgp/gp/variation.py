@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, terms, with_term
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import KINDS, REPEATS
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -192,7 +192,7 @@ def _rejoined(
     at = int(rng.integers(len(parts)))
     key = space.vocabulary.keys[parts[at].key]
     if how.joined and len(parts) < how.terms and rng.random() < 0.5:
-        new = conjoin(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
+        new = combine(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
         return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
         return with_term(expr, at, None) or random_term(rng, space)

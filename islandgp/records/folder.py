@@ -31,7 +31,7 @@ from islandgp.records.checkpoint import generation_of, save_state, sound_state
 from islandgp.records.files import RunMetadata, RunSummary, pretty
 from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
-from islandgp.records.parameters import with_todays_names, without_credentials
+from islandgp.records.parameters import with_present_names, without_credentials
 from islandgp.trust import must_have_no_links
 
 
@@ -152,7 +152,7 @@ class RunFolder:
                 raise ValueError(brief(error)) from error
             if not isinstance(config, dict):
                 raise TypeError("it has no keys")
-            return with_todays_names(config)
+            return with_present_names(config)
 
     @property
     def agent(self) -> str:

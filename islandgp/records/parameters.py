@@ -16,13 +16,14 @@ RUNTIME_KEYS: Final = frozenset(
 """Top-level keys that do not change a run's records; an evaluator of the user's own may."""
 
 RENAMED: Final = {
+    "archive.again": "archive.reevaluations",
     "allocation.tournament": "allocation.tournament_children",
     "gp.common_world": "gp.shared_seed",
     "gp.new_worlds": "gp.reseed_every",
     "gp.tournament": "gp.tournament_size",
     "library.yardsticks": "library.reference_trees",
 }
-"""Keys of version 0.2 whose names have changed, with today's."""
+"""Former names of configuration keys, with the present ones."""
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
@@ -30,8 +31,8 @@ CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
 
 
-def with_todays_names(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A recorded configuration with today's names of the keys in RENAMED."""
+def with_present_names(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A recorded configuration with the present names of the keys in RENAMED."""
 
     def name(path: str) -> str:
         return RENAMED.get(path, path).rpartition(".")[2]

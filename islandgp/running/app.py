@@ -34,7 +34,7 @@ from islandgp.resources import resource
 from islandgp.running.printing import checked_stdout, echo, tolerant_stderr
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
-from islandgp.running.run import check_ready, run
+from islandgp.running.run import check_parts, run
 from islandgp.running.stopping import as_ctrl_c
 from islandgp.sweep.optimiser import run_search
 from islandgp.sweep.run import Job, run_sweep
@@ -104,12 +104,12 @@ def _run_all(args: argparse.Namespace, words: list[str]) -> int:
 
     if search is not None:
         for end in jobs:
-            check_ready(end.settings)
+            check_parts(end.settings)
         return run_search(search, command_line(words), launch)
     for n, one in enumerate(jobs):
         folder = RunFolder(one.folder)
         if not choose(folder, one.settings, redacted(one.config)).finished():
-            check_ready(one.settings, frozenset(before.folder for before in jobs[:n]))
+            check_parts(one.settings, frozenset(before.folder for before in jobs[:n]))
     if args.multirun:
         return run_sweep(jobs, command_line(words), launch)
     _must_not_need_hydra(args.overrides)

@@ -146,7 +146,7 @@ def make_supervisor(
     return supervisor
 
 
-def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
+def check_parts(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
     """Checks the parts of a run before it starts.
 
     Args:
@@ -163,15 +163,15 @@ def check_ready(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
     if settings.start is not None:
         plan_of(settings, settings.make_domain())
     tracking = settings.tracking
-    if hasattr(tracking.factory, "ready"):
+    if hasattr(tracking.factory, "check"):
         with plugin_errors(path_of(tracking.factory)):
-            tracking.factory.ready(tracking.settings(), Path.cwd())
+            tracking.factory.check(tracking.settings(), Path.cwd())
     make_search(settings, settings.plan(settings.make_domain()))
     part = settings.supervisor
-    if hasattr(part.factory, "ready"):
+    if hasattr(part.factory, "check"):
         with plugin_errors(path_of(part.factory)):
             context = replace(run_context(settings), coming=coming)
-            part.factory.ready(part.settings(), context)
+            part.factory.check(part.settings(), context)
 
 
 def make_search(settings: Settings, plan: Plan) -> Search:

@@ -38,7 +38,7 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
     branches, fallbacks = [], Counter[Node]()
     for tree in library:
         guarded = (
-            [c for c in tree.children if c.guard] if kind_of(tree).hands_over == FAILURE else []
+            [c for c in tree.children if c.guard] if kind_of(tree).advance_status == FAILURE else []
         )
         branches.append(guarded[0] if guarded else tree)
         if guarded and not tree.children[-1].guard:

@@ -13,7 +13,7 @@ from islandgp.domain import Outcome, Schema
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import unknown
 
-FAR: Final = 1e30  # bins; greater distances are clipped
+MOST_BINS: Final = 1e30  # greater values are clipped
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,18 +23,18 @@ class Dimension:
     counter: str
     width: float | None  # of a bin, > 0; None: each bin is twice as wide as the one before it
 
-    def place(self, value: float) -> float:
+    def scaled(self, value: float) -> float:
         """A counter's value on a scale where each bin has the width 1; 0 stays 0."""
         if self.width is not None:
-            return copysign(min(abs(value) / self.width, FAR), value)
+            return copysign(min(abs(value) / self.width, MOST_BINS), value)
         return copysign(log2(1 + abs(value)), value)
 
 
 def dimension(text: str) -> Dimension:
     """Reads "COUNTER" or "COUNTER/WIDTH". Raises ValueError."""
-    counter, slash, after = text.partition("/")
+    counter, slash, number = text.partition("/")
     try:
-        width = float(after) if slash else None
+        width = float(number) if slash else None
     except ValueError:
         width = 0.0
     if not counter or (width is not None and not (isfinite(width) and width > 0)):
@@ -52,12 +52,12 @@ Descriptor = tuple[Annotated[str, AfterValidator(_readable)], ...]
 
 
 def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
-    """The dimensions by the settings; by default the behaviours' counters."""
+    """The dimensions of a configured descriptor; by default the behaviours' counters."""
     return tuple(dimension(text) for text in texts or dict.fromkeys(classes.behaviours.values()))
 
 
 def faults(path: str, texts: Sequence[str], schema: Schema) -> Iterator[str]:
-    """A line for each counter that the domain does not declare, or that is there twice."""
+    """A line for each counter that the domain does not declare, or that occurs twice."""
     counters = [dimension(text).counter for text in texts]
     for k, counter in enumerate(counters):
         yield from unknown(f"{path}.{k}", counter, schema.counters)
@@ -65,16 +65,16 @@ def faults(path: str, texts: Sequence[str], schema: Schema) -> Iterator[str]:
 
 
 def repeated(path: str, names: Sequence[str]) -> Iterator[str]:
-    """A line if a name is there twice."""
+    """A line if a name occurs twice."""
     if twice := next((name for name in names if names.count(name) > 1), None):
         yield f"{path}: expected each name once, found {twice!r} twice"
 
 
 def point(dimensions: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:
-    """An outcome's place in the space of behaviours."""
-    return tuple(d.place(outcome.counters[d.counter]) for d in dimensions)
+    """The descriptor of an outcome: a scaled value for each dimension."""
+    return tuple(d.scaled(outcome.counters[d.counter]) for d in dimensions)
 
 
-def cell(place: Sequence[float], most: int) -> tuple[int, ...]:
-    """The cell of a place: bin 0 holds the value 0 alone, and no bin is beyond `most`."""
-    return tuple(int(copysign(min(most, ceil(abs(x))), x)) for x in place)
+def cell(descriptor: Sequence[float], most: int) -> tuple[int, ...]:
+    """The cell of a descriptor: bin 0 has the value 0 only, and the bins end at +-`most`."""
+    return tuple(int(copysign(min(most, ceil(abs(x))), x)) for x in descriptor)

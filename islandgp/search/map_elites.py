@@ -1,11 +1,11 @@
-"""MAP-Elites: the best tree of each kind of behaviour.
+"""MAP-Elites: the best tree of each cell of a grid over counters.
 
 Mouret and Clune 2015, "Illuminating search spaces by mapping elites", arXiv 1504.04909. A tree
-competes only with the trees in its cell of a grid over counters. The value of an elite is the mean
-of all its episodes. In each generation some elites are evaluated again, those with the fewest
-episodes first. A cell keeps several trees, so that another can replace an elite whose mean falls.
-For re-evaluation in noisy tasks see Justesen, Risi and Mouret 2019, "MAP-Elites for noisy domains
-by adaptive sampling" (GECCO).
+competes only with trees of its cell. The cell and the fitness of a tree are means over all its
+episodes. Each generation evaluates some elites again, those with the fewest episodes first. A cell
+keeps several trees, so that another one can replace an elite whose mean falls. Re-evaluation in
+noisy tasks: Justesen, Risi and Mouret 2019, "MAP-Elites for noisy domains by adaptive sampling"
+(GECCO).
 """
 
 from __future__ import annotations
@@ -40,15 +40,16 @@ from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, poi
 
 
 class MapElitesSettings(BreedingSettings, frozen=True):
-    """The grid, and how elites are evaluated again."""
+    """The grid, and the re-evaluation of elites."""
 
     descriptor: Descriptor
-    """Counters, or COUNTER/WIDTH for bins of equal width; none: the behaviours' counters."""
+    """The grid's axes: COUNTER, or COUNTER/WIDTH for bins of equal width. Empty: the counters of
+    the behaviours."""
     bins: int = Field(ge=1, le=100)  # most bins of a counter above 0
     depth: int = Field(ge=1, le=100)
     """Most trees that a cell keeps: the elite, and trees that can replace it."""
-    again: float = Field(ge=0, lt=1)
-    """Share of a generation's slots in which elites are evaluated once more."""
+    reevaluated: float = Field(ge=0, lt=1)
+    """Share of a generation's slots in which elites are evaluated again."""
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -57,24 +58,24 @@ class MapElitesSettings(BreedingSettings, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Occupant:
-    """A tree in the grid."""
+    """A tree in the grid, with means over its evaluations (one per generation)."""
 
-    parent: Parent  # with the id of its last individual
-    n: int  # generations in whose worlds it was evaluated
-    fitness: float  # mean over these, points
-    place: tuple[float, ...]  # mean over these, in the space of behaviours
-    counters: dict[str, float] = field(default_factory=dict)  # with limits, mean over these
+    parent: Parent  # the tree, with the id of its last individual
+    evaluations: int  # >= 1
+    fitness: float  # mean, points
+    descriptor: tuple[float, ...]  # mean value on each axis of the grid
+    counters: dict[str, float] = field(default_factory=dict)  # means of those with a constraint
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """All trees that are kept, a cell after the other, the best of a cell first."""
+    """All trees of the grid, cell by cell, the best of a cell first."""
 
     occupants: tuple[Occupant, ...]
 
 
 class MapElites(BreedingSearch[MapElitesSettings]):
-    """See the module."""
+    """Keeps the best trees of each cell; see the module."""
 
     Settings = MapElitesSettings
     Memory: ClassVar[Any] = Grid
@@ -86,14 +87,16 @@ class MapElites(BreedingSearch[MapElitesSettings]):
     def brood(self, state: SearchState) -> Brood:
         """See `BreedingSearch`."""
         occupants: tuple[Occupant, ...] = state.memory.occupants
-        best = [cell[0] for cell in self.cells(occupants).values()]
-        parents = [o.parent for o in best]
-        mothers = [o.parent for o in best if not self._violation(o)] or parents
-        fewest_episodes_first = sorted(best, key=lambda o: (-o.n, self._merit(o)), reverse=True)
-        slots = round(self.settings.again * self.plan.gp.population)
+        elites = [cell[0] for cell in self.cells(occupants).values()]
+        parents = [elite.parent for elite in elites]
+        mothers = [elite.parent for elite in elites if not self._violation(elite)] or parents
+        slots = round(self.settings.reevaluated * self.plan.gp.population)
+        least_evaluated = sorted(
+            elites, key=lambda o: (-o.evaluations, self._merit(o)), reverse=True
+        )
         return Brood(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
-            reevaluated=[o.parent for o in fewest_episodes_first[:slots]],
+            reevaluated=[elite.parent for elite in least_evaluated[:slots]],
             tried={digest(o.parent.tree) for o in occupants},
         )
 
@@ -103,40 +106,44 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         by_digest = {digest(o.parent.tree): o for o in occupants}
         for e in evaluated:
             key = digest(e.individual.tree)
-            place = point(self.dimensions, e.outcome)
+            descriptor = point(self.dimensions, e.outcome)
             counters = limited(e.outcome.counters, self.plan.constraints)
-            by_digest[key] = updated(by_digest.get(key), e, place, counters)
+            by_digest[key] = updated(by_digest.get(key), e, descriptor, counters)
         cells = self.cells(tuple(by_digest.values())).values()
         return Grid(tuple(o for cell in cells for o in cell[: self.settings.depth]))
 
     def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
         """The occupants of each cell, the best first."""
         by_cell: dict[tuple[int, ...], list[Occupant]] = {}
-        for o in sorted(occupants, key=self._merit, reverse=True):
-            by_cell.setdefault(cell(o.place, self.settings.bins), []).append(o)
+        for occupant in sorted(occupants, key=self._merit, reverse=True):
+            by_cell.setdefault(cell(occupant.descriptor, self.settings.bins), []).append(occupant)
         return by_cell
 
-    def _merit(self, o: Occupant) -> Merit:
-        return merit(o.fitness, self._violation(o))
+    def _merit(self, occupant: Occupant) -> Merit:
+        return merit(occupant.fitness, self._violation(occupant))
 
-    def _violation(self, o: Occupant) -> float:
-        return violation(o.counters, self.plan.constraints)
+    def _violation(self, occupant: Occupant) -> float:
+        return violation(occupant.counters, self.plan.constraints)
 
 
 def updated(
     before: Occupant | None,
     e: Evaluated,
-    place: Sequence[float],
+    descriptor: Sequence[float],
     counters: Mapping[str, float] = NO_COUNTERS,
 ) -> Occupant:
-    """The occupant with one more evaluation; `before` is None at its first.
+    """The occupant of a tree after one more evaluation.
 
-    `counters` are those with limits.
+    Args:
+        before: the occupant so far; None at its first evaluation.
+        e: the evaluation.
+        descriptor: of this evaluation, a value per axis of the grid.
+        counters: of this evaluation, those with a constraint.
     """
     parent = parent_of(e)
     if before is None:
-        return Occupant(parent, 1, e.fitness, tuple(place), dict(counters))
-    n = before.n + 1
-    means = (old + (new - old) / n for old, new in zip(before.place, place, strict=True))
+        return Occupant(parent, 1, e.fitness, tuple(descriptor), dict(counters))
+    n = before.evaluations + 1
+    means = (old + (new - old) / n for old, new in zip(before.descriptor, descriptor, strict=True))
     fitness = before.fitness + (e.fitness - before.fitness) / n
     return Occupant(parent, n, fitness, tuple(means), running_mean(before.counters, counters, n))

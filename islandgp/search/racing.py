@@ -1,9 +1,9 @@
-"""Survivors among parents and children, by the mean over all episodes that a tree has had.
+"""A (mu + lambda) evolution strategy over trees, with survivors chosen by confidence bounds.
 
-A (mu + lambda) evolution strategy over trees. It keeps the trees with the best lower confidence
-bound on their mean fitness, over all episodes so far. Each generation evaluates
+The survivors are the parents and children with the highest lower confidence bounds on their mean
+fitness over all their episodes. Each generation evaluates
 
-- a few survivors, those with the highest upper bound, again in new worlds;
+- a few survivors again in new worlds, those with the highest upper bounds;
 - the supervisor's trees;
 - children, in the other slots.
 
@@ -55,7 +55,8 @@ class RacingSettings(BreedingSettings, frozen=True):
     evaluation around its tree's level, as `gp.evidence.estimate` returns them.
     """
 
-    random: int = Field(ge=1, le=1000)  # generations of random trees before the first children
+    random_generations: int = Field(ge=1, le=1000)
+    """Generations of random trees at the start of a population, before its first children."""
     restarts: int = Field(ge=1, le=100)  # populations that begin from random trees, one by one
     joint: float = Field(ge=0, lt=1)
     """Share of the generations in which the best trees of all restarts breed together, at the end.
@@ -63,9 +64,10 @@ class RacingSettings(BreedingSettings, frozen=True):
     It has no effect with one restart.
     """
     survivors: float = Field(gt=0, le=10)  # as a share of the population
-    again: float = Field(gt=0, lt=1)  # share of the slots in which survivors are evaluated again
-    library: int = Field(ge=0)  # number of the first trees that join branches of the library
-    caution: FiniteFloat = Field(ge=0)  # standard errors between a tree's level and its bounds
+    reevaluated: float = Field(gt=0, lt=1)
+    """Share of a generation's slots in which survivors are evaluated again."""
+    library: int = Field(ge=0)  # first trees that are priority lists of the library's branches
+    bound_width: FiniteFloat = Field(ge=0)  # standard errors between a tree's level and its bounds
     milestone: FiniteFloat = Field(ge=0)  # bonus for each milestone reached
     behaviour: FiniteFloat = Field(ge=0)  # bonus for each behaviour shown
     parsimony: FiniteFloat = Field(ge=0)  # cost of each node
@@ -79,7 +81,7 @@ class RacingSettings(BreedingSettings, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A tree with the evidence for it."""
+    """A tree with its evaluations so far."""
 
     id: str  # of its last individual
     tree: Tree
@@ -105,7 +107,7 @@ TRIED: Final = 3000  # most digests kept, the latest ones
 
 
 class Racing(BreedingSearch[RacingSettings]):
-    """Keeps the trees with the highest lower bounds, and evaluates promising ones again."""
+    """Keeps the trees with the highest lower bounds; see the module."""
 
     Settings = RacingSettings
     Memory: ClassVar[Any] = RacingMemory
@@ -113,12 +115,12 @@ class Racing(BreedingSearch[RacingSettings]):
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
         """See `Search`. Raises ConfigError if a restart has no generation of children."""
-        length, least = restart_length(settings, context.plan), settings.random + 1
+        length, least = restart_length(settings, context.plan), settings.random_generations + 1
         if settings.restarts > 1 and length < least:
             raise ConfigError(
                 f"search.policy.restarts: expected restarts of at least {least} generations (one"
-                f" more than search.policy.random), found {length}; lower restarts, or raise"
-                " gp.generations or budget.episodes"
+                f" more than search.policy.random_generations), found {length}; lower restarts, or"
+                " raise gp.generations or budget.episodes"
             )
         library = context.library() if settings.library else {}
         return cls(settings, context.plan, list(library.values()))
@@ -141,14 +143,14 @@ class Racing(BreedingSearch[RacingSettings]):
         """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
-        slots = max(1, round(self.settings.again * self.plan.gp.population))
-        young = state.generation - memory.restarted < self.settings.random
+        slots = max(1, round(self.settings.reevaluated * self.plan.gp.population))
+        young = state.generation - memory.restarted < self.settings.random_generations
         pick = None if young else self._pick(memory)
         survivors = [Parent(e.id, e.tree) for e in promising[:slots]]
         return Brood(pick, reevaluated=survivors, tried=memory.tried)
 
     def _pick(self, memory: RacingMemory) -> Pick:
-        """Mothers are survivors, or by lexicase selection specialists of the last generation."""
+        """The choice of mothers: survivors by rank, or specialists by lexicase selection."""
         parents = [Parent(e.id, e.tree) for e in memory.entries]
         fathers = [*parents, *self.library]
         specialist = lexicase_draw(memory.contenders) if memory.contenders else None
@@ -163,25 +165,28 @@ class Racing(BreedingSearch[RacingSettings]):
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> RacingMemory:
         """See `BreedingSearch`."""
         memory: RacingMemory = state.memory or RacingMemory((), ())
-        known = {digest(e.tree): e for e in memory.entries}
+        entries = {digest(e.tree): e for e in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
         for key, individual in zip(keys, evaluated, strict=True):
             counters = limited(individual.outcome.counters, self.plan.constraints)
-            bonus, before = self._bonus(individual), known.get(key)
-            known[key] = updated(before, individual, bonus, state.generation, counters)
-        ranked = distinct(self._ranked(list(known.values()), -1.0), state.generation)
+            bonus, before = self._bonus(individual), entries.get(key)
+            entries[key] = updated(before, individual, bonus, state.generation, counters)
+        ranked = distinct(self._ranked(list(entries.values()), -1.0), state.generation)
         survivors = max(2, round(self.settings.survivors * self.plan.gp.population))
-        several = self.settings.specialists and self.plan.gp.episodes > 1
+        lexicase = self.settings.specialists and self.plan.gp.episodes > 1
         after = replace(
             memory,
             entries=tuple(ranked[:survivors]),
             tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
-            contenders=tuple(contender(e, e.episodes) for e in evaluated) if several else (),
+            contenders=tuple(contender(e, e.episodes) for e in evaluated) if lexicase else (),
         )
         return self._restarted(after, state.generation + 1)
 
     def _restarted(self, memory: RacingMemory, generation: int) -> RacingMemory:
-        """The memory for `generation`: emptied for a restart, or joined after the last one."""
+        """The memory for `generation`.
+
+        Empty at a restart. After the last restart, its entries are the best of all restarts.
+        """
         restarts, length = self.settings.restarts, self.length
         if restarts == 1 or generation % length or generation > restarts * length:
             return memory
@@ -196,31 +201,32 @@ class Racing(BreedingSearch[RacingSettings]):
 
         Both are steps towards a good robot that may cost points at first.
         """
-        classes, how = self.plan.classes, self.settings
-        reached = len(set(e.labels.tiers) & set(classes.milestones))
-        return how.milestone * reached + how.behaviour * len(classes.shown(e.outcome.counters))
+        classes, settings = self.plan.classes, self.settings
+        milestones = len(set(e.labels.tiers) & set(classes.milestones))
+        behaviours = len(classes.shown(e.outcome.counters))
+        return settings.milestone * milestones + settings.behaviour * behaviours
 
     def _ranked(self, entries: Sequence[Entry], sign: float) -> list[Entry]:
-        """Best first, by a confidence bound: the lower one for sign=-1, the upper one for 1.
+        """The entries by the lower confidence bound (`sign` -1) or the upper one (1), best first.
 
-        The bound is of the tree's level with its bonus and the cost of its nodes.
-
-        Constraints come first, by the means over all episodes.
+        The bound is that of the tree's level, with its bonus and the cost of its nodes. Entries
+        that keep the constraints, by means over all episodes, come before all others.
         """
-        how = self.settings
+        settings = self.settings
         levels, sd = estimate([dict(e.fitness) for e in entries])
 
         def bound(k: int) -> Merit:
             e = entries[k]
-            worth = e.bonus - how.parsimony * size(e.tree)
-            points = levels[k] + sd * (worth + sign * how.caution / sqrt(len(e.fitness)))
+            bonus = e.bonus - settings.parsimony * size(e.tree)
+            half_width = settings.bound_width / sqrt(len(e.fitness))
+            points = levels[k] + sd * (bonus + sign * half_width)
             return merit(points, violation(e.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
 
 
 def restart_length(settings: RacingSettings, plan: Plan) -> int:
-    """Generations of each restart: what `joint` leaves, in equal parts; the rest is joint."""
+    """Generations of each restart: those before the joint ones, in equal parts, rounded down."""
     return round(plan.gp.generations * (1 - settings.joint)) // settings.restarts
 
 
@@ -231,17 +237,25 @@ def updated(
     generation: int,
     counters: Mapping[str, float] = NO_COUNTERS,
 ) -> Entry:
-    """The entry of a tree with one more evaluation; `counters` are those with limits."""
-    i = e.individual
+    """The entry of a tree after one more evaluation.
+
+    Args:
+        before: its entry so far; None at its first evaluation.
+        e: the evaluation.
+        bonus: of this evaluation, in residual standard deviations.
+        generation: of this evaluation.
+        counters: of this evaluation, those with a constraint.
+    """
+    individual = e.individual
     trace = repr((e.fitness, sorted(e.outcome.components.items())))
     now = (generation, e.fitness)
     if before is None:
-        return Entry(i.id, i.tree, (now,), bonus, trace, dict(counters))
+        return Entry(individual.id, individual.tree, (now,), bonus, trace, dict(counters))
     n = len(before.fitness) + 1
     mean = before.bonus + (bonus - before.bonus) / n
     return replace(
         before,
-        id=i.id,
+        id=individual.id,
         fitness=(*before.fitness, now),
         bonus=mean,
         trace=trace,
@@ -250,12 +264,16 @@ def updated(
 
 
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:
-    """The entries without those of this generation that behaved the same as an earlier entry."""
-    seen: set[str] = set()
-    trees = []
-    for e in entries:
-        keep = e.fitness[-1][0] != generation or e.trace not in seen
-        if keep:
-            trees.append(e)
-        seen.add(e.trace)
-    return trees
+    """The entries without those of this generation that behaved the same as an entry before them.
+
+    Args:
+        entries: best first.
+        generation: that was evaluated last.
+    """
+    traces: set[str] = set()
+    remaining = []
+    for entry in entries:
+        if entry.fitness[-1][0] != generation or entry.trace not in traces:
+            remaining.append(entry)
+        traces.add(entry.trace)
+    return remaining

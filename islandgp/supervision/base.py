@@ -88,7 +88,7 @@ class Guidance:
 
 @dataclass(frozen=True, slots=True)
 class RunContext:
-    """Arguments of a supervisor's `make` and `ready` that come from the run."""
+    """Arguments of a supervisor's `make` and `check` that come from the run."""
 
     seed: int  # of the run
     generations: int  # of the run
@@ -133,7 +133,7 @@ class Supervisor(Protocol):
     """Advises the run once per generation. `tests/contracts` checks every implementation.
 
     A supervisor that can be configured has two more class attributes: `Settings`, a pydantic
-    model, and `make(settings, context)`. A third, `ready(settings, context)`, is optional: it is
+    model, and `make(settings, context)`. A third, `check(settings, context)`, is optional: it is
     called before the first run of a command and raises SupervisionError if the supervisor
     cannot work.
     """

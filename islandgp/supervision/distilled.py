@@ -144,13 +144,13 @@ class Distilled:
     Settings = DistilledSettings
 
     @classmethod
-    def ready(cls, settings: DistilledSettings, context: RunContext) -> None:
+    def check(cls, settings: DistilledSettings, context: RunContext) -> None:
         """Raises SupervisionError if there is no policy, or one for other classes."""
         _check(settings.policy(), context)
 
     @classmethod
     def make(cls, settings: DistilledSettings, context: RunContext) -> Distilled:
-        """See `Supervisor`. Raises SupervisionError as `ready` does."""
+        """See `Supervisor`. Raises SupervisionError as `check` does."""
         policy = settings.policy()
         _check(policy, context)
         return cls(policy, Expert.make(settings, context), context.crisis)

@@ -1,10 +1,10 @@
 """A rule-based supervisor that edits trees of the population.
 
 It compares the counters of the fittest tree with the requirements of the tiers, so it works in any
-domain. For each counter that is too low it looks for a branch: in the library by target, and in
-evaluated trees by the action most typical of the counter, i.e. that with the largest share of trees
-in which the counter is above 0. The branch is inserted before the first one with an equally wide
-or wider guard.
+domain. For each counter that is too low it looks for a branch: in the library, by the library
+tree's target; and in evaluated trees, by the action most typical of the counter. That is the action
+for which the largest share of the trees with it have a counter above 0. The branch is inserted
+before the first branch with an equally wide or wider guard.
 """
 
 from __future__ import annotations
@@ -41,9 +41,10 @@ from islandgp.supervision.library import Library
 
 WIDENING_STEP: Final = 0.15  # step by which a guard is widened, as a share of its key's range
 EXAMPLES: Final = 5  # most trees per counter whose branches are candidates
+WORD: Final = re.compile(r"\w+")
+
 EditKey = tuple[str, str, str | None, float | None]
 """Kind, place, canonical text of the branch, and number of an edit."""
-WORD: Final = re.compile(r"\w+")
 
 
 class EditorSettings(ExpertSettings, frozen=True, extra="forbid"):
@@ -73,9 +74,9 @@ class Requirement:
 
 
 def requirements(classes: Classes) -> tuple[Requirement, ...]:
-    """The distinct bounds of the milestones' tiers on counters, the easiest milestone first.
+    """The distinct lower bounds on counters of the milestones' tiers, the easiest milestone first.
 
-    Followed by a bound of more than 0 for each behaviour, as tiers may be defined by points alone.
+    A bound of more than 0 for each behaviour follows, as tiers may be defined by points alone.
     """
     bounds: list[Requirement] = []
     for k, milestone in enumerate(classes.milestones):
@@ -84,9 +85,12 @@ def requirements(classes: Classes) -> tuple[Requirement, ...]:
                 bounds += [Requirement(c, value, strict, k) for c, value in values.items()]
     last = len(classes.milestones)
     bounds += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
-    # Each bound once, of its easiest milestone. `fitness` is a measure of tiers but no counter.
-    first = {(r.counter, r.value, r.strict): r for r in reversed(bounds) if r.counter != "fitness"}
-    return tuple(r for r in bounds if r in first.values())
+    # Keep each bound for its easiest milestone. Tiers may bound `fitness`, which is no counter.
+    easiest: dict[tuple[str, float, bool], Requirement] = {}
+    for bound in bounds:
+        if bound.counter != "fitness":
+            easiest.setdefault((bound.counter, bound.value, bound.strict), bound)
+    return tuple(easiest.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +117,17 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
         return 0.5
     if key.words:
         return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
-    below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
-    equal = min(1.0, key.step / (key.high - key.low))
-    return {"<": below, "<=": below, ">": 1 - below, ">=": 1 - below, "==": equal, "!=": 1 - equal}[
-        expr.operator
-    ]
+    share_below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
+    share_equal = min(1.0, key.step / (key.high - key.low))
+    match expr.operator:
+        case "<" | "<=":
+            return share_below
+        case ">" | ">=":
+            return 1 - share_below
+        case "==":
+            return share_equal
+        case _:  # !=
+            return 1 - share_equal
 
 
 def guard_width(branch: Node, vocabulary: Vocabulary) -> float:
@@ -133,8 +143,8 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
     """
     if not is_selector(tree):
         return None
-    least = guard_width(branch, vocabulary)
-    wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= least)
+    width = guard_width(branch, vocabulary)
+    wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= width)
     return next(wider, len(tree.children))
 
 
@@ -149,17 +159,23 @@ def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
 
 
 def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
-    """The number of a single comparison, moved so that it holds more often; None if it cannot."""
+    """The number of a comparison, moved so that it holds more often.
+
+    None for another condition, and if the number is at the end of the key's range.
+    """
     if not isinstance(expr, Condition) or expr.other or expr.operator not in ("<", "<=", ">", ">="):
         return None
     key = vocabulary.keys[expr.key]
-    by = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
-    number = fine(expr.number + by, key)
+    step = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
+    number = fine(expr.number + step, key)
     return None if number == expr.number else number
 
 
 def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
-    """The fittest feasible individual, or that with the smallest violation; the first of equals."""
+    """The fittest individual that keeps the constraints, or else that with the least violation.
+
+    The first of several equal ones.
+    """
     return max(individuals, key=lambda i: merit(i.fitness, violation(i.counters, constraints)))
 
 
@@ -181,10 +197,11 @@ class Editor:
         self._latest: GenerationView | None = None
         self._trees: dict[int, dict[str, str]] = {}  # by generation and id; `lag` + 1 generations
         self._examples: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
-        self._with: Counter[tuple[str, str]] = Counter()  # trees by counter above 0 and action
-        self._all: Counter[str] = Counter()  # trees by action
-        self._evaluated: Counter[str] = Counter()  # edits by inserted branch
-        self._improved: Counter[str] = Counter()  # those of them that improved the tree
+        self._trees_with: Counter[str] = Counter()  # number of evaluated trees, by action
+        self._shown_with: Counter[tuple[str, str]] = Counter()
+        """Number of evaluated trees with the counter above 0, by counter and action."""
+        self._evaluated: Counter[str] = Counter()  # number of edits, by inserted branch
+        self._improved: Counter[str] = Counter()  # number of them that improved the tree
         self._advised: set[tuple[str, EditKey]] = set()  # by tree; accepted or refused
 
     # Measurements of the run.
@@ -195,35 +212,36 @@ class Editor:
         self._latest = generation
         self._trees[generation.snapshot.generation] = {i.id: i.tree for i in generation.individuals}
         counters = dict.fromkeys(r.counter for r in self.requirements)
-        for i in generation.individuals:
-            actions = set(WORD.findall(i.tree)) & self.context.schema.vocabulary.actions.keys()
-            self._all.update(actions)
+        for individual in generation.individuals:
+            words = set(WORD.findall(individual.tree))
+            actions = words & self.context.schema.vocabulary.actions.keys()
+            self._trees_with.update(actions)
             for counter in counters:
-                if i.counters[counter] > 0:
-                    self._with.update((counter, action) for action in actions)
-                    self._examples.setdefault(counter, []).append(i)
+                if individual.counters[counter] > 0:
+                    self._shown_with.update((counter, action) for action in actions)
+                    self._examples.setdefault(counter, []).append(individual)
         for counter, examples in self._examples.items():
             order = sorted(examples, key=lambda i: (-i.counters[counter], i.nodes))
             self._examples[counter] = list({i.tree: i for i in reversed(order)}.values())[::-1]
             del self._examples[counter][EXAMPLES:]
 
     def _learn(self, generation: GenerationView) -> None:
-        """Record the edits that made a generation, and which of them improved a tree.
+        """Count the edits that the generation evaluated, and those that improved a tree.
 
-        The edits are those of the record, so that a resumed run has the same. They name individuals
-        of the generation that was the latest when they were advised.
+        The edits are read from the record, so a resumed run has the same counts. They refer to
+        individuals of generation `asked_at`.
         """
-        led = generation.guidance
-        if led is None or led.asked_at is None:
+        guidance = generation.guidance
+        if guidance is None or guidance.asked_at is None:
             return
-        self._trees = {g: trees for g, trees in self._trees.items() if g >= led.asked_at}
-        trees = self._trees.get(led.asked_at, {})
-        for edit in led.edits:
+        self._trees = {g: trees for g, trees in self._trees.items() if g >= guidance.asked_at}
+        trees = self._trees.get(guidance.asked_at, {})
+        for edit in guidance.edits:
             if edit.of in trees:
                 key = (edit.kind, edit.at, edit.branch, edit.number)
                 self._advised.add((trees[edit.of], key))
-        accepted = [edit for edit in led.edits if not edit.refused]
-        # There are no trials if the search did not evaluate the edits, or stopped before.
+        accepted = [edit for edit in guidance.edits if not edit.refused]
+        # There are no trials if the search evaluates no edits, or if the run stopped before.
         for edit, trial in zip(accepted, generation.trials, strict=False):
             if edit.branch is not None:
                 self._evaluated[edit.branch] += 1
@@ -232,7 +250,7 @@ class Editor:
     # Advice.
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`. The expert's rate, and edits of the best tree."""
+        """See `Supervisor`. The expert's rate, and edits of the fittest tree."""
         view, settings = self._latest, self.settings
         edits: list[tuple[str, Edit]] = []
         if view is not None and view.snapshot.generation == state.now.generation:
@@ -250,52 +268,62 @@ class Editor:
         )
 
     def edits(self, view: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
-        """Edits with the counter of each; at most `supervisor.edits`."""
+        """At most `supervisor.edits` edits, each with the counter that it shall raise."""
         fittest = best_of(view.individuals, self.context.constraints)
         advised = set(self._advised)
         untried: dict[str, Iterator[Edit]] = {}  # by counter
         edits: list[tuple[str, Edit]] = []
-        for r in self.requirements_to_edit_for(fittest):
+        for requirement in self.requirements_to_edit_for(fittest):
             if len(edits) == self.context.edits:
                 break
-            if r.counter not in untried:
-                branches = self.ranked_branches(r.counter, rng)
+            counter = requirement.counter
+            if counter not in untried:
+                branches = self.ranked_branches(counter, rng)
                 individual = self.individual_to_edit(view, fittest, rng)
-                untried[r.counter] = self.untried_edits(individual, branches, r, advised)
-            if (edit := next(untried[r.counter], None)) is not None:
-                edits.append((r.counter, edit))
+                untried[counter] = self.untried_edits(individual, branches, requirement, advised)
+            if (edit := next(untried[counter], None)) is not None:
+                edits.append((counter, edit))
         return edits
 
     def untried_edits(
         self,
-        i: IndividualRecord,
+        individual: IndividualRecord,
         branches: Sequence[Branch],
-        r: Requirement,
+        requirement: Requirement,
         advised: set[tuple[str, EditKey]],
     ) -> Iterator[Edit]:
-        """Edits that add the branches to a tree, except those in `advised`; adds them to it."""
-        for edit in (edit for branch in branches for edit in self.edits_with(i, branch, r)):
-            text = None if edit.branch is None else to_text(edit.branch)
-            key = (i.tree, (edit.kind, edit.at, text, edit.number))
-            if key not in advised:
-                advised.add(key)
-                yield edit
+        """Edits that add branches to an individual's tree and are not in `advised`.
+
+        Each edit that it yields is added to `advised`.
+        """
+        for branch in branches:
+            for edit in self.edits_with(individual, branch, requirement):
+                text = None if edit.branch is None else to_text(edit.branch)
+                key = (individual.tree, (edit.kind, edit.at, text, edit.number))
+                if key not in advised:
+                    advised.add(key)
+                    yield edit
 
     def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
-        """The requirements in the order of the edits; control arms override it.
+        """The requirement of each edit, in order; control arms override it.
 
-        The unmet ones, repeated, as a requirement may need several edits.
+        These are the unmet requirements, repeated, as one may need several edits.
         """
         return self.unmet(fittest) * self.context.edits
 
-    def unmet(self, i: IndividualRecord) -> list[Requirement]:
-        """The requirements that a tree does not meet: easiest milestone first, then worst first."""
-        missed = {r.counter: r for r in reversed(self.requirements) if not r.met(i.counters)}
+    def unmet(self, individual: IndividualRecord) -> list[Requirement]:
+        """The easiest unmet requirement of each counter.
+
+        Sorted by milestone, the easiest first; then by the share of the bound that is reached, the
+        lowest first; then as `classes.hardest`.
+        """
+        counters = individual.counters
+        missed = {r.counter: r for r in reversed(self.requirements) if not r.met(counters)}
         easiest = [r for r in self.requirements if missed.get(r.counter) is r]
         hardest = [self.context.classes.behaviours[name] for name in self.context.classes.hardest]
 
         def order(r: Requirement) -> tuple[int, float, int]:
-            share = i.counters[r.counter] / r.value if r.value > 0 else 0.0
+            share = counters[r.counter] / r.value if r.value > 0 else 0.0
             rank = hardest.index(r.counter) if r.counter in hardest else len(hardest)
             return r.milestone, share, rank
 
@@ -320,27 +348,31 @@ class Editor:
         return sorted(self.candidate_branches(counter), key=success_rate, reverse=True)
 
     def candidate_branches(self, counter: str) -> list[Branch]:
-        """Distinct branches that may raise a counter, in the order of the sources."""
-        find = {"library": self._of_library, "archive": self._of_archive}
-        branches = [branch for source in self.settings.sources for branch in find[source](counter)]
+        """Distinct branches that may raise a counter, in the order of the sources.
+
+        A branch that occurs several times has the place of the last and the source of the first.
+        """
+        of_source = {"library": self._library_branches, "archive": self._archive_branches}
+        branches = [b for source in self.settings.sources for b in of_source[source](counter)]
         return list({branch.node: branch for branch in reversed(branches)}.values())[::-1]
 
-    def _of_library(self, counter: str) -> list[Branch]:
+    def _library_branches(self, counter: str) -> list[Branch]:
         """The first guarded branch of each library tree for the counter's behaviours."""
         behaviours = [b for b, name in self.context.classes.behaviours.items() if name == counter]
         names = [name for b in behaviours for name in self.library.targets.get(b, ())]
         return [
             Branch(branch, f"library tree {name}")
             for name in dict.fromkeys(names)
-            for branch in library_branches([self.library.trees[name]])[0]  # one
+            for branch in library_branches([self.library.trees[name]])[0]
         ]
 
-    def _of_archive(self, counter: str) -> list[Branch]:
+    def _archive_branches(self, counter: str) -> list[Branch]:
         """Guarded branches with the action most typical of a counter, the smallest first."""
-        actions = [action for name, action in self._with if name == counter]
+        shown, evaluated = self._shown_with, self._trees_with
+        actions = [action for name, action in shown if name == counter]
         if not actions:
             return []
-        action = max(actions, key=lambda a: (self._with[counter, a] / self._all[a], a))
+        action = max(actions, key=lambda a: (shown[counter, a] / evaluated[a], a))
         branches = [
             Branch(branch, f"individual {i.id}")
             for i in self._examples[counter]
@@ -351,27 +383,30 @@ class Editor:
 
     @cached_property
     def library(self) -> Library:
-        """The run's library; to search for one takes seconds."""
+        """The run's library; loaded late, as the search for a missing library takes seconds."""
         return self.context.library()
 
-    def edits_with(self, i: IndividualRecord, branch: Branch, r: Requirement) -> Iterator[Edit]:
-        """Edits that insert a branch by its guard or in front of the whole tree.
+    def edits_with(
+        self, individual: IndividualRecord, branch: Branch, requirement: Requirement
+    ) -> Iterator[Edit]:
+        """Edits that insert a branch: at the place for its guard, and in front of the whole tree.
 
-        If the tree has the branch already, the edit widens its guard instead.
+        If the tree already has the branch, there is one edit, which widens its guard, or none.
         """
-        tree, vocabulary = parse(i.tree), self.context.schema.vocabulary
-        why = f"{r.counter} {i.counters[r.counter]:g}, wanted {r}"
+        tree, vocabulary = parse(individual.tree), self.context.schema.vocabulary
+        count = individual.counters[requirement.counter]
+        reason = f"{requirement.counter} {count:g}, wanted {requirement}"
         if (present := same_child_guard(tree, branch.node)) is not None:
             path, guard = present
             number = widened(guard_of(guard).condition, vocabulary)
             if number is not None:
-                reason = f"{why}: a wider guard"
-                yield Edit("number", i.id, written(path), number=number, reason=reason)
+                reason = f"{reason}: a wider guard"
+                yield Edit("number", individual.id, written(path), number=number, reason=reason)
             return
-        why = f"{why}: a branch of {branch.source}"
+        reason = f"{reason}: a branch of {branch.source}"
         place = place_for(tree, branch.node, vocabulary)
         if place is not None and place > 0:
-            # "front" inserts before the child at the place; behind the last child there is none.
+            # "front" inserts before the child at the place; after the last child there is none.
             kind = "insert" if place == len(tree.children) else "front"
-            yield Edit(kind, i.id, str(place), branch.node, reason=why)
-        yield Edit("front", i.id, branch=branch.node, reason=why)  # before the root
+            yield Edit(kind, individual.id, str(place), branch.node, reason=reason)
+        yield Edit("front", individual.id, branch=branch.node, reason=reason)  # before the root

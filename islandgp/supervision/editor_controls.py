@@ -1,7 +1,7 @@
 """Control arms of `supervisor=editor`: each replaces one of its decisions.
 
-If the choice of the branch matters, the editor beats RandomBranch; if the choice of the tree
-matters, RandomTree; if the present population matters, EditorYoked and Constant.
+The editor beats RandomBranch if its choice of the branch matters, RandomTree if its choice of the
+tree matters, and EditorYoked and Constant if it matters that it looks at the present population.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from islandgp.supervision.yoked import Yoked, YokedSettings, damaged_record
 
 
 class RandomBranch(Editor):
-    """Adds branches to the fittest tree, drawn from those for all counters."""
+    """Adds branches drawn from those for all counters to the fittest tree."""
 
     name = "editor_random_branch"
 
     def ranked_branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
-        """Branches drawn from all; as many as the editor knows for the counter."""
+        """Branches drawn from those for all counters; as many as the editor has for this one."""
         candidates = [
             branch for r in self.requirements for branch in self.candidate_branches(r.counter)
         ]
@@ -47,15 +47,15 @@ class RandomTree(Editor):
 
 
 class ConstantSettings(EditorSettings, frozen=True, extra="forbid"):
-    """The counter that every edit shall raise."""
+    """The editor's settings, and the counter that every edit shall raise."""
 
     counter: str | None = None
-    """A counter in the requirements of a milestone; None: that of the first of `classes.hardest`,
-    or else the first one of the easiest milestone."""
+    """A counter in the requirements of a milestone. None: the counter of the first behaviour in
+    `classes.hardest`, or else the first counter of the easiest milestone."""
 
 
 class Constant(Editor):
-    """Adds branches for one and the same counter, independent of the population."""
+    """Adds branches for the same counter in every generation."""
 
     name = "editor_constant"
     Settings: ClassVar[type[EditorSettings]] = ConstantSettings
@@ -64,53 +64,55 @@ class Constant(Editor):
     def make(cls, settings: EditorSettings, context: RunContext) -> Self:
         """See `Supervisor`. Raises SupervisionError if no milestone requires the counter."""
         supervisor = cls(settings, context)
-        supervisor.always()
+        supervisor.requirement()
         return supervisor
 
-    def always(self) -> Requirement:
+    def requirement(self) -> Requirement:
         """The requirement of every edit. Raises SupervisionError if no milestone has it."""
         assert isinstance(self.settings, ConstantSettings)
-        classes, known = self.context.classes, {r.counter: r for r in reversed(self.requirements)}
-        if not known:
+        classes = self.context.classes
+        by_counter = {r.counter: r for r in reversed(self.requirements)}
+        if not by_counter:
             raise SupervisionError(
                 "Expected milestones that require a counter, found none; choose other classes, or"
                 " another supervisor."
             )
         hardest = (classes.behaviours[name] for name in classes.hardest)
         counter = self.settings.counter or next(
-            (c for c in hardest if c in known), next(iter(known))
+            (c for c in hardest if c in by_counter), next(iter(by_counter))
         )
-        if counter not in known:
+        if counter not in by_counter:
             raise SupervisionError(
-                f"supervisor.policy.counter: expected one of {', '.join(known)}, found {counter!r}"
+                f"supervisor.policy.counter: expected one of {', '.join(by_counter)},"
+                f" found {counter!r}"
             )
-        return known[counter]
+        return by_counter[counter]
 
     def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
         """The same requirement for every edit."""
         del fittest
-        return [self.always()] * self.context.edits
+        return [self.requirement()] * self.context.edits
 
 
 class EditorYokedSettings(EditorSettings, YokedSettings, frozen=True, extra="forbid"):
-    """The other run, and the settings of the editor."""
+    """The editor's settings, and the folder of the other run."""
 
 
 class EditorYoked(Editor):
-    """Edits for the counters that the editor of another run chose in the same generation."""
+    """Adds branches for the counters that another run's editor chose in the same generation."""
 
     name = "editor_yoked"
     Settings: ClassVar[type[EditorSettings]] = EditorYokedSettings
     counters: tuple[tuple[str, ...], ...] = ()  # of the other run's edits, by generation
 
     @classmethod
-    def ready(cls, settings: EditorYokedSettings, context: RunContext) -> None:
-        """Raises SupervisionError as `Yoked.ready`."""
-        Yoked.ready(settings, context)
+    def check(cls, settings: EditorYokedSettings, context: RunContext) -> None:
+        """Raises SupervisionError as `Yoked.check`."""
+        Yoked.check(settings, context)
 
     @classmethod
     def make(cls, settings: EditorSettings, context: RunContext) -> Self:
-        """See `Supervisor`. Raises SupervisionError as `ready` does."""
+        """See `Supervisor`. Raises SupervisionError as `check` does."""
         assert isinstance(settings, EditorYokedSettings)
         supervisor = cls(settings, context)
         try:
@@ -123,9 +125,9 @@ class EditorYoked(Editor):
         """Requirements on the counters of the other run's edits after the same generation."""
         del fittest
         assert self._latest is not None
-        known = {r.counter: r for r in reversed(self.requirements)}
+        by_counter = {r.counter: r for r in reversed(self.requirements)}
         counters = self.counters[self._latest.snapshot.generation]
-        return [known[counter] for counter in counters if counter in known]
+        return [by_counter[counter] for counter in counters if counter in by_counter]
 
 
 def counters_of(line: bytes) -> tuple[str, ...]:

@@ -49,7 +49,7 @@ class Replay:
     Settings = ReplaySettings
 
     @classmethod
-    def ready(cls, settings: ReplaySettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
+    def check(cls, settings: ReplaySettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError if there is no transcript."""
         settings.path()
 

@@ -61,7 +61,7 @@ class Yoked:
     Settings = YokedSettings
 
     @classmethod
-    def ready(cls, settings: YokedSettings, context: RunContext) -> None:
+    def check(cls, settings: YokedSettings, context: RunContext) -> None:
         """Raises SupervisionError if the record is missing or too short.
 
         A run that the same command does before this one need not exist yet.
@@ -71,7 +71,7 @@ class Yoked:
 
     @classmethod
     def make(cls, settings: YokedSettings, context: RunContext) -> Yoked:
-        """See `Supervisor`. Raises SupervisionError as `ready` does."""
+        """See `Supervisor`. Raises SupervisionError as `check` does."""
         try:
             return cls([repeated(line) for line in cls.lines(settings, context)])
         except (ValueError, TreeError) as error:
@@ -79,7 +79,7 @@ class Yoked:
 
     @classmethod
     def lines(cls, settings: YokedSettings, context: RunContext) -> list[bytes]:
-        """The other run's records, one line per generation. Raises SupervisionError as `ready`."""
+        """The other run's records, one line per generation. Raises SupervisionError as `check`."""
         folder = settings.folder(context.seed)
         file = folder / "generations.jsonl"
         if not file.is_file():

@@ -212,7 +212,8 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
     if reason := send_sweeps([sweep.path for sweep in entries], patience, places):
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
-            f"MLflow has not got all records ({reason}). They are safe; this sends them:\n"
+            f"MLflow has not received all records ({reason}). They are safe on disk; this command"
+            " sends them:\n"
             f"  {program()} sync {paths}",
             file=sys.stderr,
         )

@@ -183,7 +183,7 @@ def _grafted(example: Node, traced: str, limits: Limits) -> Node:
         best = parse(traced)
     except TreeError:  # it was cut off
         return example
-    if any(kind_of(tree).hands_over != FAILURE for tree in (example, best)):
+    if any(kind_of(tree).advance_status != FAILURE for tree in (example, best)):
         return example
     *urgent, last = example.children
     known = _actions(*urgent)

@@ -13,7 +13,7 @@ class Tracker(Protocol):
     A tracker reads the run's folder only, delays the run by no more than its configured patience,
     and does not raise if a server is unreachable. A tracker that can be configured has two more
     class attributes: `Settings`, a pydantic model, and `make(settings, home)`, where `home` is
-    the working folder of the command. A third, `ready(settings, home)`, is optional: it is called
+    the working folder of the command. A third, `check(settings, home)`, is optional: it is called
     before any run starts and raises TrackingError if the tracker cannot store runs.
     """
 

@@ -1,6 +1,7 @@
-"""MLflow as a run's tracker: a child process sends the run's folder during evolution.
+"""The MLflow tracker: a child process sends the run's folder to MLflow during evolution.
 
-Loading MLflow takes seconds and its server may be away, so the process that evolves does neither.
+Importing MLflow takes seconds, and its server may not respond. So the child imports MLflow and
+connects to the server, and evolution does not wait for it.
 """
 
 from __future__ import annotations
@@ -25,25 +26,25 @@ from islandgp.resources import program
 from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
 
-PREPARATION: Final = 600.0  # s that loading MLflow or making a store may take
-SILENT: Final = 2.0  # s of waiting before the user gets a message
+PREPARATION_LIMIT: Final = 600.0  # s for importing MLflow or creating a store
+MESSAGE_DELAY: Final = 2.0  # s of waiting before the user gets a message
 COMMAND: Final = (sys.executable, "-P", "-m", "islandgp.tracking.follow")
 
 
 class SyncWorker(Protocol):
-    """Interface of what carries out requests (a subprocess; a thread in tests)."""
+    """Interface of the sync worker, which executes requests (a subprocess; a thread in tests)."""
 
     def put(self, request: SyncRequest) -> None:
-        """Hand over a request; return at once."""
+        """Queue a request; return immediately."""
         ...
 
     def close(self) -> None:
-        """End the worker, if possible in the middle of a request."""
+        """Stop the worker, even in the middle of a request if possible."""
         ...
 
 
 class SyncProcess:
-    """A child that carries out requests."""
+    """A child process that executes requests."""
 
     def __init__(self, on_event: OnEvent) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 -- it lives as long as the child
@@ -53,10 +54,10 @@ class SyncProcess:
             stdout=subprocess.PIPE,
             stderr=self._errors,
             text=True,
-            # The child finds the modules that this process finds.
+            # The child imports from the same folders as this process.
             env={**os.environ, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},
-            # Ctrl-C is this process's to handle. The session stays the same: Linux weighs niceness
-            # within a session only.
+            # In its own process group, the child gets no signal from Ctrl-C. It stays in the
+            # session, because Linux compares niceness within a session only.
             process_group=0,
         )
         self._listener = Thread(target=self._listen, args=(on_event,), daemon=True)
@@ -65,13 +66,14 @@ class SyncProcess:
     def put(self, request: SyncRequest) -> None:
         """See `SyncWorker`."""
         assert self.process.stdin is not None
-        with suppress(OSError, ValueError):  # the child has ended: `_listen` reports it
+        with suppress(OSError, ValueError):  # the child has ended; `_listen` reports that
             self.process.stdin.write(request.to_line())
             self.process.stdin.flush()
 
     def _listen(self, on_event: OnEvent) -> None:
+        """Pass the child's events on; when it has ended, a last event with the reason."""
         assert self.process.stdout is not None
-        with suppress(ValueError), self.process.stdout as lines:  # a line of a killed child is cut
+        with suppress(ValueError), self.process.stdout as lines:  # a killed child cuts its line off
             for line in lines:
                 event = json.loads(line)
                 on_event(SyncEvent(**{**event, "kind": EventKind(event["kind"])}))
@@ -79,37 +81,37 @@ class SyncProcess:
         with self._errors:
             self._errors.seek(0)
             errors = self._errors.read().decode(errors="replace").strip().splitlines()
-        why = errors[-1] if errors else f"exit code {self.process.returncode}"
-        on_event(SyncEvent(EventKind.TROUBLE, f"the process that sends them ended: {why}"))
+        reason = errors[-1] if errors else f"exit code {self.process.returncode}"
+        on_event(SyncEvent(EventKind.TROUBLE, f"the process that sends them ended: {reason}"))
 
     def close(self) -> None:
         """See `SyncWorker`."""
         assert self.process.stdin is not None
         self.process.kill()
         self._listener.join()
-        with suppress(OSError):  # what the child has not read
+        with suppress(OSError):  # requests that the child has not read
             self.process.stdin.close()
 
 
 class WorkerState(Enum):
-    """What a worker does, as far as its events show."""
+    """The state of a worker, by its last event."""
 
-    PREPARING = auto()  # loads MLflow or makes a store: no event for up to PREPARATION seconds
-    SENDING = auto()  # sends records: the next event may come any moment
+    PREPARING = auto()  # imports MLflow or creates a store, for up to PREPARATION_LIMIT
+    SENDING = auto()  # sends records
 
 
 class SyncClient:
-    """Makes requests of a worker, and waits for them as long as there is a reason to."""
+    """Sends requests to a worker and waits for their completion."""
 
     def __init__(self, start: Callable[[OnEvent], SyncWorker]) -> None:
         """`start` starts the worker."""
         self._changed = Condition()
         self._state = WorkerState.PREPARING
-        self._step = "starting MLflow"  # what the worker does, for the message to the user
-        self._failure: str | None = None  # why the last request failed; None: it did not
-        self.ended = False  # whether the worker has ended
+        self._step = "starting MLflow"  # the worker's present step, for the message to the user
+        self._failure: str | None = None  # why the last request failed; None: it succeeded
+        self.ended = False  # True: the worker has ended
         self._last_event = monotonic()
-        self._done: dict[str, str] = {}  # by folder: what could not be sent, or ""
+        self._done: dict[str, str] = {}  # by folder: why not all was sent, or ""
         self.worker = start(self._on_event)
 
     def _on_event(self, event: SyncEvent) -> None:
@@ -128,16 +130,24 @@ class SyncClient:
             self._changed.notify_all()
 
     def put(self, request: SyncRequest) -> None:
-        """Make a request; return at once."""
+        """Queue a request; return immediately."""
         with self._changed:
             self._done.pop(request.folder, None)
         self.worker.put(request)
 
     def wait(self, requests: Sequence[SyncRequest], patience: float, uri: str) -> str:
-        """Wait for requests that were made; return "", or why not everything was sent.
+        """Wait until requests are executed.
 
-        The client waits while a store is made or records arrive, and else `patience` seconds,
-        and prints a message after a while. Ctrl-C ends the waiting.
+        Prints a message after MESSAGE_DELAY. Ctrl-C ends the waiting.
+
+        Args:
+            requests: that were passed to `put`.
+            patience: s without an event after which it gives up, >= 0. If it is above 0, the limit
+                is PREPARATION_LIMIT while the worker is preparing.
+            uri: of the store, for the message.
+
+        Returns:
+            "", or the reason why not everything was sent.
         """
         folders = [request.folder for request in requests]
         try:
@@ -149,15 +159,15 @@ class SyncClient:
             return "you did not wait for them"
 
     def _all_done(self, folders: Sequence[str], patience: float, uri: str) -> bool:
-        """Wait; return whether the requests of all folders were carried out in time."""
+        """Wait; return True if the requests of all folders were executed in time."""
         began, informed = monotonic(), False
         while not self._done.keys() >= set(folders):
             preparing = self._state is WorkerState.PREPARING
-            limit = PREPARATION if preparing and patience else patience
+            limit = PREPARATION_LIMIT if preparing and patience else patience
             remaining = limit - (monotonic() - max(began, self._last_event))
             if remaining <= 0 or self.ended:
                 return False
-            if not informed and monotonic() - began >= SILENT:
+            if not informed and monotonic() - began >= MESSAGE_DELAY:
                 informed = True
                 print(
                     f"MLflow: {uri}: {self._step}; Ctrl-C leaves, and"
@@ -165,17 +175,17 @@ class SyncClient:
                     file=sys.stderr,
                     flush=True,
                 )
-            self._changed.wait(remaining if informed else min(remaining, SILENT))
+            self._changed.wait(remaining if informed else min(remaining, MESSAGE_DELAY))
         return True
 
 
-_clients: Final[list[SyncClient]] = []  # at most one: runs of one process share its worker
+_clients: Final[list[SyncClient]] = []  # at most one, which all runs of the process share
 
 
 def shared_client() -> SyncClient:
-    """The client of this process's runs, whose worker loads MLflow once for all of them.
+    """The client of all runs of this process, whose worker imports MLflow once.
 
-    A worker that has ended, e.g. was killed, is replaced.
+    A worker that has ended, e.g. because it was killed, is replaced.
     """
     if _clients and _clients[0].ended:
         close_client()
@@ -186,7 +196,7 @@ def shared_client() -> SyncClient:
 
 @atexit.register
 def close_client() -> None:
-    """End the worker of this process's runs, if there is one."""
+    """Stop the worker of this process's runs, if there is one."""
     while _clients:
         _clients.pop().worker.close()
 
@@ -203,8 +213,8 @@ class MLflow:
         return cls(Place.of(settings, home), settings.patience)
 
     @classmethod
-    def ready(cls, settings: MLflowSettings, home: Path) -> None:
-        """Raises TrackingError where nothing can ever be kept there."""
+    def check(cls, settings: MLflowSettings, home: Path) -> None:
+        """See `Tracker`. Raises TrackingError if runs can never be stored at this address."""
         check_place(Place.of(settings, home))
 
     def __init__(self, place: Place, patience: float) -> None:
@@ -219,7 +229,7 @@ class MLflow:
             shared_client().put(self._request(Status.RUNNING))
 
     def generation(self) -> None:
-        """See `Tracker`: the child looks for generations itself."""
+        """See `Tracker`. Does nothing, as the child watches the folder."""
 
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
@@ -231,11 +241,11 @@ class MLflow:
         if self.patience:
             close_client()
         uri, experiment = self.place.uri, shlex.quote(self.place.experiment)
-        # `sync` asks no server that only the run's folder names.
+        # `sync` contacts no server that only the run's folder names, so the command names it.
         option = "" if self.place.file is not None else f" --uri {uri} --experiment {experiment}"
         return (
-            f"MLflow: {uri} has not got all records ({reason}). They are safe; this sends them:\n"
-            f"  {program()} sync {self._folder.path}{option}"
+            f"MLflow: {uri} has not received all records ({reason}). They are safe on disk; this"
+            f" command sends them:\n  {program()} sync {self._folder.path}{option}"
         )
 
     def _request(self, status: Status) -> SyncRequest:
@@ -244,9 +254,15 @@ class MLflow:
 
 
 def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place]) -> str:
-    """Send what is missing of sweeps and their jobs; return "", or why not all was sent.
+    """Send the missing records of sweeps and their jobs.
 
-    `places` are those of the jobs' configurations, whose credentials the folders lack.
+    Args:
+        folders: of the sweeps.
+        patience: s without an event after which it gives up, >= 0.
+        places: the stores of the jobs' configurations, as the folders have no credentials.
+
+    Returns:
+        "", or the reason why not everything was sent.
     """
     client = shared_client()
     stores = tuple(dict.fromkeys(places))

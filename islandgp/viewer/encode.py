@@ -139,7 +139,7 @@ def _paints(recording: Recording) -> dict[str, int]:
             points = earned.get(node.action) or {-1: 0.0}
             paints[node.action] = max(points, key=lambda place: points[place])
     for node in walk(recording.tree):
-        if kind_of(node).hands_over == SUCCESS:
+        if kind_of(node).advance_status == SUCCESS:
             names = pairwise(child.action for child in node.children)
             for name, behind in reversed([*names]):
                 if paints.get(name) == -1:

@@ -125,13 +125,13 @@ class Reference:
         self.watch(live.place, status)
         return status
 
-    def composite(self, live: Live, go_on: int) -> int:
+    def composite(self, live: Live, advance_status: int) -> int:
         if not live.running:
             live.at = 0
             forget(live.children)
         while True:
             status = self.run(live.children[live.at])
-            if status != go_on or live.at == len(live.children) - 1:
+            if status != advance_status or live.at == len(live.children) - 1:
                 return status
             live.at += 1
 
@@ -141,14 +141,14 @@ class Reference:
     def reactive_sequence(self, live: Live) -> int:
         return self.reactive(live, SUCCESS)
 
-    def reactive(self, live: Live, go_on: int) -> int:
+    def reactive(self, live: Live, advance_status: int) -> int:
         for index, child in enumerate(live.children):
             status = self.run(child)
-            if status != go_on:
+            if status != advance_status:
                 for later in live.children[index + 1 :]:
                     self.abort(later)
                 return AGAIN if status == RUNNING and index > 0 else status
-        return go_on
+        return advance_status
 
     def wait(self, live: Live) -> int:
         live.ticks = live.ticks + 1 if live.running else 0

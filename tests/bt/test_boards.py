@@ -10,7 +10,13 @@ from hypothesis import strategies as st
 
 from islandgp.bt.analysis import boards
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, BoardSets
-from islandgp.bt.core.condition import Condition, ConditionExpr, condition, conjoin, opposite
+from islandgp.bt.core.condition import (
+    Condition,
+    ConditionExpr,
+    combine,
+    condition,
+    opposite,
+)
 from islandgp.bt.core.language import parse_condition
 from islandgp.bt.core.vocabulary import Key, Vocabulary, flag, integer, number
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -65,7 +71,7 @@ def test_equal_sets_are_one(one: ConditionExpr, other: ConditionExpr, near: list
     """Sets have one form each: what holds nowhere is NO_BOARD, what always holds ANY_BOARD."""
     sets = BoardSets(VOCABULARY.keys)
     a, b = sets.of(one), sets.of(other)
-    assert sets.both(a, b) == sets.of(conjoin("and", [other, one]))
+    assert sets.both(a, b) == sets.of(combine("and", [other, one]))
     assert sets.both(a, sets.of(opposite(one))) == NO_BOARD
     assert sets.either(a, sets.of(opposite(one))) == ANY_BOARD
     found = sets.pick(sets.both(a, b), near)
@@ -139,10 +145,10 @@ def test_too_much_work_gives_a_larger_set(steps: int) -> None:
     """Within a bound; then the sets are not exact any more."""
     keys = {f"x{i}": number("", 0, 9) for i in range(12)}
     pairs = [
-        conjoin("and", [Condition(f"x{i}", "<", 1.0), Condition(f"x{i + 6}", "<", 1.0)])
+        combine("and", [Condition(f"x{i}", "<", 1.0), Condition(f"x{i + 6}", "<", 1.0)])
         for i in range(6)
     ]
-    asked = conjoin("or", pairs)
+    asked = combine("or", pairs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(boards, "MOST_STEPS", steps)
         sets = BoardSets(keys)

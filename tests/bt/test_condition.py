@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from islandgp.bt.analysis.truth import excludes, implies, shorter
+from islandgp.bt.analysis.truth import excludes, implies, shortened
 from islandgp.bt.core.condition import (
     Compound,
     Condition,
     ConditionExpr,
+    combine,
     condition,
-    conjoin,
     negate,
     opposite,
     terms,
@@ -74,7 +74,7 @@ def test_a_single_condition_stays_what_it_was() -> None:
     """Its closure reads the board and compares: nothing is compiled, nothing else is called."""
     compiled = condition(LOW, [1.0] * 5, PLACES)
     assert compiled.__code__.co_names == ()
-    joined_up = condition(conjoin("and", [LOW, P]), [1.0] * 5, PLACES)
+    joined_up = condition(combine("and", [LOW, P]), [1.0] * 5, PLACES)
     assert joined_up.__code__.co_names == ()
     assert joined_up.__code__.co_freevars == ("board",)
 
@@ -104,8 +104,8 @@ def test_a_not_in_an_or_denies() -> None:
 @given(asked=ASKED, known=ASKED)
 def test_shorter(asked: ConditionExpr, known: ConditionExpr) -> None:
     """A shorter condition is the same where what is known holds, and shortening it ends there."""
-    found = shorter(asked, (known,))
-    assert shorter(found, (known,)) == found
+    found = shortened(asked, (known,))
+    assert shortened(found, (known,)) == found
     for board in boards(asked, known):
         if holds(known, board, PLACES):
             assert holds(found, board, PLACES) == holds(asked, board, PLACES)
@@ -130,7 +130,7 @@ def test_shorter(asked: ConditionExpr, known: ConditionExpr) -> None:
 def test_shorter_examples(text: str, short: str) -> None:
     """Double negation, De Morgan, what is said twice, and what decides nothing."""
     asked = parse_condition(text, VOCABULARY)
-    assert condition_text(shorter(asked, ())) == short
+    assert condition_text(shortened(asked, ())) == short
 
 
 @examples(max_examples=200)
@@ -148,18 +148,18 @@ def test_scripts_bind_equally() -> None:
     """In BehaviorTree.CPP && does not bind more than ||."""
     text = "foundGarbage || lap < 3 && isHumanoidWantToClear"
     three = Condition("lap", "<", 3.0)
-    assert read_condition(text, VOCABULARY) == conjoin("and", [conjoin("or", [P, three]), Q])
+    assert read_condition(text, VOCABULARY) == combine("and", [combine("or", [P, three]), Q])
     assert parse_condition("foundGarbage or lap < 3 and isHumanoidWantToClear", VOCABULARY) == (
-        conjoin("or", [P, conjoin("and", [three, Q])])
+        combine("or", [P, combine("and", [three, Q])])
     )
 
 
 def test_terms_change_places() -> None:
     """A single condition of a joined one can be replaced and taken out."""
-    asked = conjoin("or", [P, negate(conjoin("and", [Q, LOW]))])
-    assert with_term(asked, 2, P) == conjoin("or", [P, negate(conjoin("and", [Q, P]))])
-    assert with_term(asked, 1, None) == conjoin("or", [P, Compound("not", (LOW,))])
-    assert with_term(asked, 0, None) == negate(conjoin("and", [Q, LOW]))
+    asked = combine("or", [P, negate(combine("and", [Q, LOW]))])
+    assert with_term(asked, 2, P) == combine("or", [P, negate(combine("and", [Q, P]))])
+    assert with_term(asked, 1, None) == combine("or", [P, Compound("not", (LOW,))])
+    assert with_term(asked, 0, None) == negate(combine("and", [Q, LOW]))
     assert with_term(P, 0, None) is None
 
 

@@ -156,7 +156,7 @@ def test_resuming_changes_nothing(case: Case, tmp_path: Path) -> None:
 
 
 RESTARTS = (
-    "search.policy.random=1",
+    "search.policy.random_generations=1",
     "search.policy.restarts=2",
     "search.policy.joint=0.2",
 )

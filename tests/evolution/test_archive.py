@@ -44,8 +44,8 @@ def some(*rows: tuple[str, float, float], generation: int = 0) -> list[Evaluated
     ]
 
 
-def nobody(trees: Sequence[str]) -> list[list[Outcome]]:
-    """Refuses to evaluate again."""
+def no_reevaluation(trees: Sequence[str]) -> list[list[Outcome]]:
+    """Fail: the archive must not evaluate trees again."""
     raise AssertionError(trees)
 
 
@@ -56,13 +56,21 @@ def after(
     *,
     world: int = 1,
     stage: int = 0,
-    again: Any = nobody,
+    reevaluate: Any = no_reevaluation,
 ) -> ArchiveUpdate:
     """The archive after a generation of one episode in one world."""
     texts = [f"{e.individual.tree.args[0]}\n" for e in individuals]
     worlds = [world] * len(individuals)
     return update_archive(
-        before, individuals, texts, worlds, settings, CLASSES, stage=stage, episodes=1, again=again
+        before,
+        individuals,
+        texts,
+        worlds,
+        settings,
+        CLASSES,
+        stage=stage,
+        episodes=1,
+        reevaluate=reevaluate,
     )
 
 
@@ -71,7 +79,7 @@ def after(
     [(-1, 0), (0, 0), (0.5, 0), (1, 1), (2.99, 1), (3, 2), (1e9, 2), (float("inf"), 2)],
 )
 def test_cells_begin_at_their_edges(pickups: float, cell: int) -> None:
-    """A cell holds its edge and all below the next; the first has no beginning, the last no end."""
+    """A cell contains its edge and all values below the next; the outer cells are unbounded."""
     assert cell_of({"pickups": pickups}, {"pickups": (0.0, 1.0, 3.0)}) == (cell,)
 
 
@@ -137,29 +145,29 @@ def test_a_lucky_elite_falls() -> None:
     assert (elite.tree, elite.mean) == ("SeekCharger\n", 1)
 
 
-def test_the_same_world_is_no_news() -> None:
-    """Where worlds stay, the same episode is not counted twice."""
+def test_the_same_episode_counts_once() -> None:
+    """If the worlds do not change, an elite's mean counts the same episode once."""
     before = after((), some(("PatrolWaypoint", 0, 9), ("PatrolWaypoint", 0, 9))).elites
     assert after(before, some(("PatrolWaypoint", 0, 9), generation=1)).elites == before
 
 
-@pytest.mark.parametrize(("again", "kept"), [(5.0, "0.0"), (8.0, "1.0")])
-def test_evaluated_again_before_it_displaces(again: float, kept: str) -> None:
+@pytest.mark.parametrize(("points", "kept"), [(5.0, "0.0"), (8.0, "1.0")])
+def test_evaluated_again_before_it_displaces(points: float, kept: str) -> None:
     """Both meet the same further episodes; the higher mean of all episodes keeps the cell."""
     before = after((), some(("PatrolWaypoint", 0, 6))).elites
     asked: list[Sequence[str]] = []
 
     def evaluate(trees: Sequence[str]) -> list[list[Outcome]]:
         asked.append(trees)
-        return [[outcome(6.0), outcome(6.0)], [outcome(again), outcome(2.0)]]
+        return [[outcome(6.0), outcome(6.0)], [outcome(points), outcome(2.0)]]
 
-    settings = replace_settings(again=2)
+    settings = replace_settings(reevaluations=2)
     found = after(
-        before, some(("SeekCharger", 0, 9), generation=1), settings, world=2, again=evaluate
+        before, some(("SeekCharger", 0, 9), generation=1), settings, world=2, reevaluate=evaluate
     )
     assert asked == [["PatrolWaypoint\n", "SeekCharger\n"]]
     (elite,) = found.elites
-    mean = (9 + again + 2) / 3 if kept == "1.0" else 6
+    mean = (9 + points + 2) / 3 if kept == "1.0" else 6
     assert (elite.id, elite.episodes, elite.mean) == (kept, 3, mean)
     assert (found.episodes, found.record.improved) == (4, int(kept == "1.0"))
 
@@ -170,13 +178,13 @@ def replace_settings(**changes: Any) -> ArchiveSettings:
 
 
 def test_an_empty_cell_is_taken_at_once() -> None:
-    """With `again` too, nobody is evaluated where there is nobody to displace."""
-    found = after((), some(("PatrolWaypoint", 0, 6)), replace_settings(again=3))
+    """Without an elite in the cell there is no re-evaluation."""
+    found = after((), some(("PatrolWaypoint", 0, 6)), replace_settings(reevaluations=3))
     assert (len(found.elites), found.episodes) == (1, 0)
 
 
-def test_stages_have_scales_of_their_own() -> None:
-    """What is of a later stage displaces an elite of an earlier one, whatever their points."""
+def test_a_later_stage_displaces_an_earlier_one() -> None:
+    """A tree of a later stage displaces an elite of an earlier stage with any number of points."""
     before = after((), some(("PatrolWaypoint", 0, 900), ("SeekCharger", 3, 800))).elites
     found = after(
         before, some(("MoveToGarbage", 0, 1), ("SeekCharger", 3, 2), generation=1), stage=1
@@ -188,14 +196,14 @@ def test_stages_have_scales_of_their_own() -> None:
 
 
 def test_an_elite_of_an_earlier_stage_is_tried_in_this_one() -> None:
-    """With `again` an elite of an earlier stage may stay: by its new episodes alone."""
+    """With re-evaluation an elite of an earlier stage can stay, by its new episodes alone."""
     before = after((), some(("PatrolWaypoint", 0, 900))).elites
     (elite,) = after(
         before,
         some(("SeekCharger", 0, 1), generation=1),
-        replace_settings(again=1),
+        replace_settings(reevaluations=1),
         stage=1,
-        again=lambda _: [[outcome(50.0)], [outcome(30.0)]],
+        reevaluate=lambda _: [[outcome(50.0)], [outcome(30.0)]],
     ).elites
     assert (elite.id, elite.stage, elite.episodes, elite.mean) == ("0.0", 1, 1, 50)
 
@@ -231,9 +239,9 @@ def test_the_grid_of_a_domain() -> None:
 
 def test_searches_and_their_challenges() -> None:
     """The paper's run costs what it did; other searches evaluate before they displace."""
-    assert composed().archive.again == 0
-    assert composed("search=racing").archive.again == 1
-    assert composed("search=racing", "archive.again=3").archive.again == 3
+    assert composed().archive.reevaluations == 0
+    assert composed("search=racing").archive.reevaluations == 1
+    assert composed("search=racing", "archive.reevaluations=3").archive.reevaluations == 3
 
 
 def test_every_run_keeps_one() -> None:
@@ -256,7 +264,7 @@ def test_it_watches_only() -> None:
     """Whatever the archive's settings, the populations are the same."""
     one, other = (
         run(plan(*overrides))
-        for overrides in ((), ("archive.again=3", "archive.cells={pickups:[0,2]}"))
+        for overrides in ((), ("archive.reevaluations=3", "archive.cells={pickups:[0,2]}"))
     )
     assert [r.individuals for r in records(one)] == [r.individuals for r in records(other)]
     assert len(other[-1].archive) <= 2
@@ -265,7 +273,7 @@ def test_it_watches_only() -> None:
 def test_worlds_and_costs_of_challenges() -> None:
     """Challenges are held in worlds of their own stream, and count as the generation's episodes."""
     evaluator = Fake()
-    how = plan("archive.again=2", "archive.cells={pickups:[0,1]}")
+    how = plan("archive.reevaluations=2", "archive.cells={pickups:[0,1]}")
     steps = run(how, evaluator=evaluator)
     batches = iter(evaluator.asked)
     challenged = 0
@@ -282,7 +290,7 @@ def test_worlds_and_costs_of_challenges() -> None:
     assert challenged > 1
 
 
-@sweep("overrides", [("search=racing", "archive.again=2"), ()], quick=1)
+@sweep("overrides", [("search=racing", "archive.reevaluations=2"), ()], quick=1)
 def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
     """A run that goes on from any of its states keeps the same archive."""
     settings = composed(*SMALL, *overrides)

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.condition import conjoin, terms
+from islandgp.bt.core.condition import combine, terms
 from islandgp.bt.core.kinds import ABORTS
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import (
@@ -215,7 +215,7 @@ def test_fulfil_asks_what_the_action_declares(tree: Node, seed: int) -> None:
 def _needed(action: str) -> object:
     known = VOCABULARY.action(action)
     needed = list(dict.fromkeys((*known.to_start, *known.to_succeed)))
-    return conjoin("and", needed) if needed else None
+    return combine("and", needed) if needed else None
 
 
 @pytest.mark.parametrize(
@@ -393,7 +393,7 @@ def test_random_lists_act() -> None:
             needed = VOCABULARY.action(first.action).to_start
             if needed:
                 guards += 1
-                declared += branch.args[0] == conjoin("and", needed)
+                declared += branch.args[0] == combine("and", needed)
     assert 0.4 < declared / guards < 0.65
 
 

@@ -132,7 +132,7 @@ def test_a_missing_setting(
             monkeypatch.setenv(name, value)
     monkeypatch.setenv("AWS_CONFIG_FILE", "/nowhere")
     with pytest.raises(SupervisionError, match=found) as caught:
-        LLM.ready(settings(f"service={service}"), context())
+        LLM.check(settings(f"service={service}"), context())
     assert missing in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -306,7 +306,7 @@ def test_a_replay_needs_a_record(tmp_path: Path) -> None:
     for given, said in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
         settings = composed("supervisor=replay", f"supervisor.policy.transcript={given}")
         with pytest.raises(SupervisionError, match=said):
-            Replay.ready(settings.supervisor.settings(), run_context(settings))
+            Replay.check(settings.supervisor.settings(), run_context(settings))
 
 
 def test_text_dialect_end_to_end(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ FAULTS = [
     (WELL.replace("state, rng", "state"), "TypeError: Mine.advise() takes 2"),
     (WELL + "    @classmethod\n    def make(cls, a, b): return a.nothing\n", "AttributeError"),
     (
-        WELL + "    @classmethod\n    def ready(cls, *a): raise OSError('no disk')\n",
+        WELL + "    @classmethod\n    def check(cls, *a): raise OSError('no disk')\n",
         "OSError: no disk",
     ),
     (WELL + "    def start(self): return {}['x']\n    spent = close = dict\n", "KeyError: 'x'"),

@@ -177,7 +177,7 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
             "objectives=[fitness,-fitness]",
             "each name once, found 'fitness' twice",
         ),
-        ("racing", "caution=inf", "input should be a finite number"),
+        ("racing", "bound_width=inf", "input should be a finite number"),
         ("racing", "parsimony=inf", "input should be a finite number"),
     ],
     quick=3,

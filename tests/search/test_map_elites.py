@@ -30,16 +30,16 @@ TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "Mov
 def test_bins(text: str, values: tuple[float, ...], bins: tuple[int, ...]) -> None:
     """Bin 0 holds 0 alone; then each is twice as wide as the one before, or as wide as it says."""
     where = dimension(text)
-    assert tuple(cell([where.place(value)], 5)[0] for value in values) == bins
+    assert tuple(cell([where.scaled(value)], 5)[0] for value in values) == bins
 
 
 @given(value=st.floats(-1e12, 1e12), width=st.none() | st.floats(1e-3, 1e6))
 def test_places_keep_order_and_sign(value: float, width: float | None) -> None:
     """A larger value has a larger place, and below 0 the place is the mirror image."""
     where = Dimension("x", width)
-    assert where.place(-value) == -where.place(value)
-    assert where.place(value + abs(value) / 2 + 1) > where.place(value)
-    assert abs(cell([where.place(value)], 7)[0]) <= 7
+    assert where.scaled(-value) == -where.scaled(value)
+    assert where.scaled(value + abs(value) / 2 + 1) > where.scaled(value)
+    assert abs(cell([where.scaled(value)], 7)[0]) <= 7
 
 
 def test_behaviours_are_the_descriptor_by_default() -> None:
@@ -77,14 +77,15 @@ def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
     second = [done("1.0", -50, tree=TREES[0], pickups=4)]
     state = search.tell(state, second, NO_ADVICE)
     best, behind = state.memory.occupants
-    assert (best.parent.id, best.n, best.fitness) == ("0.1", 1, 60)
-    assert (behind.parent.id, behind.n, behind.fitness) == ("1.0", 2, 25)
-    assert behind.place[0] == pytest.approx((dimension("x").place(2) + dimension("x").place(4)) / 2)
+    assert (best.parent.id, best.evaluations, best.fitness) == ("0.1", 1, 60)
+    assert (behind.parent.id, behind.evaluations, behind.fitness) == ("1.0", 2, 25)
+    scaled = dimension("x").scaled
+    assert behind.descriptor[0] == pytest.approx((scaled(2) + scaled(4)) / 2)
 
 
 def test_elites_are_evaluated_again() -> None:
     """Those with the fewest episodes first, then the fittest; no more than their share of slots."""
-    search, _ = made("map_elites", "search.policy.again=0.25")
+    search, _ = made("map_elites", "search.policy.reevaluated=0.25")
     population = [
         done("0.0", 10, tree=TREES[0], pickups=1),
         done("0.1", 30, tree=TREES[1], charges=1),
@@ -99,7 +100,7 @@ def test_elites_are_evaluated_again() -> None:
 
 def test_parents_come_from_all_cells() -> None:
     """Uniformly over cells, so that the weakest behaviour has as many children as the best."""
-    search, _ = made("map_elites", "gp.population=200", "search.policy.again=0")
+    search, _ = made("map_elites", "gp.population=200", "search.policy.reevaluated=0")
     population = [
         done("0.0", 1000, tree=TREES[0], pickups=1),
         done("0.1", -1000, tree=TREES[1], charges=1),

@@ -10,7 +10,7 @@ from islandgp.seeding import Streams
 from tests.search.searches import NO_ADVICE, done, generations, made
 
 PLAIN = (
-    "search.policy.random=1",
+    "search.policy.random_generations=1",
     "search.policy.library=0",
     "search.policy.milestone=0",
     "search.policy.behaviour=0",
@@ -28,7 +28,7 @@ def survivors(state: object) -> list[str]:
 
 def test_survivors_are_ranked_by_the_mean_over_all_their_episodes() -> None:
     """Without caution: a tree with one lucky episode falls behind one that is good each time."""
-    search, _ = made("racing", *PLAIN, "search.policy.caution=0")
+    search, _ = made("racing", *PLAIN, "search.policy.bound_width=0")
     first = [done("0.0", 100, tree=A), done("0.1", 80, tree=B), done("0.2", 0, tree=C)]
     state = search.tell(search.start(), first, NO_ADVICE)
     assert survivors(state) == [A, B, C]
@@ -40,7 +40,7 @@ def test_survivors_are_ranked_by_the_mean_over_all_their_episodes() -> None:
 
 def test_caution_prefers_trees_with_more_episodes() -> None:
     """Of two trees with the same mean the lower bound is that of the one with fewer episodes."""
-    search, _ = made("racing", *PLAIN, "search.policy.caution=3")
+    search, _ = made("racing", *PLAIN, "search.policy.bound_width=3")
     state = search.tell(
         search.start(), [done("0.0", 50, tree=A), done("0.1", 9, tree=C)], NO_ADVICE
     )
@@ -50,7 +50,7 @@ def test_caution_prefers_trees_with_more_episodes() -> None:
 
 def test_promising_survivors_are_evaluated_again_with_their_ids_as_parents() -> None:
     """`again` is the share of the slots, at least one; the tree is unchanged."""
-    search, _ = made("racing", *PLAIN, "search.policy.again=0.25")
+    search, _ = made("racing", *PLAIN, "search.policy.reevaluated=0.25")
     first = [done("0.0", 5, tree=A), done("0.1", 50, tree=B), done("0.2", 20, tree=C)]
     state = search.tell(search.start(), first, NO_ADVICE)
     population = search.ask(state, Streams(1))

@@ -213,7 +213,7 @@ def test_policies_that_do_not_fit_are_report_lines(
     (tmp_path / "policy.json").write_text(text, encoding="utf-8")
     settings = composed("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
     with pytest.raises(SupervisionError, match=said):
-        Distilled.ready(settings.supervisor.settings(), context())
+        Distilled.check(settings.supervisor.settings(), context())
 
 
 def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
@@ -221,4 +221,4 @@ def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
     for folder in ("null", str(tmp_path)):
         settings = composed("supervisor=distilled", f"supervisor.policy.folder={folder}")
         with pytest.raises(SupervisionError, match="islandgp distill"):
-            Distilled.ready(settings.supervisor.settings(), context())
+            Distilled.check(settings.supervisor.settings(), context())

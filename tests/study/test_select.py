@@ -213,7 +213,7 @@ def test_spans() -> None:
     assert overview([]) == []
 
 
-def test_configurations_of_version_0_2_are_read_with_todays_names(tmp_path: Path) -> None:
+def test_configurations_of_version_0_2_are_read_with_present_names(tmp_path: Path) -> None:
     """An arm of 0.2 is comparable with one of today's."""
     old = "gp: {tournament: 3, new_worlds: never, common_world: true}\n"
     (tmp_path / "config.yaml").write_text(old + "allocation: {tournament: [18, 25]}\nseed: 1\n")

@@ -141,7 +141,7 @@ def test_a_store_that_is_slow_to_be_made_is_waited_for(
 
     monkeypatch.setattr("islandgp.tracking.follow.Store", store)
     monkeypatch.setattr("builtins.print", five_minutes_pass)
-    monkeypatch.setattr(mlflow, "SILENT", 0.2)
+    monkeypatch.setattr(mlflow, "MESSAGE_DELAY", 0.2)
     folder = written(tmp_path / "runs/a/one", tmp_path)
     follows = MLflow(place(tmp_path), 60)
     follows.start(folder)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from islandgp.bt.analysis.board_outcomes import Outcomes, judged, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
 from islandgp.bt.analysis.machine import Machine
-from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.kinds import count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
 
@@ -53,7 +53,7 @@ class _Branch(NamedTuple):
 
     ticked: NodeBoards
     called: Boards  # on which its composite may go back to it
-    hands_over: Boards  # on which it ends and the next branch starts
+    advances: Boards  # on which it ends and the next branch starts
 
 
 class _Finder:
@@ -72,7 +72,7 @@ class _Finder:
             return [NodeBoards(starts, starts)] * len(self._machine.children[place])
         if kind_of(node).reactive:
             return [NodeBoards(each, each) for each in self._in_turn(place, node_boards)[0]]
-        if kind_of(node).hands_over is not None:
+        if kind_of(node).advance_status is not None:
             return [branch.ticked for branch in self._branches(place, node_boards)]
         if node.guard:
             holds = self._machine.holds[place]
@@ -81,23 +81,23 @@ class _Finder:
                 resumes = self._sets.both(resumes, holds)
         if kind_of(node).counts is not None and count_of(node) > 1:
             starts = self._sets.either(starts, resumes)
-        if kind_of(node).later:
+        if kind_of(node).delayed:
             starts = resumes
         return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
 
     def _in_turn(self, place: int, node_boards: NodeBoards) -> tuple[list[Boards], Outcomes]:
         """On which blackboards the children of a reactive composite are ticked; its outcomes."""
-        handing = hands_over(self._machine.nodes[place])
+        advance = advance_status(self._machine.nodes[place])
         entered, outcomes = self._sets.either(*node_boards), [NO_BOARD] * 3
         ticked: list[Boards] = []
         for child in self._machine.children[place]:
             ticked.append(entered)
             ends = self._either(self._machine.fresh(child), self._resumed_outcomes(child))
-            for status in (1 - handing, RUNNING):
+            for status in (1 - advance, RUNNING):
                 reached = self._sets.both(entered, ends[status])
                 outcomes[status] = self._sets.either(outcomes[status], reached)
-            entered = self._sets.both(entered, ends[handing])
-        outcomes[handing] = entered
+            entered = self._sets.both(entered, ends[advance])
+        outcomes[advance] = entered
         return ticked, (outcomes[0], outcomes[1], outcomes[2])
 
     def _branches(self, place: int, node_boards: NodeBoards) -> list[_Branch]:
@@ -110,24 +110,24 @@ class _Finder:
             branch = self._branch(
                 place, child, both(quiet, entered), both(quiet, node_boards.resumes)
             )
-            if at in calls and branch.hands_over != NO_BOARD:
+            if at in calls and branch.advances != NO_BOARD:
                 # Then a later branch can be running, and the composite may come back to this one.
                 called_boards = both(quiet, node_boards.resumes, calls[at])
                 starts = both(quiet, either(entered, called_boards))
                 branch = self._branch(place, child, starts, both(quiet, node_boards.resumes))
                 branch = branch._replace(called=called_boards)
             branches.append(branch)
-            entered = branch.hands_over
+            entered = branch.advances
             quiet = both(quiet, self._quiet_behind(child, entered))
         return branches
 
     def _branch(self, place: int, child: int, starts: Boards, resumes: Boards) -> _Branch:
         both, fresh = self._sets.both, self._machine.fresh(child)
-        handing = hands_over(self._machine.nodes[place])
-        ended = both(starts, fresh[handing])
+        advance = advance_status(self._machine.nodes[place])
+        ended = both(starts, fresh[advance])
         if both(starts, fresh[RUNNING]) == NO_BOARD:
             return _Branch(NodeBoards(starts, NO_BOARD), NO_BOARD, ended)
-        later = both(resumes, self._resumed_outcomes(child)[handing])
+        later = both(resumes, self._resumed_outcomes(child)[advance])
         return _Branch(NodeBoards(starts, resumes), NO_BOARD, self._sets.either(ended, later))
 
     def _calls_back(self, place: int) -> dict[int, Boards]:
@@ -178,7 +178,7 @@ class _Finder:
             return ANY_BOARD, ANY_BOARD, ANY_BOARD
         if kind.reactive:
             return self._in_turn(place, NodeBoards(ANY_BOARD, ANY_BOARD))[1]
-        if kind.hands_over is not None:
+        if kind.advance_status is not None:
             return self._of_composite(place)
         if isinstance(node.args, ParallelArgs):
             needed = node.args.needed(len(children))
@@ -187,7 +187,7 @@ class _Finder:
         inside = self._resumed_outcomes(children[0])
         if node.guard:
             return machine.guarded(place, inside, fresh=False)
-        if kind.later:
+        if kind.delayed:
             failure, success, _ = self._either(inside, machine.fresh(children[0]))
             return failure, success, ANY_BOARD
         if kind.counts is None:
@@ -209,7 +209,7 @@ class _Finder:
 
     def _of_composite(self, place: int) -> Outcomes:
         both, either = self._sets.both, self._sets.either
-        handing = hands_over(self._machine.nodes[place])
+        advance = advance_status(self._machine.nodes[place])
         branches = self._branches(place, NodeBoards(ANY_BOARD, ANY_BOARD))
         outcomes = [NO_BOARD] * 3
         entered = NO_BOARD  # on these a branch starts in a tick in which its composite is resumed
@@ -221,10 +221,10 @@ class _Finder:
                     both(branch.ticked.resumes, boards) for boards in self._resumed_outcomes(child)
                 )
                 each = [either(*pair) for pair in zip(each, later, strict=True)]
-            entered = each[handing]
-            for status in (1 - handing, RUNNING):
+            entered = each[advance]
+            for status in (1 - advance, RUNNING):
                 outcomes[status] = either(outcomes[status], each[status])
-        outcomes[handing] = entered  # by the last branch
+        outcomes[advance] = entered  # by the last branch
         return outcomes[0], outcomes[1], outcomes[2]
 
     def _either(self, one: Outcomes, other: Outcomes) -> Outcomes:

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.outcomes import dead_end, hands_over, never
+from islandgp.bt.analysis.outcomes import advance_status, dead_end, never
 from islandgp.bt.analysis.truth import (
     NodeContext,
     child_context,
+    conditions_when_evaluated,
     excludes,
     implies,
     may_interrupt,
-    root_of,
-    shorter,
-    whenever_asked,
+    root_context,
+    shortened,
 )
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import kind_of
@@ -89,7 +89,7 @@ def warnings(
     """
     tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
     cold: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(tree, root_of(vocabulary), ()))
+    places = list(_places(tree, root_context(vocabulary), ()))
     course = _Course(places)
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
@@ -153,7 +153,7 @@ def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, 
     """Warnings about one node: where, which of CODES, and in words."""
     node, context, above = place
     kind = kind_of(node)
-    if kind.hands_over is not None:
+    if kind.advance_status is not None:
         yield from _never_goes_on(node, context, at)
     elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
@@ -166,7 +166,7 @@ def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, 
 def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
     index = dead_end(node, context)
     if index is not None:
-        word = "fails" if hands_over(node) == FAILURE else "succeeds"
+        word = "fails" if advance_status(node) == FAILURE else "succeeds"
         message = (
             f"this branch can never run: {head(node.children[index])} before it never {word},"
             f" so the {node.kind} never reaches it"
@@ -191,7 +191,7 @@ def _guard(
     elif guard.abort == "lower" and context.observer is None:
         message = "abort lower has no effect here: no composite has a later branch to stop"
         yield at, "needless-abort", message
-    if (same := shorter(expr, whenever_asked(guard, context))) != expr:
+    if (same := shortened(expr, conditions_when_evaluated(guard, context))) != expr:
         message = f"this condition is equivalent to a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
 
@@ -252,7 +252,7 @@ class _Course:
                 changes |= below_changes
                 stays |= below_stays or (below_changes and not _passes_up(node, index))
                 # After a success a selector does not continue.
-                before |= below_stays if kind_of(node).hands_over == FAILURE else below_changes
+                before |= below_stays if kind_of(node).advance_status == FAILURE else below_changes
             return changes, stays
 
         visit(False)
@@ -265,7 +265,7 @@ def _passes_up(node: Node, index: int) -> bool:
     kind = kind_of(node)
     if kind.decorates:
         return kind.ends[SUCCESS] == SUCCESS
-    return kind.hands_over == FAILURE or (kind.hands_over == SUCCESS and last)
+    return kind.advance_status == FAILURE or (kind.advance_status == SUCCESS and last)
 
 
 def _why_not(

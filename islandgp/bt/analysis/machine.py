@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.board_outcomes import Outcomes, judged, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
-from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.condition import opposite
 from islandgp.bt.core.kinds import count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
@@ -98,7 +98,7 @@ class Machine:
         self.observed = {
             place: tuple(self._observed(place)) if kind_of(node).remembers_branch else ()
             for place, node in enumerate(self.nodes)
-            if kind_of(node).hands_over is not None
+            if kind_of(node).advance_status is not None
         }
         """Of each composite: the guards that it observes, each with its branch."""
         self.statuses = {
@@ -218,7 +218,7 @@ class Machine:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
         if kind.opaque:
             return ANY_BOARD, ANY_BOARD, ANY_BOARD
-        if kind.later:
+        if kind.delayed:
             return NO_BOARD, NO_BOARD, ANY_BOARD
         if kind.counts is not None:
             remaining, inner = self.repetition(place, memory)
@@ -244,9 +244,9 @@ class Machine:
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
         """The outcomes of a composite from those of a child and of what is behind it."""
-        handing = hands_over(self.nodes[place])
-        outcomes = list(self._and(first[handing], rest))
-        for status in (1 - handing, RUNNING):
+        advance = advance_status(self.nodes[place])
+        outcomes = list(self._and(first[advance], rest))
+        for status in (1 - advance, RUNNING):
             outcomes[status] = self.sets.either(outcomes[status], first[status])
         return outcomes[0], outcomes[1], outcomes[2]
 
@@ -288,9 +288,9 @@ class Machine:
         node, branch = self.nodes[place], target.branches[place]
         child = self.children[place][branch]
         kind = kind_of(node)
-        if kind.together:
+        if kind.concurrent:
             return self._aimed_together(place, self.memories(place, memory), target)
-        if kind.hands_over is not None:
+        if kind.advance_status is not None:
             if memory is None:
                 return self.way(place, 0, target)
             assert isinstance(memory, BranchMemory)
@@ -309,7 +309,7 @@ class Machine:
         """Outcomes of a selector or sequence whose child of index `at` starts now."""
         key = (place, target.place, target.kept)
         if key not in self._ways:
-            handing, branch = hands_over(self.nodes[place]), target.branches[place]
+            advance, branch = advance_status(self.nodes[place]), target.branches[place]
             *before, last = self.children[place][: branch + 1]
             self.spend(len(before))
             self._kept += len(before)
@@ -318,7 +318,7 @@ class Machine:
                 self._ways.clear()
             outcomes = [self._behind(place, branch, self.aimed(last, None, target), target)]
             for child in reversed(before):
-                outcomes.append(self._and(self.fresh(child)[handing], outcomes[-1]))
+                outcomes.append(self._and(self.fresh(child)[advance], outcomes[-1]))
             self._ways[key] = outcomes[::-1]
         return self._ways[key][at]
 
@@ -340,7 +340,7 @@ class Machine:
                 first = self.aimed(child, memory.memory, target)
                 reached = self._behind(place, at, first, target)
             else:
-                ended = self.now(child, memory.memory)[hands_over(self.nodes[place])]
+                ended = self.now(child, memory.memory)[advance_status(self.nodes[place])]
                 reached = self._and(ended, self.way(place, at + 1, target))
             outcomes = self._or(outcomes, self._and(boards, reached))
         return outcomes

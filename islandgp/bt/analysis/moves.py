@@ -21,7 +21,7 @@ from islandgp.bt.analysis.machine import (
     RepeaterMemory,
     TickTarget,
 )
-from islandgp.bt.analysis.outcomes import hands_over
+from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.condition import condition
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
@@ -104,7 +104,7 @@ class _Tick:
             return self._repeater(place, memory, wanted, target)
         if kind.decorates:
             return self._turned(place, memory, wanted, target)
-        if kind.together:
+        if kind.concurrent:
             return self._parallel(place, memory, wanted, target)
         return self._composite(place, memory, wanted, target)
 
@@ -203,7 +203,7 @@ class _Tick:
         """The moves of a selector or sequence: one branch after the other, with what is behind."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
-        handing, last = hands_over(machine.nodes[place]), len(machine.children[place]) - 1
+        advance, last = advance_status(machine.nodes[place]), len(machine.children[place]) - 1
         towards = first if target is None else target.branches[place]
         stages = [self._branch(place, first, inner, wanted, target)]
         done: list[Move] = []  # by the branches before the one of the last stage
@@ -215,7 +215,7 @@ class _Tick:
                 del done[-1:]
                 continue
             done.append(move)
-            if move.status == handing and branch < last:
+            if move.status == advance and branch < last:
                 goal = target if branch < towards else None
                 stages.append(self._branch(place, branch + 1, None, wanted, goal))
                 continue
@@ -259,7 +259,7 @@ class _Tick:
     ) -> Iterator[Move]:
         """The moves of a branch that lead to a wanted status of its composite, and the target."""
         machine, children = self._machine, self._machine.children[place]
-        has, handing = machine.sets.has, hands_over(machine.nodes[place])
+        has, advance = machine.sets.has, advance_status(machine.nodes[place])
         towards = branch if target is None else target.branches[place]
         if branch > towards:
             return iter(())
@@ -268,14 +268,14 @@ class _Tick:
             path = machine.way(place, branch + 1, target)
             if not any(has(path[status], self._board) for status in wanted):
                 return iter(())
-            return self.moves(children[branch], memory, (handing,), None)
-        inside = [status for status in wanted if status != handing]
+            return self.moves(children[branch], memory, (advance,), None)
+        inside = [status for status in wanted if status != advance]
         if branch == len(children) - 1:
             inside = list(wanted)
         else:
             later = machine.fresh_from(place, branch + 1)
             if any(has(later[status], self._board) for status in wanted):
-                inside.append(handing)
+                inside.append(advance)
         return self.moves(children[branch], memory, inside, target)
 
     def _known(

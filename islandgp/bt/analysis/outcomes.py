@@ -28,18 +28,18 @@ def ends(node: Node, context: NodeContext) -> Ends:
         return statuses | _FAILS if node.guard or kind.may_fail else statuses
     if isinstance(node.args, ParallelArgs):
         return _parallel(node.args, each)
-    go_on = hands_over(node)
-    reached: Ends = frozenset({go_on})
+    advance = advance_status(node)
+    reached: Ends = frozenset({advance})
     for child in each:
-        if go_on not in reached:
+        if advance not in reached:
             break
-        reached = (reached - {go_on}) | child
+        reached = (reached - {advance}) | child
     return reached
 
 
-def hands_over(node: Node) -> int:
+def advance_status(node: Node) -> int:
     """The status of a child with which a selector or sequence goes on to the next one."""
-    status = kind_of(node).hands_over
+    status = kind_of(node).advance_status
     assert status is not None
     return status
 
@@ -50,7 +50,7 @@ def dead_end(node: Node, context: NodeContext) -> int | None:
     The last child does not count.
     """
     for index, child in enumerate(node.children[:-1]):
-        if hands_over(node) not in ends(child, child_context(node, context, index)):
+        if advance_status(node) not in ends(child, child_context(node, context, index)):
             return index
     return None
 
@@ -78,7 +78,7 @@ def idle(node: Node, context: NodeContext) -> int | None:
             FAILURE if idle(node.children[0], child_context(node, context, 0)) == FAILURE else None
         )
     end = idle(node.children[0], child_context(node, context, 0))
-    if end is None or end == kind.counts or kind.later or (kind.may_fail and end != FAILURE):
+    if end is None or end == kind.counts or kind.delayed or (kind.may_fail and end != FAILURE):
         return None
     return kind.ends[end]
 

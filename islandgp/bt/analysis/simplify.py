@@ -11,18 +11,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.outcomes import dead_end, ends, hands_over, idle
+from islandgp.bt.analysis.outcomes import advance_status, dead_end, ends, idle
 from islandgp.bt.analysis.truth import (
     Conditions,
     NodeContext,
     child_context,
-    exposes,
-    hidden,
+    conditions_when_evaluated,
+    has_interrupting_guard,
     implies,
     may_interrupt,
-    root_of,
-    shorter,
-    whenever_asked,
+    root_context,
+    shortened,
+    without_interrupts,
 )
 from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, count_of, kind_of
 from islandgp.bt.core.node import (
@@ -46,7 +46,7 @@ def _only_child(node: Node, context: NodeContext) -> Rewrite:
         return None
     # But its guards, which were not observed, must not become observed ones.
     child = node.children[0]
-    moved = child if context.observer is None else hidden(child)
+    moved = child if context.observer is None else without_interrupts(child)
     return moved, f"{head(node)} has one child"
 
 
@@ -54,7 +54,7 @@ def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
     index = dead_end(node, context)
     if index is None:
         return None
-    word = "fails" if hands_over(node) == FAILURE else "succeeds"
+    word = "fails" if advance_status(node) == FAILURE else "succeeds"
     reason = f"{head(node.children[index])} never {word}, so its {node.kind} never goes on"
     return node._replace(children=node.children[: index + 1]), reason
 
@@ -64,7 +64,7 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        idles = idle(child, child_context(node, context, index)) == hands_over(node)
+        idles = idle(child, child_context(node, context, index)) == advance_status(node)
         (idling if idles else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
@@ -78,8 +78,8 @@ def _same_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001 -
     *earlier, last = node.children
     children: list[Node] = []
     for child in earlier:
-        if child.kind == node.kind and not any(map(exposes, child.children[:-1])):
-            children += (*child.children[:-1], hidden(child.children[-1]))
+        if child.kind == node.kind and not any(map(has_interrupting_guard, child.children[:-1])):
+            children += (*child.children[:-1], without_interrupts(child.children[-1]))
         else:
             children.append(child)
     children += last.children if last.kind == node.kind else (last,)
@@ -108,7 +108,7 @@ def _inverted_composite(node: Node, context: NodeContext) -> Rewrite:  # noqa: A
     # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
     # inverters, so nothing changes for them.
     child = node.children[0]
-    if kind_of(child).hands_over is None:
+    if kind_of(child).advance_status is None:
         return None
     inverted = sum(kind_of(c).inverts for c in child.children)
     if len(child.children) - inverted > inverted:
@@ -198,7 +198,7 @@ def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
 def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     # It is the same in every tick in which it is asked, so the two behave alike.
     guard = guard_of(node)
-    condition = shorter(guard.condition, whenever_asked(guard, context))
+    condition = shortened(guard.condition, conditions_when_evaluated(guard, context))
     if condition == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=condition))
@@ -214,7 +214,7 @@ _GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
 
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
     """The rules for the nodes of a kind, in the order in which they are tried."""
-    if kind.hands_over is not None:
+    if kind.advance_status is not None:
         return _COMPOSITE
     if kind.args is GuardArgs:
         return _GUARD
@@ -224,7 +224,7 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
         return (_forced,)
     if kind.inverts:
         return _INVERTER
-    return _PARALLEL if kind.together else ()
+    return _PARALLEL if kind.concurrent else ()
 
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
@@ -255,7 +255,7 @@ def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
     short, reasons = _short[1], list[str]()
     while True:
         before = len(reasons)
-        tree = _visit(tree, root_of(vocabulary), reasons, short)
+        tree = _visit(tree, root_context(vocabulary), reasons, short)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 

@@ -1,8 +1,9 @@
 """Conditions that hold on the blackboard when a node of a tree is ticked.
 
-A guard that checks itself (abort self or both) holds in each tick in which
-anything below it runs; any guard holds in the tick in which its child starts.
-From this follow guards that can never hold and redundant guards.
+A guard with abort self or both holds in each tick in which its child runs; a
+guard with any abort rule holds in the tick in which its child starts. The
+analyses of `check` and `simplify` find guards that can never hold and redundant
+guards by these conditions.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final, NamedTuple, TypeAlias
 from islandgp.bt.core.condition import (
     Condition,
     ConditionExpr,
-    conjoin,
+    combine,
     opposite,
     ordered,
     terms,
@@ -28,7 +29,7 @@ from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
 MOST_CASES: Final = 32  # most cases of conditions joined by `or`
-MOST_TERMS: Final = 64  # of all joined conditions that are looked at together
+MOST_TERMS: Final = 64  # most comparisons and flags that are analysed together
 
 
 class NodeContext(NamedTuple):
@@ -36,11 +37,11 @@ class NodeContext(NamedTuple):
 
     always: Conditions = ()  # in each tick in which the node runs
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
-    observer: Conditions | None = None  # whenever its guards are observed; None: they never are
-    vocabulary: Vocabulary = NOTHING  # what is known of actions and keys
+    observer: Conditions | None = None  # whenever its guards are observed; None: never observed
+    vocabulary: Vocabulary = NOTHING  # the declared actions and keys
 
 
-def root_of(vocabulary: Vocabulary) -> NodeContext:
+def root_context(vocabulary: Vocabulary) -> NodeContext:
     """The context of the root of a tree."""
     return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
 
@@ -56,7 +57,15 @@ def chain(node: Node) -> list[Node]:
 
 
 def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
-    """The branch with other abort rules on the guards of its `chain`: those that `change` names."""
+    """The branch with the abort rules of the guards in its `chain` replaced.
+
+    Args:
+        branch: a node with its descendants.
+        change: the new abort rule by the present one; other rules are unchanged.
+
+    Returns:
+        The new branch; `branch` itself if nothing changes.
+    """
     if not kind_of(branch).decorates:
         return branch
     args: Args = branch.args
@@ -69,49 +78,54 @@ def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
     return commented(Node(branch.kind, args, (child,)), comments)
 
 
-def hidden(branch: Node) -> Node:
-    """The branch with guards that are not observed, and that are otherwise the same."""
+def without_interrupts(branch: Node) -> Node:
+    """The branch without observed guards: abort `both` becomes `self`, and `lower` `none`."""
     return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
-def exposes(branch: Node) -> bool:
-    """True if a composite would observe a guard of this branch."""
+def has_interrupting_guard(branch: Node) -> bool:
+    """True if a guard in the branch's `chain` has abort `lower` or `both`."""
     return any(each.guard and each.guard.interrupts for each in chain(branch))
 
 
 def implies(known: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on every blackboard on which all of `known` hold.
 
-    False may also mean that this is not known: where very much is joined.
+    It may also return False for a condition that is implied, if more than MOST_CASES cases or
+    MOST_TERMS terms would have to be examined.
     """
     return excludes(known, opposite(expr))
 
 
 @lru_cache(maxsize=10_000)  # trees of a population share most of their guards
 def excludes(known: Conditions, expr: ConditionExpr) -> bool:
-    """True if `expr` holds on no blackboard on which all of `known` hold; as in `implies`."""
+    """True if `expr` holds on no blackboard on which all of `known` hold.
+
+    It may also return False where that is the case, as `implies`.
+    """
     single = [c for c in known if isinstance(c, Condition)]
     if isinstance(expr, Condition) and len(single) == len(known):
-        return not _together([*(c for c in single if {*c.keys} == {*expr.keys}), expr])
-    return not _possible(_about(known, expr), expr)
+        return not _satisfiable([*(c for c in single if {*c.keys} == {*expr.keys}), expr])
+    return not _consistent(_related(known, expr), expr)
 
 
-def shorter(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
-    """A condition with fewer words that is the same wherever all of `known` hold; else `expr`."""
-    condition, related = to_nnf(expr), _about(known, expr)
-    while (shortened := _without_needless(condition, related)) != condition:
-        condition = shortened
-    return condition if _words(condition) < _words(expr) else expr
+def shortened(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
+    """A shorter condition with the same value wherever all of `known` hold, or else `expr`."""
+    condition, related = to_nnf(expr), _related(known, expr)
+    while (reduced := _without_redundant(condition, related)) != condition:
+        condition = reduced
+    return condition if _word_count(condition) < _word_count(expr) else expr
 
 
-def _words(expr: ConditionExpr) -> int:
+def _word_count(expr: ConditionExpr) -> int:
+    """The number of terms and of the word `not`."""
     if isinstance(expr, Condition):
         return 2 if expr.operator == "not" else 1
-    return (expr.word == "not") + sum(map(_words, expr.parts))
+    return (expr.word == "not") + sum(map(_word_count, expr.parts))
 
 
-def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
-    """Without parts that the others, or `known`, decide already."""
+def _without_redundant(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
+    """The condition without parts whose value follows from the other parts and `known`."""
     if isinstance(expr, Condition):
         return expr
     parts = list(expr.parts)
@@ -120,15 +134,15 @@ def _without_needless(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
         others = parts[:at] + parts[at + 1 :]
         # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
         assumed = (*known, *(others if expr.word == "and" else map(opposite, others)))
-        if not _possible(assumed, opposite(parts[at]) if expr.word == "and" else parts[at]):
+        if not _consistent(assumed, opposite(parts[at]) if expr.word == "and" else parts[at]):
             parts = others
         else:
-            parts[at] = _without_needless(parts[at], assumed)
+            parts[at] = _without_redundant(parts[at], assumed)
             at += 1
-    return conjoin(expr.word, parts)
+    return combine(expr.word, parts)
 
 
-def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
+def _related(known: Conditions, expr: ConditionExpr) -> Conditions:
     """The conditions in `known` that constrain keys of `expr`, directly or indirectly."""
     keys = {key for term in terms(expr) for key in term.keys}
     remaining = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
@@ -148,41 +162,44 @@ def _about(known: Conditions, expr: ConditionExpr) -> Conditions:
     return tuple(related)
 
 
-def _possible(known: Conditions, expr: ConditionExpr) -> bool:
-    """True if there may be a blackboard on which all hold."""
+def _consistent(known: Conditions, expr: ConditionExpr) -> bool:
+    """True if there may be a blackboard on which `expr` and all of `known` hold."""
     exprs = [to_nnf(expr)]
     room = MOST_TERMS
     for each in known:
         room -= sum(1 for _ in terms(each))
-        if room >= 0:  # knowing less is safe
+        if room >= 0:  # dropping a known condition can only turn False into True
             exprs.append(to_nnf(each))
-    joint = conjoin("and", exprs)
-    return _cases(joint) > MOST_CASES or _some_case([], [joint])
+    joint = combine("and", exprs)
+    return _case_count(joint) > MOST_CASES or _any_case_holds([], [joint])
 
 
-def _cases(expr: ConditionExpr) -> int:
-    """In how many ways a condition that is spread can hold: one part of each `or` must."""
+def _case_count(expr: ConditionExpr) -> int:
+    """The number of conjunctions in the disjunctive normal form of a condition in NNF."""
     if isinstance(expr, Condition):
         return 1
-    return (prod if expr.word == "and" else sum)(map(_cases, expr.parts))
+    return (prod if expr.word == "and" else sum)(map(_case_count, expr.parts))
 
 
-def _some_case(single: list[Condition], exprs: list[ConditionExpr]) -> bool:
-    """True if all of these conditions, in negation normal form, can hold together."""
+def _any_case_holds(single: list[Condition], exprs: list[ConditionExpr]) -> bool:
+    """True if all of these conditions, which are in negation normal form, can hold at once.
+
+    `single` are terms that must hold; `exprs` remain to be split into terms.
+    """
     if not exprs:
-        return _together(single)
+        return _satisfiable(single)
     first, *others = exprs
     if isinstance(first, Condition):
-        return _some_case([*single, first], others)
+        return _any_case_holds([*single, first], others)
     if first.word == "and":
-        return _some_case(single, [*first.parts, *others])
-    return any(_some_case(single, [part, *others]) for part in first.parts)
+        return _any_case_holds(single, [*first.parts, *others])
+    return any(_any_case_holds(single, [part, *others]) for part in first.parts)
 
 
-def _together(conditions: Sequence[Condition]) -> bool:
-    """True if there may be a blackboard on which all of these hold.
+def _satisfiable(conditions: Sequence[Condition]) -> bool:
+    """True if there may be a blackboard on which all of these conditions hold.
 
-    The difference of two keys that are compared counts as a key without a range.
+    A comparison of two keys is treated as a comparison of their difference with 0.
     """
     ranges: dict[tuple[str, ...], _Range] = {}
     for each in map(ordered, conditions):
@@ -191,18 +208,19 @@ def _together(conditions: Sequence[Condition]) -> bool:
 
 
 class _Range:
-    """The values of a key with which some conditions hold."""
+    """The values of a key that satisfy some conditions: an interval without some numbers."""
 
-    __slots__ = ("high", "low", "never", "open_high", "open_low")
+    __slots__ = ("excluded", "high", "low", "open_high", "open_low")
 
     def __init__(self) -> None:
         self.low, self.high = -inf, inf
-        self.open_low = self.open_high = False  # whether the end itself is left out
-        self.never: set[float] = set()
+        self.open_low = self.open_high = False  # True: the bound itself is excluded
+        self.excluded: set[float] = set()
 
     def narrow(self, operator: str, number: float) -> None:
+        """Exclude the values that do not satisfy a condition."""
         if operator in ("!=", "is"):  # the number of a flag is 0
-            self.never.add(number)
+            self.excluded.add(number)
         if operator in (">", ">=", "==", "not"):
             self.low, self.open_low = max((self.low, self.open_low), (number, operator == ">"))
         if operator in ("<", "<=", "==", "not"):
@@ -210,9 +228,10 @@ class _Range:
             self.high, self.open_high = high[0], not high[1]
 
     def empty(self) -> bool:
+        """True if no value is left."""
         if self.low != self.high:
             return self.low > self.high
-        return self.open_low or self.open_high or self.low in self.never
+        return self.open_low or self.open_high or self.low in self.excluded
 
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
@@ -224,19 +243,19 @@ def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
         if node.guard.checks_itself:
             always = (*always, holds)
         return NodeContext(always, (*at_start, holds), observer, vocabulary)
-    if kind.together:
+    if kind.concurrent:
         return NodeContext(always, at_start, None, vocabulary)
     if kind.opaque:
         return NodeContext(always, always, observer if kind.decorates else None, vocabulary)
     if kind.reactive:  # any child starts in any tick
         return NodeContext(always, always, None, vocabulary)
-    if kind.counts is not None or kind.later:  # starts its child in later ticks
+    if kind.counts is not None or kind.delayed:  # starts its child in later ticks
         return NodeContext(always, always, observer, vocabulary)
     if kind.decorates:
         return context
     last = index == len(node.children) - 1
-    # The first branch starts with its composite, unless its guard can call it back later.
-    starts = index == 0 and (last or not exposes(node.children[0]))
+    # The first branch starts with its composite, unless its guard can start it once more.
+    starts = index == 0 and (last or not has_interrupting_guard(node.children[0]))
     observer = None if last else always
     return NodeContext(always, at_start if starts else always, observer, vocabulary)
 
@@ -245,12 +264,12 @@ def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
     """True if a `when` can stop a later branch in this context."""
     if context.observer is None or not guard.interrupts:
         return False
-    # What is never true, or true all the time, does not turn true.
+    # A condition that is always true, or never, does not become true.
     never = excludes(context.observer, guard.condition)
     return not (never or implies(context.observer, guard.condition))
 
 
-def whenever_asked(guard: GuardArgs, context: NodeContext) -> Conditions:
+def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditions:
     """Conditions that hold in each tick in which the condition of a `when` is evaluated."""
     if context.observer is not None and guard.interrupts:
         return context.observer

@@ -252,7 +252,7 @@ class Builder:
             values.append(
                 self._argument(kind, argument, rest.pop(0)) if is_given else argument.default
             )
-        return Node(kind, KINDS[kind].made(values)), rest
+        return Node(kind, KINDS[kind].make_args(values)), rest
 
     def _leaf(self, name: _Token, arguments: Sequence[tuple[_Token, _Token]]) -> Node:
         """A leaf from the names and values of its arguments."""

@@ -1,9 +1,8 @@
-"""The tick function of each kind of node, a closure with the node's memory.
+"""The tick function of each kind of node: a closure that holds the node's memory.
 
-These are the node kinds of section 2.2.3 with the meaning that `docs/semantics.md`
-gives them, one function each; `engine` puts them together. A composite that observes guards
-goes back to an earlier branch when one of them becomes true: the abort rules. The last three
-are the control nodes of Nav2: pipeline, round robin and recovery.
+`engine` compiles a tree with these functions, one for each node kind of section 2.2.3, as
+`docs/semantics.md` specifies them. The last three are control nodes of Nav2: pipeline, round robin
+and recovery.
 """
 
 from __future__ import annotations
@@ -15,15 +14,15 @@ from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
 
 Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
 ReportStopped: TypeAlias = Callable[[int, int], None]
-"""Reports that a subtree was stopped: (position of its first node, position after its last).
+"""Called when a subtree is stopped, with the position of its first node and that after its last.
 
-Positions are those in document order. The report goes to a watch; the nodes are not called. An
-action gets to know it at its next start, by `fresh=True`.
+Positions are in document order. The watch is called, the nodes are not: an action learns of the
+abort at its next start, by `fresh=True`.
 """
 
 
-def composite(branches: list[Tick], go_on: int) -> Tick:
-    """A selector (`go_on` is FAILURE) or a sequence (SUCCESS) that observes nothing."""
+def composite(branches: list[Tick], advance_status: int) -> Tick:
+    """A selector (`advance_status` FAILURE) or a sequence (SUCCESS) without observed guards."""
     count = len(branches)
     current = 0
 
@@ -31,7 +30,7 @@ def composite(branches: list[Tick], go_on: int) -> Tick:
         nonlocal current
         at = 0 if fresh else current
         status = branches[at](fresh)
-        while status == go_on:
+        while status == advance_status:
             at += 1
             if at == count:
                 return status
@@ -43,7 +42,7 @@ def composite(branches: list[Tick], go_on: int) -> Tick:
 
 
 def reactive_composite(
-    branches: list[Tick], go_on: int, positions: list[int], report_stopped: ReportStopped
+    branches: list[Tick], advance_status: int, positions: list[int], report_stopped: ReportStopped
 ) -> Tick:
     """A selector or sequence that begins with its first child in each tick."""
     current = 0  # the child that ran in the tick before
@@ -53,13 +52,13 @@ def reactive_composite(
         running = -1 if fresh else current
         for at, branch in enumerate(branches):
             status = branch(at != running)
-            if status != go_on:
+            if status != advance_status:
                 if running > at:
                     report_stopped(positions[running], positions[running + 1])
                 current = at
                 # The children before it start again in the next tick.
                 return AGAIN if status == RUNNING and at else status
-        return go_on
+        return advance_status
 
     return tick
 
@@ -71,13 +70,13 @@ def parallel(
     positions: list[int],
     report_stopped: ReportStopped,
 ) -> Tick:
-    """All children at once; `success` and `failure` are how many of them decide."""
+    """Ticks all children; succeeds after `success` successes, fails after `failure` failures."""
     count = len(branches)
     statuses = [RUNNING] * count
 
     def tick(fresh: bool) -> int:
         succeeded = failed = 0
-        going = RUNNING
+        running = RUNNING
         for at, branch in enumerate(branches):
             status = statuses[at]
             if fresh or status >= RUNNING:
@@ -87,9 +86,9 @@ def parallel(
             elif status == FAILURE:
                 failed += 1
             elif status == AGAIN:
-                going = AGAIN
+                running = AGAIN
         if failed < failure and succeeded < success and succeeded + failed < count:
-            return going
+            return running
         for at, status in enumerate(statuses):
             if status >= RUNNING:
                 report_stopped(positions[at], positions[at + 1])
@@ -119,9 +118,9 @@ def forced(child: Tick, end: int) -> Tick:
 
 
 def repeater(child: Tick, count: float, counted: int) -> Tick:
-    """One repetition a tick, until the child has ended `count` times with the status `counted`."""
-    remaining = 0.0  # such ends still to come
-    due = False  # the next tick starts a repetition
+    """Repeats its child, once a tick, until it has ended `count` times with status `counted`."""
+    remaining = 0.0  # ends with this status until the repeater ends
+    due = False  # True: the next tick starts a repetition
 
     def tick(fresh: bool) -> int:
         nonlocal remaining, due
@@ -167,15 +166,15 @@ def timeout(child: Tick, ticks: int, span: tuple[int, int], report_stopped: Repo
 
 def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
     """Fails for `ticks` ticks after its child has ended; `now` returns the number of the tick."""
-    free = 0  # the first tick in which the child may start
+    ready = 0  # the first tick in which the child may start
 
     def tick(fresh: bool) -> int:
-        nonlocal free
-        if fresh and now() < free:
+        nonlocal ready
+        if fresh and now() < ready:
             return FAILURE
         status = child(fresh)
         if status < RUNNING:
-            free = now() + ticks
+            ready = now() + ticks
         return status
 
     return tick
@@ -185,7 +184,7 @@ def every(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
     """Starts its child again at least `ticks` ticks after its success; `now` as in `cooldown`."""
     due = 0  # the first tick in which the child may start
     before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
-    started = False  # whether the child runs
+    started = False  # True: the child is running
 
     def tick(fresh: bool) -> int:
         nonlocal due, before, started
@@ -223,7 +222,7 @@ class Observed:
         self.truth: list[bool | None] = []  # last known, by slot; None: not visited yet
 
     def add(self, holds: Callable[[], bool]) -> int:
-        """Observes one more guard of the branch; returns its index in `truth`."""
+        """Add a guard of the branch that is being compiled; return its index in `truth`."""
         slot = len(self.guards)
         self.guards.append(ObservedGuard(self.branch, slot, holds))
         self.truth.append(None)
@@ -232,7 +231,7 @@ class Observed:
 
 def observing_composite(
     branches: list[Tick],
-    go_on: int,
+    advance_status: int,
     observed: Observed,
     positions: list[int],
     report_stopped: ReportStopped,
@@ -241,8 +240,8 @@ def observing_composite(
 
     Args:
         branches: the children.
-        go_on: the status that hands over to the next branch.
-        observed: the guards, those of the last branch left out.
+        advance_status: the status of a branch after which the next one starts.
+        observed: the guards of all branches but the last.
         positions: of the first node of each branch, and that after the last branch.
         report_stopped: called with the positions of the branch that is stopped.
     """
@@ -277,13 +276,13 @@ def observing_composite(
                     if branch >= at:
                         truth[slot] = None
         status = branches[at](fresh)
-        if status == go_on and not fresh:
-            # From now on the guards of this branch are observed. Their values are those of the
-            # branch's start, which may be many ticks ago.
+        if status == advance_status and not fresh:
+            # The guards of this branch are observed from this tick on. Their stored values are
+            # from the branch's start, which may be many ticks ago.
             for branch, slot, holds in guards:
                 if branch == at and truth[slot] is not None:
                     truth[slot] = holds()
-        while status == go_on:
+        while status == advance_status:
             at += 1
             if at == count:
                 return status
@@ -306,9 +305,10 @@ def guard(
     """A `when`.
 
     Args:
-        child: what it guards.
-        holds: its condition.
-        checks_itself: True with `abort self` or `both`: it stops its child when `holds` is False.
+        child: the guarded node.
+        holds: the condition.
+        checks_itself: True with `abort self` or `both`: the child is stopped when the condition
+            becomes false.
         truth: the last known values of the conditions that its composite observes.
         slot: index of this condition in `truth`.
         span: position of the first node of the child, and that after its last.
@@ -328,9 +328,10 @@ def guard(
 
 
 def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportStopped) -> Tick:
-    """A sequence that begins with its first child in each tick and passes running ones.
+    """A sequence that begins with its first child in each tick.
 
-    A running child is passed if it is before the furthest child that ran in this activation.
+    The next child starts after a success. It is also ticked while the child before it is running,
+    if it or a later one has run since the pipeline started.
     """
     running = [False] * len(branches)
     furthest = 0
@@ -361,7 +362,7 @@ def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportS
 def round_robin(branches: list[Tick]) -> Tick:
     """Tries its children in turn; begins after the child that succeeded last."""
     current = failed = 0
-    running = False  # at a start: it was aborted
+    running = False  # True at a start: the node was aborted
 
     def tick(fresh: bool) -> int:
         nonlocal current, failed, running
@@ -387,22 +388,22 @@ def round_robin(branches: list[Tick]) -> Tick:
 
 def recovery(child: Tick, remedy: Tick, count: float) -> Tick:
     """Runs the remedy after a failure of the child and then the child again, `count` times."""
-    left = count
+    remaining = count
     recovering = False
 
     def tick(fresh: bool) -> int:
-        nonlocal left, recovering
+        nonlocal remaining, recovering
         if fresh:
-            left, recovering = count, False
+            remaining, recovering = count, False
         while True:
             if recovering:
                 status = remedy(fresh)
                 if status != SUCCESS:
                     return status
-                left -= 1
+                remaining -= 1
             else:
                 status = child(fresh)
-                if status != FAILURE or left == 0:
+                if status != FAILURE or remaining == 0:
                     return status
             recovering, fresh = not recovering, True
 

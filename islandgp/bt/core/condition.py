@@ -28,10 +28,10 @@ class Condition(NamedTuple):
 
 
 class Compound(NamedTuple):
-    """Conditions joined by `and` or `or`, or negated by `not`; made by `conjoin` and `negate`.
+    """Conditions joined by `and` or `or`, or negated by `not`.
 
-    Equal meanings may be written differently, but each way of writing is one value: `and` holds
-    no `and`, `or` no `or`, and `not` neither a flag nor another `not`.
+    `combine` and `negate` create it in a canonical form: no `and` is a part of an `and`, no `or`
+    of an `or`, and `not` negates neither a flag nor another `not`.
     """
 
     word: str  # and, or: of two parts or more; not: of one
@@ -64,8 +64,8 @@ def ordered(expr: Condition) -> Condition:
     return Condition(expr.other, MIRRORED[expr.operator], 0.0, expr.key)
 
 
-def conjoin(word: str, parts: Sequence[ConditionExpr]) -> ConditionExpr:
-    """Join conditions by the word `and` or `or`; one part is returned as it is."""
+def combine(word: str, parts: Sequence[ConditionExpr]) -> ConditionExpr:
+    """Combine conditions by the word `and` or `or`; a single part is returned as it is."""
     flat: list[ConditionExpr] = []
     for part in parts:
         same = isinstance(part, Compound) and part.word == word
@@ -88,7 +88,7 @@ def opposite(expr: ConditionExpr) -> ConditionExpr:
         return expr._replace(operator=OPPOSITE[expr.operator])
     if expr.word == "not":
         return to_nnf(expr.parts[0])
-    return conjoin({"and": "or", "or": "and"}[expr.word], [opposite(p) for p in expr.parts])
+    return combine({"and": "or", "or": "and"}[expr.word], [opposite(p) for p in expr.parts])
 
 
 def to_nnf(expr: ConditionExpr) -> ConditionExpr:
@@ -97,7 +97,7 @@ def to_nnf(expr: ConditionExpr) -> ConditionExpr:
         return expr
     if expr.word == "not":
         return opposite(expr.parts[0])
-    return conjoin(expr.word, [to_nnf(part) for part in expr.parts])
+    return combine(expr.word, [to_nnf(part) for part in expr.parts])
 
 
 def terms(expr: ConditionExpr) -> Iterator[Condition]:
@@ -121,7 +121,7 @@ def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> Con
         index -= count
     if not parts:
         return None
-    return negate(parts[0]) if expr.word == "not" else conjoin(expr.word, parts)
+    return negate(parts[0]) if expr.word == "not" else combine(expr.word, parts)
 
 
 def condition(expr: ConditionExpr, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:

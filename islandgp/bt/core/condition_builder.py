@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.diagnosis import unknown_key, unknown_word
 from islandgp.bt.core.scope import Scope
 from islandgp.bt.core.source import shown
@@ -49,7 +49,7 @@ class _ConditionBuilder:
             return negate(inside[0])
         if form == "brackets":
             return inside[0]
-        return conjoin("and" if form == "conjunction" else "or", inside)
+        return combine("and" if form == "conjunction" else "or", inside)
 
     def _comparison(self, name: _Token, operator: _Token, right: _Token) -> Condition:
         key = None if self._vocabulary is None else self._vocabulary.keys[name]

@@ -1,9 +1,9 @@
-"""Runs a tree: compiles it to closures, with one call per tick.
+"""Compiles a tree to a function that ticks it once.
 
-The nodes are specified in `docs/semantics.md`. A node is a function of `fresh`: True starts it,
-False resumes it where it was RUNNING. So an abort does not visit the subtree: the aborting node
-calls it with `fresh=True` the next time. The blackboard does not change within a tick, so checking
-guards on the way down from the root is equivalent to checking all of them at the start.
+`docs/semantics.md` specifies the nodes. A node is a function of `fresh`: True starts it, False
+resumes it where it was RUNNING. So an abort does not visit the subtree: its next tick has
+`fresh=True`. The blackboard does not change within a tick, so checking guards on the way down from
+the root is equivalent to checking all of them at the start of the tick.
 """
 
 from __future__ import annotations
@@ -105,14 +105,14 @@ class _Compiler:
         step_s: float | None,
     ) -> None:
         self._step_s = step_s
-        self.now = 0  # the number of the tick, in a tree that counts seconds
+        self.now = 0  # number of the tick; it is counted only in a tree with times
         self._actions = actions
         self._board = board
         self._key_index = places
         self._watch = watch
         self._running: list[bool] = []  # by position
-        self._report_stopped: ReportStopped = _ignore if watch is None else self._tell_watch
-        self.stopped_midtick = False  # in this tick an action was RUNNING and then aborted
+        self._report_stopped: ReportStopped = _ignore if watch is None else self._watch_stopped
+        self.stopped_midtick = False  # True: an action was RUNNING in this tick and then aborted
 
     @property
     def _next_position(self) -> int:
@@ -122,8 +122,8 @@ class _Compiler:
     def compile(self, node: Node, observed: Observed | None) -> Tick:
         """The closure of a node.
 
-        `observed` has the observed guards of the nearest composite above; None if it observes none
-        of this branch.
+        `observed` collects the observed guards of the nearest composite above. It is None if the
+        composite observes no guard of this branch.
         """
         position = self._next_position
         self._running.append(False)
@@ -136,8 +136,8 @@ class _Compiler:
 
     def _composite(self, node: Node, _: Observed | None) -> Tick:
         """A selector or sequence."""
-        go_on = KINDS[node.kind].hands_over
-        assert go_on is not None
+        status = KINDS[node.kind].advance_status
+        assert status is not None
         observed = Observed()
         last = len(node.children) - 1
         branches, positions = [], []
@@ -149,9 +149,9 @@ class _Compiler:
         positions.append(self._next_position)
         if observed.guards:
             return closures.observing_composite(
-                branches, go_on, observed, positions, self._report_stopped
+                branches, status, observed, positions, self._report_stopped
             )
-        return closures.composite(branches, go_on)
+        return closures.composite(branches, status)
 
     def _parallel(self, node: Node, _: Observed | None) -> Tick:
         assert isinstance(node.args, ParallelArgs)
@@ -160,10 +160,10 @@ class _Compiler:
         return closures.parallel(branches, success, failure, positions, self._stop_midtick)
 
     def _reactive(self, node: Node, _: Observed | None) -> Tick:
-        go_on = KINDS[node.kind].hands_over
-        assert go_on is not None
+        status = KINDS[node.kind].advance_status
+        assert status is not None
         branches, positions = self._unobserved(node)
-        return closures.reactive_composite(branches, go_on, positions, self._report_stopped)
+        return closures.reactive_composite(branches, status, positions, self._report_stopped)
 
     def _unobserved(self, node: Node) -> tuple[list[Tick], list[int]]:
         """The closures of children whose guards are not observed, and their positions."""
@@ -250,7 +250,7 @@ class _Compiler:
         self.stopped_midtick = True
         self._report_stopped(first, end)
 
-    def _tell_watch(self, first: int, end: int) -> None:
+    def _watch_stopped(self, first: int, end: int) -> None:
         assert self._watch is not None
         for position in range(first, end):
             if self._running[position]:
@@ -279,14 +279,13 @@ _MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = 
     "force_failure": _Compiler._forced,
     "when": _Compiler._when,
 }
-"""The function that makes the closure of each kind of inner node."""
+"""The method that compiles each kind of inner node."""
 
 
 def thresholds(tree: Node, key: str) -> tuple[float, ...]:
-    """The numbers that a tree compares a key with, ascending, each once.
+    """The distinct numbers with which a tree compares a key, ascending.
 
-    As long as the key's value stays between two neighbours, and on neither of
-    them, no comparison of it with a number changes its truth.
+    While the key's value stays strictly between two neighbours, no comparison changes its truth.
     """
     return tuple(sorted({term.number for term in asked_in(tree) if term.keys == (key,)}))
 
@@ -297,4 +296,4 @@ def compares_keys(tree: Node, key: str) -> bool:
 
 
 def _ignore(first: int, end: int) -> None:
-    """Reports nothing: the tree has no watch."""
+    """Do nothing, in a tree without a watch."""

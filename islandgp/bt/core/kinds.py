@@ -1,8 +1,9 @@
-"""The kinds of nodes: how each is written, printed and drawn, and what can be concluded from it.
+"""The kinds of nodes: their syntax, appearance, and the properties that analyses use.
 
-A kind is declared here once. The parser, the printer, pictures, `check`, `simplify`, `verify-tree`
-and evolution read its record. Only `engine`, which ticks a node, and `export`, which knows the
-nodes of other libraries, name kinds themselves. docs/semantics.md describes what each does.
+Each kind is declared once, in KINDS. The parser, the printer, pictures, `check`, `simplify`,
+`verify-tree` and evolution use this declaration. Only `engine`, which ticks nodes, and `export`,
+which maps them to those of other libraries, treat kinds by name. docs/semantics.md specifies the
+behaviour of each.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Sort(Enum):
     """Type of an argument."""
 
     NAME = auto()  # of an action
-    CONDITION = auto()  # as `condition` has it
+    CONDITION = auto()  # a ConditionExpr
     COUNT = auto()  # a whole number within `range`
     SECONDS = auto()  # a number within `range`
     WORD = auto()  # one of `words`
@@ -50,7 +51,7 @@ class Argument:
     one without a default follows the keyword of the kind, as in `repeater 3`.
     """
 
-    name: str  # as it is called in JSON, and in a text if it has a default
+    name: str  # in JSON, and in a text if it has a default
     sort: Sort
     meaning: str = ""  # one line, for editors
     words: Mapping[str, str] = field(default_factory=dict)  # each with its meaning
@@ -61,8 +62,8 @@ class Argument:
 class Look(NamedTuple):
     """Appearance of the nodes of a kind; kinds differ in colour, shape and sign."""
 
-    sign: str  # as the literature draws it
-    style: str  # of rich; a terminal without colours shows the same text
+    sign: str  # the symbol of the literature
+    style: str  # of rich, for terminals with colours
     fill: str
     line: str
     dot: str = "box"  # shape of Graphviz
@@ -72,7 +73,7 @@ class Look(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeKind:
-    """A kind of node: its arguments and children, its appearance, and its status."""
+    """A kind of node: its arguments, children and appearance, and the rules for its status."""
 
     meaning: str  # one line for people
     children: tuple[int, int]  # fewest and most
@@ -80,28 +81,30 @@ class NodeKind:
     args: type[Any] = tuple  # the class of Node.args
     arguments: tuple[Argument, ...] = ()  # the fields of args, in order
 
-    hands_over: int | None = None
+    advance_status: int | None = None
     """Of a selector or sequence: the status of a child with which the next one starts."""
     dual: str = ""
     """Of a selector or sequence: the kind that is the same with SUCCESS and FAILURE exchanged."""
     reactive: bool = False
-    """Of a selector or sequence: it begins with its first child in each tick, and observes none."""
-    together: bool = False
-    """It ticks all its children in each tick; its args have the numbers that decide."""
+    """Of a selector or sequence: it begins with its first child in each tick. It observes no
+    guards."""
+    concurrent: bool = False
+    """It ticks all its children in each tick; its args are the numbers of successes and failures
+    that end it."""
     ends: tuple[int, int] = (FAILURE, SUCCESS)
     """Of a decorator: its status when its child fails, and when its child succeeds."""
     counts: int | None = None
     """Of a decorator: the status of its child after which the child starts again in the next tick,
     until the count in its args is reached."""
 
-    def made(self, values: Sequence[Any]) -> Args:
+    def make_args(self, values: Sequence[Any]) -> Args:
         """The args of a node of this kind, from the values of its arguments in order."""
         args: Args = self.args(*values) if values else ()
         return args
 
     may_fail: bool = False
-    """Of a decorator: it can fail although its child does not end."""
-    later: bool = False
+    """Of a decorator: it can fail while its child has not ended."""
+    delayed: bool = False
     """Of a decorator: its child starts in a later tick."""
     opaque: bool = False
     """Analyses assume that its children start in any of its ticks, and that it ends in any way."""
@@ -114,7 +117,7 @@ class NodeKind:
     @property
     def remembers_branch(self) -> bool:
         """True for selectors and sequences that resume their running child."""
-        return self.hands_over is not None and not self.reactive
+        return self.advance_status is not None and not self.reactive
 
     @property
     def decorates(self) -> bool:
@@ -151,14 +154,14 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in order until one succeeds",
         children=(1, ANY),
         look=Look("?", "bold cyan", "#d7ecfa", "#0072b2"),
-        hands_over=FAILURE,
+        advance_status=FAILURE,
         dual="sequence",
     ),
     "sequence": NodeKind(
         meaning="runs its children in order until one fails",
         children=(1, ANY),
         look=Look("\N{RIGHTWARDS ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
-        hands_over=SUCCESS,
+        advance_status=SUCCESS,
         dual="selector",
     ),
     "parallel": NodeKind(
@@ -170,7 +173,7 @@ KINDS: Final[dict[str, NodeKind]] = {
             Argument("failure", Sort.POLICY, "how many must fail", POLICIES, REPEATS, "one"),
         ),
         look=Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
-        together=True,
+        concurrent=True,
     ),
     "inverter": NodeKind(
         meaning="turns success into failure and failure into success",
@@ -213,7 +216,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in order in each tick until one does not fail",
         children=(1, ANY),
         look=Look("?\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
-        hands_over=FAILURE,
+        advance_status=FAILURE,
         dual="reactive_sequence",
         reactive=True,
         paper=False,
@@ -224,7 +227,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look(
             "\N{RIGHTWARDS ARROW}\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"
         ),
-        hands_over=SUCCESS,
+        advance_status=SUCCESS,
         dual="reactive_selector",
         reactive=True,
         paper=False,
@@ -235,7 +238,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "before its child starts", range=SECONDS),),
         look=Look("\N{HOURGLASS}", "magenta", "#efe3f5", "#7f4fa3"),
-        later=True,
+        delayed=True,
         paper=False,
     ),
     "timeout": NodeKind(

@@ -93,7 +93,7 @@ def answers_at_once(tree: Node, vocabulary: Vocabulary) -> bool:
     return all(
         vocabulary.action(node.action).condition
         if node.action
-        else kind_of(node).inverts or kind_of(node).hands_over is not None
+        else kind_of(node).inverts or kind_of(node).advance_status is not None
         for node in walk(tree)
     )
 

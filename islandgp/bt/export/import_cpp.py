@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.analysis.truth import hidden
+from islandgp.bt.analysis.truth import without_interrupts
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import ABORTS, KINDS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
@@ -145,7 +145,7 @@ class _Importer(SubtreeReader):
         """A node with the conditions that its attributes ask before it starts."""
         parent = self.parents[-1] if self.parents else ""
         rest = {k: v for k, v in element.attributes.items() if k not in names}
-        node = hidden(self.node(replace(element, attributes=rest)))
+        node = without_interrupts(self.node(replace(element, attributes=rest)))
         for name in reversed(names):
             self.count(element, 2, 2)
             test: Test = self._condition(element, name)
@@ -247,7 +247,7 @@ class _Importer(SubtreeReader):
             cases = [self._case(element, i) for i in range(1, int(tag[-1]) + 1)]
             if len(children) != len(cases) + 1:
                 self.fail(element, f"expected {len(cases) + 1} children in <{tag}>")
-            return switch(cases, [hidden(self.node(child)) for child in children])
+            return switch(cases, [without_interrupts(self.node(child)) for child in children])
         if not 2 <= len(children) <= 3:
             self.fail(element, f"expected two or three children in <{tag}>")
         first, *rest = children
@@ -261,7 +261,7 @@ class _Importer(SubtreeReader):
                 self.fail(first, f"expected a condition as the first child of {tag}")
             if len(rest) > 1:
                 self.differs(element, TWICE)
-        nodes = [hidden(self.node(child)) for child in rest]
+        nodes = [without_interrupts(self.node(child)) for child in rest]
         if tag == "WhileDoElse":
             if isinstance(test, Node):
                 self.differs(element, ORDER)
@@ -297,7 +297,7 @@ class _Importer(SubtreeReader):
                 parts.append(self._guarding(each, element, elements[index + 1 :], "none"))
                 break
             # In that library composites do not observe the guards of this branch.
-            parts.append(hidden(self.node(each)))
+            parts.append(without_interrupts(self.node(each)))
         else:
             last = elements[-1]
             node = self.node(last)
@@ -331,7 +331,7 @@ class _Importer(SubtreeReader):
         self.check_attributes(condition, "ScriptCondition")
         expr = self._condition(condition, "code")
         # In that library no composite observes a guard behind a condition.
-        inner = hidden(inner)
+        inner = without_interrupts(inner)
         guard = implies(unless(expr), inner, abort) if inverted else guarded(expr, inner, abort)
         return commented(guard, notes_of(condition))
 

@@ -17,7 +17,7 @@ from islandgp.bt.core.condition import (
     Compound,
     Condition,
     ConditionExpr,
-    conjoin,
+    combine,
     negate,
 )
 from islandgp.bt.core.condition_builder import MAX_NESTED
@@ -154,7 +154,7 @@ class _JsonReader:
         values = [self._value(value, argument, at) for argument in arguments]
         return Node(
             kind,
-            KINDS[kind].made(values),
+            KINDS[kind].make_args(values),
             tuple(
                 self.node(child, f"{at}.children[{i}]", level + 1)
                 for i, child in enumerate(children)
@@ -201,7 +201,7 @@ class _JsonReader:
         parts = [
             self._condition(each, f"{at}.{word}[{i}]", level + 1) for i, each in enumerate(inside)
         ]
-        return negate(parts[0]) if word == "not" else conjoin(word, parts)
+        return negate(parts[0]) if word == "not" else combine(word, parts)
 
     def _single(self, value: dict[str, Any], at: str) -> Condition:
         key, operator, right = (

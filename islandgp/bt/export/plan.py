@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.truth import chain, exposes
+from islandgp.bt.analysis.truth import chain, has_interrupting_guard
 from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, comments_of, names_of, walk
 from islandgp.errors import DomainError
@@ -145,7 +145,7 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
     observed = observed and kind_of(node).decorates
     children = tuple(plan(child, differs, observed=observed) for child in node.children)
     if node.guard:
-        if differs is not None and (observed or exposes(node) or differs(node)):
+        if differs is not None and (observed or has_interrupting_guard(node) or differs(node)):
             return TargetNode("when", args, children)
         kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
         return TargetNode(kind, args, (TargetNode("check", args), *children))
@@ -172,7 +172,7 @@ def _observing(node: Node, differs: Differs) -> TargetNode:
     """A selector or sequence: ours where it observes guards of a branch."""
     plain = "fallback" if node.kind == "selector" else "sequence"
     *earlier, last = node.children
-    observes = [exposes(branch) for branch in earlier]
+    observes = [has_interrupting_guard(branch) for branch in earlier]
     children = [
         plan(branch, differs, observed=o) for branch, o in zip(earlier, observes, strict=True)
     ]
@@ -260,7 +260,7 @@ def guard_losses(tree: Node) -> set[Loss]:
     differences: set[Loss] = set()
     if tree.kind in ("selector", "sequence"):
         for branch in tree.children[:-1]:
-            if exposes(branch):
+            if has_interrupting_guard(branch):
                 reacts = _reacts(branch, tree.kind)
                 differences |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
                 if reacts and not all(
@@ -279,15 +279,15 @@ def _kind(plain: str, reactive: bool) -> str:
 def _reacts(branch: Node, composite: str) -> bool:
     """True if a reactive composite has the effect of this branch's interrupting guard."""
     outermost = next((each.guard for each in chain(branch)), None)
-    # It decides: below one that does not interrupt, nothing can.
-    return outermost is not None and outermost.interrupts and hands_over(branch, composite)
+    # The outermost guard decides: no guard inside one that does not interrupt can interrupt.
+    return outermost is not None and outermost.interrupts and advances(branch, composite)
 
 
-def hands_over(branch: Node, composite: str) -> bool:
-    """True if a branch with a guard hands over to later ones while its guard is false.
+def advances(branch: Node, composite: str) -> bool:
+    """True if the next branch starts in the same tick when this branch's guard is false.
 
-    A failing guard does so in a selector, an inverted one in a sequence. One whose end a
-    repeater or a retry counts does not: it would hand over after several ticks only.
+    That is so for a guard in a selector and an inverted guard in a sequence, but not if a repeater
+    or a retry counts the failures: then the next branch starts several ticks later.
     """
     decorators = []
     while kind_of(branch).decorates and not branch.guard:
@@ -295,14 +295,14 @@ def hands_over(branch: Node, composite: str) -> bool:
         branch = branch.children[0]
     if not branch.guard:
         return False
-    status = FAILURE  # that comes up where the guard is false
+    status = FAILURE  # of the guard while its condition is false
     for each in reversed(decorators):
         kind = kind_of(each)
-        # What is counted passes in the last repetition, anything else at once.
+        # A counted status passes up in the last repetition, another one at once.
         if status == kind.counts and count_of(each) != 1:
             return False
         status = kind.ends[status]
-    return status == KINDS[composite].hands_over
+    return status == KINDS[composite].advance_status
 
 
 def parts(part: TargetNode) -> Iterator[TargetNode]:

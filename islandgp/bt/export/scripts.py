@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final, NoReturn
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, conjoin, negate
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import closest, shown
@@ -43,7 +43,7 @@ class _Script:
         condition = self._term(level)
         while (word := self._peek()) in ("&&", "||"):
             self._take()
-            condition = conjoin({"&&": "and", "||": "or"}[word], [condition, self._term(level)])
+            condition = combine({"&&": "and", "||": "or"}[word], [condition, self._term(level)])
         return condition
 
     def _term(self, level: int) -> ConditionExpr:

@@ -1,10 +1,9 @@
-"""Direct calls of Chipmunk's functions that an episode calls often: step, position, velocity.
+"""Direct calls of the Chipmunk functions that an episode uses most: step, position, velocity.
 
-pymunk's wrappers take a third of the time of a step, and most of the time of the
-other two. What they look after does not happen in an episode: bodies and shapes
-that come and go, and threads. So Chipmunk's functions are called as pymunk calls
-them. This is the only place that reaches behind pymunk's public interface; a
-pymunk without these functions is used as it is, to the same results.
+pymunk's wrappers take a third of the time of a step, and most of the time of the other two. They
+handle threads, and bodies that are added or removed during a step, neither of which an episode
+has. This is the only module that uses private names of pymunk. If a release of pymunk lacks them,
+its public interface is used, with the same results.
 """
 
 from __future__ import annotations
@@ -15,20 +14,24 @@ from typing import Any, NamedTuple
 
 import pymunk
 
-Handle = Any  # by which these functions know a space or a body
+Handle = Any  # Chipmunk's pointer to a space or a body, or pymunk's object
 
 
 class Engine(NamedTuple):
-    """The functions."""
+    """Functions of the physics engine, either Chipmunk's or pymunk's."""
 
     handle: Callable[[pymunk.Space | pymunk.Body], Handle]
-    step: Callable[[Handle, float], None]  # a space, by seconds
-    position: Callable[[Handle], Any]  # of a body; .x and .y in metres
-    steer: Callable[[Handle, tuple[float, float]], None]  # a body; m/s
+    step: Callable[[Handle, float], None]  # (space, seconds): advances the simulation
+    position: Callable[[Handle], Any]  # (body): its position; .x and .y in metres
+    steer: Callable[[Handle, tuple[float, float]], None]  # (body, velocity in m/s)
 
 
 def chipmunk() -> Engine:
-    """Chipmunk's functions. Raises ImportError or AttributeError where pymunk has others."""
+    """Chipmunk's functions.
+
+    Raises:
+        ImportError, AttributeError: the installed pymunk has other private names.
+    """
     from pymunk._chipmunk_cffi import lib
 
     def handle(thing: pymunk.Space | pymunk.Body) -> Handle:
@@ -39,7 +42,7 @@ def chipmunk() -> Engine:
 
 
 def wrapped() -> Engine:
-    """pymunk's public interface."""
+    """The same functions by pymunk's public interface."""
 
     def steer(body: pymunk.Body, velocity: tuple[float, float]) -> None:
         body.velocity = velocity
@@ -48,7 +51,7 @@ def wrapped() -> Engine:
 
 
 def _addresses() -> dict[str, int]:
-    """Addresses of the functions that compiled code calls."""
+    """The addresses of the functions that `compiled` calls, by name."""
     from pymunk._chipmunk_cffi import ffi, lib
 
     names = ["cpSpaceStep", "cpBodyGetPosition", "cpBodySetPosition"]
@@ -57,7 +60,7 @@ def _addresses() -> dict[str, int]:
 
 
 def address(thing: Handle) -> int:
-    """The address of a space or a body."""
+    """The address of a space or a body, for compiled code."""
     from pymunk._chipmunk_cffi import ffi
 
     return int(ffi.cast("uintptr_t", thing))

@@ -197,7 +197,7 @@ def archive_table(study: Comparison) -> Table:
     rows = []
     for arm in study.arms:
         last = [run.archives[study.generations - 1] for run in arm.runs]
-        challenges = {str(run.flat.get("archive.again", 0)) for run in arm.runs}
+        challenges = {str(run.flat.get("archive.reevaluations", 0)) for run in arm.runs}
         rows.append(
             {
                 "Arm": arm.name,

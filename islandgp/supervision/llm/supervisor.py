@@ -78,7 +78,7 @@ class LLM:
     Settings = LLMSettings
 
     @classmethod
-    def ready(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
+    def check(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError without a valid key or address, or without a cloud's settings."""
         if settings.service != "anthropic":
             check_cloud(settings.service, settings.base_url)
@@ -99,7 +99,7 @@ class LLM:
     @classmethod
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
         """See `Supervisor`."""
-        cls.ready(settings, context)
+        cls.check(settings, context)
         client = AnthropicClient(
             key=_key(settings),
             base_url=settings.address,
