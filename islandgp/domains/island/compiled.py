@@ -170,12 +170,17 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
     def run(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
         n[k.STEP], n[k.TURN] = island.step, island.turn
         n[k.GROUND_DUE], n[k.PEOPLE_DUE] = ground.due, people.due
-        n[k.FOUND], n[k.DRIVING] = int(board[GARBAGE]), robot.driving
-        f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
+        n[k.DRIVING], n[k.PATROLLING] = robot.driving, island.patrolling
+        heading = robot.heading
+        f[k.HEADING_X], f[k.HEADING_Y] = heading.real, heading.imag
         run_to(until)
         if n[k.CROWDED]:
             raise Crowded
         island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
+        robot.x, robot.y = f[k.ROBOT_X], f[k.ROBOT_Y]
+        if n[k.FOUND] != board[GARBAGE]:
+            board[GARBAGE] = bool(n[k.FOUND])
+            island.changed = True
         return n[k.STEP]
 
     def look() -> tuple[int, int]:

@@ -23,6 +23,7 @@ from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.compiled import Crowded, compiled_for
 from islandgp.domains.island.events import Award, IslandEvent
+from islandgp.domains.island.layout import BEFORE_MOVING
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.state import State, build_island
@@ -63,7 +64,7 @@ def advance(island: State, until: int) -> None:
             spawn = _spawn(island)
         if step == turn:
             turn = _turn(island)
-        if step >= island.wake:
+        if step >= island.wake or island.changed:
             return
         if step < until and (step >= ground.due or step >= people.due) and sense(island):
             return
@@ -290,7 +291,10 @@ def _horizon(island: State, latest: int) -> int:
     ground, robot, step = island.ground, island.robot, island.step
     another_leg = robot.turn_wheels(step)
     if another_leg and ground.due:  # 0: look at the next step
-        look_for_garbage(island)
+        if island.compiled and not island.patrolling:
+            ground.due = BEFORE_MOVING
+        else:
+            look_for_garbage(island)
     until = min(latest, island.wake)
     if robot.driving:
         until = min(until, robot.leg_end)

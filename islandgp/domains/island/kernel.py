@@ -1,8 +1,9 @@
-"""The loop between two looks that show something new, and the look for garbage, compiled by numba.
+"""The loop between two changes of the sensors, and the look for garbage, compiled by numba.
 
-It does what `episode.advance` does as long as nothing changes but positions: Chipmunk steps,
-humanoids turn, and looks show nothing new. It stops before any other look, which Python repeats;
-so it may look too early, but never too late, and outcomes are the same to the last bit.
+It does what `episode.advance` does until a sensor changes: Chipmunk steps, humanoids turn, and
+looks that are due are made. It stops before a look that earns points or shows another humanoid,
+which Python repeats; so it may look too early, but never too late, and outcomes are the same to
+the last bit.
 
 While no body can touch anything, each moves on a straight line. Such steps are left to additions,
 the same that Chipmunk makes. Chipmunk makes at least SETTLE steps after each contact, and has
@@ -106,10 +107,9 @@ position, velocity = _pair("cpBodyGetPosition"), _pair("cpBodyGetVelocity")
 
 @njit
 def look_for_garbage(n, f, step, x, y, discover):
-    """Looks for garbage as `sensing.look_for_garbage` does, and sets the step of the next look.
+    """Looks for garbage as `sensing.look_for_garbage` does, and returns the step of the next look.
 
-    With `discover`, new items are marked as seen. Without, the look ends with the step -1 where it
-    shows something new.
+    With `discover`, new items are marked as seen. Without, the result is -1 if there are any.
     """
     xs, ys, there, seen = floats(n[k.X]), floats(n[k.Y]), flags(n[k.THERE]), flags(n[k.SEEN])
     first, members = ints(n[k.FIRST]), ints(n[k.MEMBERS])
@@ -144,8 +144,6 @@ def look_for_garbage(n, f, step, x, y, discover):
             back = min(back, along - half)
         else:
             change = min(change, along - half)
-    if not discover and in_sight != n[k.FOUND]:
-        return -1
     n[k.FOUND], n[k.NEW] = in_sight, new
     change = min(change, last if in_sight else back)
     return step + _steps_to(change - TOLERANCE, stride) if n[k.DRIVING] else FAR
@@ -295,32 +293,45 @@ def move(n, f, step, stop):
     return step
 
 
+@njit
+def look_around(n, f, step):
+    """Makes the looks that are due; True if garbage came or left, or if Python has to look."""
+    if step < n[k.GROUND_DUE] and step < n[k.PEOPLE_DUE]:
+        return False
+    x, y = position(n[k.ROBOT])
+    found = n[k.FOUND]
+    if step >= n[k.GROUND_DUE]:
+        due = look_for_garbage(n, f, step, x, y, not n[k.PATROLLING])
+        if due < 0:  # new items earn points on patrol
+            return True
+        n[k.GROUND_DUE] = due
+    if step >= n[k.PEOPLE_DUE]:
+        due = people_due(n, f, step, x, y)
+        n[k.PEOPLE_DUE] = max(due, step)
+        if due < 0:
+            return True
+    return n[k.FOUND] != found
+
+
 def run(ints_at, floats_at, until):
-    """Goes on to the step `until`, to a contact, or to a look that shows something new."""
+    """Goes on to the step `until`, to a contact, or to a look that changes something."""
     n, f = ints(ints_at), floats(floats_at)
     touching, turn_step = flags(n[k.TOUCHING]), ints(n[k.TURN_STEP])
     step, turn = n[k.STEP], n[k.TURN]
+    if n[k.GROUND_DUE] == k.BEFORE_MOVING:
+        x, y = position(n[k.ROBOT])
+        n[k.GROUND_DUE] = look_for_garbage(n, f, step, x, y, True)
     while step < until:
         stop = min(turn_step[turn], until)
         stop = min(stop, max(min(n[k.GROUND_DUE], n[k.PEOPLE_DUE]), step + 1))
         step = move(n, f, step, stop)
-        if touching[0] or step >= until or n[k.CROWDED]:
+        if touching[0] or n[k.CROWDED]:
             break
         turn = turn_people(n, step, turn)
-        if step < n[k.GROUND_DUE] and step < n[k.PEOPLE_DUE]:
-            continue
-        x, y = position(n[k.ROBOT])
-        if step >= n[k.GROUND_DUE]:
-            due = look_for_garbage(n, f, step, x, y, False)
-            if due < 0:
-                break
-            n[k.GROUND_DUE] = due
-        if step >= n[k.PEOPLE_DUE]:
-            n[k.PEOPLE_DUE] = due = people_due(n, f, step, x, y)
-            if due < 0:
-                n[k.PEOPLE_DUE] = step
-                break
+        if look_around(n, f, step):
+            break
     n[k.STEP], n[k.TURN] = step, turn
+    f[k.ROBOT_X], f[k.ROBOT_Y] = position(n[k.ROBOT])
 
 
 def look(ints_at, floats_at):

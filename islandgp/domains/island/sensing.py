@@ -34,8 +34,9 @@ def sense(island: State, *, always: bool = False) -> bool:
     everything, else only at what can have changed.
     """
     robot, board, step = island.robot, island.board, island.step
-    at = engine.position(robot.body)
-    robot.x, robot.y = at.x, at.y
+    if not island.compiled:  # the compiled loop sets the position
+        at = engine.position(robot.body)
+        robot.x, robot.y = at.x, at.y
     events = len(island.event_log.events)
     if always or step >= island.ground.due:
         look_for_garbage(island)
