@@ -73,7 +73,7 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     "--worlds",
     type=click.IntRange(0, 10_000),
     default=100,
-    help="Unseen worlds for the champions; 0 leaves them out.",
+    help="Unseen worlds for the best robots; 0: none.",
 )
 @click.option(
     "--controls/--no-controls",

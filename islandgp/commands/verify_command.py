@@ -113,9 +113,9 @@ def _check_records(folder: RunFolder, generations: int, expected: str | None) ->
         return  # the best tree may be of a generation that is being written down
     champion = folder.summary()["champion"]["record"]
     if not any(champion == one for record in values for one in record["individuals"]):
-        raise RunError("summary.json: its champion is not one of the records' individuals")
+        raise RunError("summary.json: the champion is not in the records")
     if (path / "best.bt").read_bytes() != folder.best_text(champion["tree"]).encode():
-        raise RunError("best.bt: it is not the tree of the summary's champion")
+        raise RunError("best.bt: it is not the champion's tree in summary.json")
 
 
 @click.command()

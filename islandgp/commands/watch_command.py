@@ -29,7 +29,7 @@ STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
 def command(run: Path, opened: bool | None) -> None:
     """Open the page of the run in the folder RUN and print its path.
 
-    The page shows the result, the curves, the archive's map, and the champion with its lineage.
+    The page shows the result, the curves, the archive's map, and the best robot with its lineage.
     During the run it reloads every few seconds.
     """
     path = _page(run)

@@ -36,7 +36,7 @@ class PageWriter:
         self._due = ended + max(PERIOD, (ended - began) / SHARE)
 
     def end(self, status: Status) -> None:
-        """Writes the last page, with the champion's replay if the run is finished."""
+        """Writes the last page, with the best robot's replay if the run is finished."""
         if self._folder.begun():
             self._try(status)
 
@@ -62,12 +62,12 @@ def write_page(folder: RunFolder, status: Status) -> Path:
 
 
 def _replay(folder: RunFolder) -> str:
-    """The champion's replay; "" if its episode cannot be recorded.
+    """The replay of the best robot; "" if its episode cannot be recorded.
 
     A domain of the user may raise any exception when it is observed, or no longer exist.
     """
     try:
         return champion_replay(folder)
     except Exception as error:
-        print(f"islandgp: no replay of the champion: {brief(error)}", file=sys.stderr)
+        print(f"islandgp: no replay of the best robot: {brief(error)}", file=sys.stderr)
         return ""

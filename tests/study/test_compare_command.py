@@ -51,7 +51,7 @@ def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) 
     assert found.exit_code == 0, found.output
     assert "Complete Robots come earlier" in found.output
     page = (home / "study" / "expert-baseline" / "index.html").read_text()
-    assert "Champions on 2 unseen worlds" in page
+    assert "Best robots in 2 unseen worlds" in page
     assert "4" in page
 
 

@@ -1,4 +1,4 @@
-"""Champions on unseen worlds."""
+"""Best robots in unseen worlds."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def without_manifest(folder: Path) -> None:
         (write("best.bt", "PatrolWaypoint\n"), "best.bt: it is not"),
         (
             edit("summary.json", b'"fitness": ', b'"fitness": 9'),
-            "summary.json: its champion is not one",
+            "summary.json: the champion is not in the",
         ),
         (edit("summary.json", b'"records": "', b'"records": "0'), "a record differs"),
         (write("summary.json", "{"), "found a damaged file"),

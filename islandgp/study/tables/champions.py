@@ -69,14 +69,14 @@ def components_table(study: Comparison) -> Table:
     total = [(arm, spread(*mean_sd([r.fitness for r in records]))) for arm, records in champions]
     return Table.of(
         "components",
-        "Fitness of the champions by component (points)",
+        "Fitness of the best robots by component (points)",
         [*rows, [("Component", "Fitness"), *total]],
         note("components"),
     )
 
 
 def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
-    """Champions on unseen worlds, with trees from elsewhere as reference trees."""
+    """Best robots in unseen worlds, with trees from elsewhere as reference trees."""
     arms = list(dict.fromkeys(g.arm for g in results if g.seed is not None))
     champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
     reference_trees = [g for g in results if g.seed is None]
@@ -94,7 +94,7 @@ def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Tabl
     for (a, first), (b, second) in combinations(several, 2):
         t = rank_test([g.unseen for g in first], [g.unseen for g in second])
         notes.append(note("unseen-test", a=a, b=b, u=number(t.u, 1), p=p_is(t)))
-    return Table.of("generalisation", f"Champions on {worlds} unseen worlds", rows, *notes)
+    return Table.of("generalisation", f"Best robots in {worlds} unseen worlds", rows, *notes)
 
 
 def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:

@@ -119,7 +119,7 @@ def champion_sources_table(study: Comparison) -> Table:
     ]
     return Table(
         "champion-sources",
-        "Where champions come from",
+        "Origins of the best robots",
         ("Source", *columns),
         tuple(rows),
         (note("champion-sources"),),

@@ -255,7 +255,7 @@ function showArchive(archive) {
 if (run.archive) showArchive(run.archive);
 
 byId("show-replay")?.addEventListener("click", event => {
-  const frame = make("iframe", {title: "Replay of the champion", sandbox: "allow-scripts"});
+  const frame = make("iframe", {title: "Replay of the best robot", sandbox: "allow-scripts"});
   frame.srcdoc = JSON.parse(byId("replay").textContent);
   byId("replay-place").replaceChildren(frame);
   event.target.hidden = true;
