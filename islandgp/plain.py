@@ -52,9 +52,18 @@ def validate_json(kind: Any, text: str | bytes) -> Any:
     return read_json(text)
 
 
-def from_json(kind: type[T], value: Any) -> T:
-    """A dataclass, with those inside it, of JSON values. Raises ValueError as `validate_json`."""
-    instance: T = _validated(kind, json.dumps(value).encode())
+def from_json(kind: type[T], value: Any, context: Any = None) -> T:
+    """A dataclass, with those inside it, of JSON values.
+
+    Args:
+        kind: the dataclass.
+        value: the JSON values.
+        context: for validators of its fields, as pydantic's `ValidationInfo.context`.
+
+    Raises:
+        ValueError: as `validate_json`.
+    """
+    instance: T = _validated(kind, json.dumps(value).encode(), context)
     return instance
 
 
@@ -72,9 +81,9 @@ def nan_to_none(value: Any) -> Any:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _validated(kind: Any, text: bytes) -> Any:
+def _validated(kind: Any, text: bytes, context: Any = None) -> Any:
     try:
-        return _adapter(kind).validate_json(text, strict=True)
+        return _adapter(kind).validate_json(text, strict=True, context=context)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at = ".".join(map(str, first["loc"][:8])) or "the whole"

@@ -9,6 +9,7 @@ from typing import Any, Final, Protocol, Self
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import (
@@ -178,8 +179,8 @@ def evaluated(
 
 
 @lru_cache(maxsize=256)
-def _tree(text: str) -> Node:
-    return parse(text)
+def _tree(text: str, vocabulary: Vocabulary) -> Node:
+    return parse(text, vocabulary)
 
 
 def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
@@ -199,7 +200,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     """
     weights = problem.curriculum.multipliers(job.stage)
     try:
-        tree = job.node or _tree(job.tree)
+        tree = job.node or _tree(job.tree, problem.domain.schema.vocabulary)
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
             outcome = domain.run_episode(tree, job.seed, weights)

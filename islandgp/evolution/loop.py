@@ -14,6 +14,7 @@ from time import perf_counter
 
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node, depth, keys_in, size, walk, within
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Outcome, total
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Evaluator, Job, evaluated
@@ -140,7 +141,9 @@ def evolve(
         EvaluationError, SupervisionError: the run cannot continue.
     """
     search = Paper(plan) if search is None else search
-    start = initial_state(plan, search) if start is None else restored(start, search)
+    start = (
+        initial_state(plan, search) if start is None else restored(start, search, plan.vocabulary)
+    )
     lag = plan.switches.lag
     queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
     try:
@@ -253,7 +256,7 @@ def _generation(
         guidance, advice = decide(
             plan, parts.search, seen, answer, state.advice.rate, names=names, streams=parts.streams
         )
-        updated = updated_search(parts.search, search_state, population, advice)
+        updated = updated_search(parts.search, search_state, population, advice, plan.vocabulary)
         following = RunState(
             g + 1,
             advice,
@@ -362,7 +365,11 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
 
 
 def updated_search(
-    search: Search, state: SearchState, population: Sequence[Evaluated], advice: Advice
+    search: Search,
+    state: SearchState,
+    population: Sequence[Evaluated],
+    advice: Advice,
+    vocabulary: Vocabulary,
 ) -> SearchState:
     """Calls `tell` and checks the state. Raises PartError if a checkpoint cannot store it."""
     path = path_of(type(search))
@@ -373,18 +380,23 @@ def updated_search(
                 f"expected tell to return SearchState({state.generation + 1}, ...), found {new!r}"
             )
         if not (path.startswith("islandgp.") or new.memory is None):
-            again = from_json(search.Memory, to_json(new.memory))
+            again = from_json(search.Memory, to_json(new.memory), vocabulary)
             if state.generation == 0 and again != new.memory:
                 raise ValueError("expected a Memory that is the same after a checkpoint")
     return new
 
 
-def restored(state: RunState, search: Search) -> RunState:
-    """The state with its search's memory as the search's own type; it may be plain JSON values."""
+def restored(state: RunState, search: Search, vocabulary: Vocabulary) -> RunState:
+    """A checkpoint's state, with its trees in the vocabulary and its search's memory as `Memory`.
+
+    Raises:
+        RunError: the memory is of another search.
+    """
+    state = replace(state, advice=from_json(Advice, to_json(state.advice), vocabulary))
     if state.memory is None or isinstance(state.memory, search.Memory):
         return state
     try:
-        return replace(state, memory=from_json(search.Memory, state.memory))
+        return replace(state, memory=from_json(search.Memory, state.memory, vocabulary))
     except ValueError as error:
         raise RunError(
             f"Expected a checkpoint of the search {type(search).__name__}, found other contents"

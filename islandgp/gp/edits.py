@@ -58,7 +58,8 @@ def _reparsed(tree: Node) -> Node:
 def _in_language(tree: object) -> Node:
     """The tree if it survives printing and parsing; nodes of unknown kinds do not."""
     try:
-        if isinstance(tree, Node) and _reparsed(tree) == tree:
+        # Texts are compared, as words of keys are known only with a vocabulary.
+        if isinstance(tree, Node) and to_text(_reparsed(tree)) == to_text(tree):
             return tree
     except (TreeError, LookupError, TypeError, ValueError, AttributeError):
         pass
@@ -180,8 +181,13 @@ def nodes_with_paths(tree: Node, path: Path = ()) -> Iterator[tuple[Path, Node]]
         yield from nodes_with_paths(child, (*path, index))
 
 
-def path_of(tree: Node, at: str) -> Path:
+def path_of(tree: Node, at: str, vocabulary: Vocabulary | None = None) -> Path:
     """The path that a place names; the last index of a numeric one may be one too high.
+
+    Args:
+        tree: the tree.
+        at: a place such as `0/2/1`, or the text of a subtree.
+        vocabulary: of the domain, to read the text of a subtree.
 
     Raises:
         ValueError: the text is neither a path nor a tree, or the tree has no such subtree, or
@@ -193,7 +199,7 @@ def path_of(tree: Node, at: str) -> Path:
     if all(step.isascii() and step.isdigit() and len(step) < 7 for step in steps):
         return tuple(map(int, steps))
     try:
-        wanted = parse(at)
+        wanted = parse(at, vocabulary)
     except TreeError:
         raise ValueError(
             f"expected a place such as 0/2/1, or the text of a subtree, found {at[:60]!r}"
@@ -311,8 +317,8 @@ def edited(edit: Edit, trees: Mapping[str, Node], vocabulary: Vocabulary, limits
     tree, branch, change = _tree(edit.of, trees), edit.branch, EDITS[edit.kind].change
     if edit.donor:
         donor = _tree(edit.donor, trees)
-        branch = node_at(donor, path_of(donor, edit.donor_at))
-    path = path_of(tree, edit.at)
+        branch = node_at(donor, path_of(donor, edit.donor_at, vocabulary))
+    path = path_of(tree, edit.at, vocabulary)
     if change is not None and branch is not None:
         changed = change(tree, path, branch)
     else:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
 
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import PlainSerializer, PlainValidator, ValidationInfo
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
@@ -15,8 +15,14 @@ from islandgp.domain import Outcome
 from islandgp.scoring.classes import BehaviourLabels
 from islandgp.scoring.constraints import Merit, merit
 
-Tree = Annotated[Node, PlainValidator(parse), PlainSerializer(to_text)]
-"""A tree; serialised as its canonical text."""
+
+def _parsed(text: str, info: ValidationInfo) -> Node:
+    return parse(text, info.context)
+
+
+Tree = Annotated[Node, PlainValidator(_parsed), PlainSerializer(to_text)]
+"""A tree; serialised as its canonical text. It is parsed with the vocabulary in the context of
+`from_json`, without which the words of keys are not known."""
 
 
 class Origin(StrEnum):

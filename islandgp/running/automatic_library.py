@@ -60,7 +60,7 @@ def automatic_library(
         raise ConfigError(
             "library: expected to find a tree that shows one of the behaviours"
             f" ({', '.join(behaviours)}), found none; write one, and name its folder in"
-            " library.folder."
+            " library.folder, or use no library: supervisor=baseline search.policy.library=0."
         )
     _report_missing([name for name in behaviours if name not in texts], settings)
     trees = {

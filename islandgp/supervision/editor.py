@@ -373,10 +373,11 @@ class Editor:
         if not actions:
             return []
         action = max(actions, key=lambda a: (shown[counter, a] / evaluated[a], a))
+        vocabulary = self.context.schema.vocabulary
         branches = [
             Branch(branch, f"individual {i.id}")
             for i in self._examples[counter]
-            for branch in branches_of(parse(i.tree))
+            for branch in branches_of(parse(i.tree, vocabulary))
             if branch.guard and any(node.action == action for node in walk(branch))
         ]
         return sorted(branches, key=lambda branch: size(branch.node))
@@ -393,7 +394,8 @@ class Editor:
 
         If the tree already has the branch, there is one edit, which widens its guard, or none.
         """
-        tree, vocabulary = parse(individual.tree), self.context.schema.vocabulary
+        vocabulary = self.context.schema.vocabulary
+        tree = parse(individual.tree, vocabulary)
         count = individual.counters[requirement.counter]
         reason = f"{requirement.counter} {count:g}, wanted {requirement}"
         if (present := same_child_guard(tree, branch.node)) is not None:

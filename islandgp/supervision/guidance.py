@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from queue import SimpleQueue
 from threading import Thread
 from typing import Final
@@ -66,7 +67,7 @@ def ask(
         vocabulary: of the domain; the tree must be parsable with it. None: any names.
 
     Returns:
-        The guidance, with NumPy's numbers as Python's.
+        The guidance, with its tree in the vocabulary, and NumPy's numbers as Python's.
 
     Raises:
         SupervisionError: the guidance is of the wrong type, or a field of it has a wrong value.
@@ -90,7 +91,7 @@ def ask(
         raise _wrong(path, wanted, repr(target))
     if tree is not None and vocabulary is not None:
         try:
-            parse(to_text(tree), vocabulary)
+            guidance = replace(guidance, tree=parse(to_text(tree), vocabulary))
         except TreeError:
             wanted = f"a Guidance whose tree is of the domain {vocabulary.domain}"
             raise _wrong(path, wanted, repr(to_text(tree)[:60])) from None
@@ -295,7 +296,7 @@ def _edited_tree(
     if len(before) == slots:
         raise ValueError(f"all {slots} slots (supervisor.edits) are taken")
     parents = tuple(dict.fromkeys(name for name in (edit.of, edit.donor) if name))
-    named = {name: parse(names[name]) for name in parents if name in names}
+    named = {name: parse(names[name], plan.vocabulary) for name in parents if name in names}
     tree = edited(edit, named, plan.vocabulary, plan.gp.limits)
     if tree in [other.tree for other in before]:
         raise ValueError("an edit before it makes the same tree")

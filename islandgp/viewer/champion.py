@@ -35,7 +35,8 @@ def champion_replay(folder: RunFolder) -> str:
     """The replay page of a finished run's best robot."""
     champion = folder.summary()["champion"]
     place = first_episode(folder, champion["record"]["id"])
-    tree, problem = parse(champion["record"]["tree"]), Problem.recorded(folder.configuration())
+    problem = Problem.recorded(folder.configuration())
+    tree = parse(champion["record"]["tree"], problem.domain.schema.vocabulary)
     episode = record(tree, problem, seed=place.seed, stage=place.stage)
     generation = champion["generation"]
     return page(episode, title=f"{folder.path.name}: the best individual, generation {generation}")

@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 
+from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
@@ -413,7 +414,7 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
         ),
     )
     with pytest.raises(EvaluationError, match=r"world seed 1, stage 0, found .* points; lower"):
-        simulate(setting, Job("PatrolWaypoint", 0, 1))
+        simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))
 
 
 def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
@@ -423,4 +424,4 @@ def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
     )
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):
-        simulate(setting, Job("PatrolWaypoint", 0, 1))
+        simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))

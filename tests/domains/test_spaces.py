@@ -7,10 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.spaces import Spaces
-from islandgp.domains.gymnasium.world import Observation
+from islandgp.domains.gymnasium.world import GymnasiumWorld, Observation
 from islandgp.errors import ConfigError
+from islandgp.scoring.rewards import RewardTable
+from islandgp.ticking import EventLog
 from tests.composed import composed
 
 spaces = pytest.importorskip("gymnasium.spaces", reason="extra `gymnasium` is not installed")
@@ -48,6 +52,11 @@ def test_a_dict_is_read_by_key_and_place() -> None:
         (spaces.Discrete(4), np.int64(2), [2]),
         (spaces.MultiDiscrete([3, 4]), np.array([1, 3]), [1, 3]),
         (spaces.Box(0, 1, (3,)), np.array([0.5, 0, 1]), [0.5, 0, 1]),
+        (
+            spaces.Tuple((spaces.Discrete(4), spaces.Box(0, 1, (2,)))),
+            (np.int64(3), np.array([0.5, 1])),
+            [3, 0.5, 1],
+        ),
     ],
 )
 def test_rows_and_single_numbers_are_read(space: Any, value: Any, numbers: list[float]) -> None:
@@ -66,6 +75,32 @@ def test_actions_are_made_of_the_space_s_type() -> None:
     assert several.fault((3, 0)) != ""
     assert several.fault((2, 1)) == ""
     assert of(spaces.Discrete(2), spaces.Discrete(3)).fault(3) == "0 to 2"
+    lights = of(spaces.Discrete(2), spaces.MultiBinary(2))
+    assert (lights.act((1, 0)).tolist(), lights.none) == ([1, 0], (0.0, 0.0))
+    assert lights.fault((2, 0)) == "a list of 2 whole numbers (0 to 1, 0 to 1)"
+
+
+@pytest.mark.parametrize(
+    ("actions", "none", "fits", "wrong", "message"),
+    [
+        (spaces.Discrete(3, start=-1), -1, 1, 2, "-1 to 1"),
+        (
+            spaces.MultiDiscrete([2, 3], start=[4, 0]),
+            (4, 0),
+            (5, 2),
+            (6, 0),
+            "a list of 2 whole numbers (4 to 5, 0 to 2)",
+        ),
+    ],
+)
+def test_choices_that_do_not_begin_at_0(
+    actions: Any, none: Any, fits: Any, wrong: Any, message: str
+) -> None:
+    """The configuration has the environment's own numbers; without a choice it is the first."""
+    found = of(spaces.Discrete(2), actions)
+    assert found.none == none
+    assert found.fault(fits) == ""
+    assert found.fault(wrong) == message
 
 
 @pytest.mark.parametrize(
@@ -108,3 +143,46 @@ def test_words_of_an_observation(value: float, number: float) -> None:
     assert seen.key().words == ("red", "green", "blue")
     low, high = seen.bounds
     assert round(min(high, max(low, value))) == number
+
+
+TAXI: dict[str, Any] = {
+    "name": "taxi",
+    "environment": "Taxi-v4",
+    "ticks": 5,
+    "task": "Fetch a passenger.",
+    "observations": {
+        "place": {"sum": {"row": 1, "column": 10}, "range": [0, 44], "meaning": "m"},
+        "row": {"at": 0, "divide": 100, "range": [0, 4], "meaning": "m"},
+        "column": {"at": 0, "divide": 20, "modulo": 5, "range": [0, 4], "meaning": "m"},
+        "passenger": {"at": 0, "divide": 4, "modulo": 5, "words": list("RGYBT"), "meaning": "m"},
+        "goal": {"at": 0, "modulo": 4, "words": list("RGYB"), "meaning": "m"},
+    },
+    "actions": {"South": {"do": 0, "meaning": "drives south"}},
+}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_parts_of_a_code_are_keys(seed: int) -> None:
+    """Taxi's observation is one number; sums may use its parts, wherever they are declared."""
+    world = GymnasiumWorld.model_validate(TAXI)
+    domain = Gymnasium.make(world, RewardTable(events={}))
+    log = EventLog(RewardTable(events={}), domain.schema, {}, None)
+    episode, _ = domain.begin(seed, log, watched=False)
+    env = domain.environment(render=False).unwrapped
+    row, column, passenger, goal = (float(part) for part in env.decode(env.s))
+    assert domain.reader(episode)() == [row + 10 * column, row, column, passenger, goal]
+
+
+@pytest.mark.parametrize(
+    ("observation", "message"),
+    [
+        ({"at": 0, "divide": 0}, "divide"),
+        ({"at": 0, "modulo": 1}, "modulo"),
+        ({"sum": {"row": 1}, "modulo": 4}, "expected divide and modulo beside at"),
+    ],
+)
+def test_parts_that_cannot_be(observation: dict[str, Any], message: str) -> None:
+    """A divisor is at least 1, a modulus at least 2, and a sum has neither."""
+    observations = {**TAXI["observations"], "goal": {**observation, "meaning": "m"}}
+    with pytest.raises(ValidationError, match=message):
+        GymnasiumWorld.model_validate({**TAXI, "observations": observations})

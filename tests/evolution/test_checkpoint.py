@@ -43,7 +43,7 @@ def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
     for state in states:
         save_state(path, state)
         found, records = read_checkpoint(path)
-        assert restored(found, Paper(plan())) == replace(state, history=())
+        assert restored(found, Paper(plan()), plan().vocabulary) == replace(state, history=())
         assert records == ""
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.json"]
 

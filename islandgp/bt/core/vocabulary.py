@@ -287,6 +287,10 @@ class Vocabulary:
             else:
                 _check_range(key, where)
 
+    def __hash__(self) -> int:
+        """Of the names alone: the mappings of a vocabulary have no hash."""
+        return hash((self.domain, *self.actions, *self.keys))
+
     @cached_property
     def places(self) -> dict[str, int]:
         """The index of each key on a blackboard."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
@@ -220,24 +220,46 @@ class _Episode:
         return Scene(self._picture.bounds)
 
 
+def _derived(observations: Observations) -> list[str]:
+    """Names of the observations that are computed: parts first, as sums may use them."""
+    parts = [name for name, each in observations.items() if each.is_part]
+    return parts + [name for name, each in observations.items() if each.sum]
+
+
 def _places(observations: Observations, spaces: Spaces) -> dict[str, int]:
-    """By name of an observation, its index among an episode's numbers; sums are the last ones."""
-    ats = {n: spaces.places[o.at] for n, o in observations.items() if o.at is not None}
-    sums = (name for name, observation in observations.items() if observation.sum)
-    return ats | {name: at for at, name in enumerate(sums, spaces.observed)}
+    """By name of an observation, its index among an episode's numbers; derived ones come last."""
+    read = {n: spaces.places[o.at] for n, o in observations.items() if o.at is not None}
+    return read | {n: at for at, n in enumerate(_derived(observations), spaces.observed)}
 
 
 def _reader(observations: Observations, spaces: Spaces, ats: Mapping[str, int]) -> Read:
-    """Reads the numbers of an observation, and the sums that the configuration has."""
-    sums = [[(ats[n], w) for n, w in o.sum.items()] for o in observations.values() if o.sum]
-    if not sums:
+    """Reads the numbers of an observation, and those that the configuration derives from them."""
+    derived = []
+    for each in map(observations.__getitem__, _derived(observations)):
+        if each.at is None:
+            derived.append(_sum([(ats[part], weight) for part, weight in each.sum.items()]))
+        else:
+            derived.append(_part(spaces.places[each.at], each.divide, each.modulo))
+    if not derived:
         return spaces.read
 
     def read(observation: Any) -> list[float]:
         values = spaces.read(observation)
-        return values + [fsum(weight * values[at] for at, weight in parts) for parts in sums]
+        for value in derived:
+            values.append(value(values))
+        return values
 
     return read
+
+
+def _sum(parts: Sequence[tuple[int, float]]) -> Callable[[Sequence[float]], float]:
+    return lambda values: fsum(weight * values[at] for at, weight in parts)
+
+
+def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]], float]:
+    if modulo is None:
+        return lambda values: values[at] // divide
+    return lambda values: values[at] // divide % modulo
 
 
 def _check(world: settings.GymnasiumWorld, env: Any) -> None:

@@ -20,8 +20,8 @@ class Spaces:
     places: Mapping[int | str, int]  # their indices, by place and, of a Dict, by `key.place`
     observed: int  # numbers of an observation
     act: Callable[[Any], Any] | None  # an action from a list of numbers; None: it is a number
-    none: int | tuple[float, ...]  # the action 0, or zeros
-    counts: tuple[int, ...] = ()  # actions to choose from, of each choice; empty: of a Box
+    none: int | tuple[float, ...]  # the first of each choice, or zeros
+    choices: tuple[range, ...] = ()  # the values of each choice; empty: of a Box
     bounds: tuple[tuple[float, float], ...] = ()  # of a Box: of each number
 
     @classmethod
@@ -48,13 +48,15 @@ class Spaces:
             )
             return "" if all(within) else f"{whole} within {[*map(list, self.bounds)]}"
         if isinstance(self.none, int):
-            fits = isinstance(action, int) and action < self.counts[0]
-            return "" if fits else f"0 to {self.counts[0] - 1}"
-        whole = f"a list of {len(self.counts)} whole numbers below {[*self.counts]}"
-        if isinstance(action, int) or len(action) != len(self.counts):
+            (values,) = self.choices
+            fits = isinstance(action, int) and action in values
+            return "" if fits else f"{values[0]} to {values[-1]}"
+        ranges = ", ".join(f"{values[0]} to {values[-1]}" for values in self.choices)
+        whole = f"a list of {len(self.choices)} whole numbers ({ranges})"
+        if isinstance(action, int) or len(action) != len(self.choices):
             return whole
-        below = (0 <= n < most and n == int(n) for n, most in zip(action, self.counts, strict=True))
-        return "" if all(below) else whole
+        fits = all(n in values for n, values in zip(action, self.choices, strict=True))
+        return "" if fits else whole
 
 
 def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
@@ -82,9 +84,17 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
             for key, (_, inside) in parts.items()
             for at in range(len(inside))
         ]
+    if kind == "Tuple":
+        rows = [_observations(inside, name) for inside in space.spaces]
+
+        def each(observation: Any) -> list[float]:
+            pairs = zip(rows, observation, strict=True)
+            return [number for (read, _), part in pairs for number in read(part)]
+
+        return each, [""] * sum(len(paths) for _, paths in rows)
     raise ConfigError(
         f"world.environment: expected observations that are numbers (a Box with one row, Discrete,"
-        f" MultiDiscrete, MultiBinary, or a Dict of them), found {space} in {name}."
+        f" MultiDiscrete, MultiBinary, or a Dict or Tuple of them), found {space} in {name}."
     )
 
 
@@ -100,24 +110,33 @@ def _actions(
 ) -> tuple[
     Callable[[Any], Any] | None,
     int | tuple[float, ...],
-    tuple[int, ...],
+    tuple[range, ...],
     tuple[tuple[float, float], ...],
 ]:
-    """A function that makes an action, the zero action, and the counts and bounds of `Spaces`."""
+    """A function that makes an action, the default action, and choices and bounds of `Spaces`."""
     kind = type(space).__name__
-    if kind == "Discrete" and space.start == 0:
-        return None, 0, (int(space.n),), ()
-    if kind == "MultiDiscrete" and len(space.shape) == 1:
-        counts = tuple(map(int, space.nvec))
-        return _row(space.dtype), (0.0,) * len(counts), counts, ()
+    if kind == "Discrete":
+        first = int(space.start)
+        return None, first, (range(first, first + int(space.n)),), ()
+    if kind in ("MultiDiscrete", "MultiBinary") and len(space.shape) == 1:
+        choices = _choices(space)
+        return _row(space.dtype), tuple(float(values[0]) for values in choices), choices, ()
     if kind == "Box" and len(space.shape) == 1:
         bounds = tuple(zip(space.low.tolist(), space.high.tolist(), strict=True))
         zeros = tuple(min(high, max(low, 0.0)) for low, high in bounds)
         return _row(space.dtype), zeros, (), bounds
     raise ConfigError(
-        f"world.environment: expected actions to choose from (Discrete, MultiDiscrete) or a row of"
-        f" numbers (Box), found {space} in {name}."
+        f"world.environment: expected actions to choose from (Discrete, or MultiDiscrete or"
+        f" MultiBinary with one row) or a row of numbers (Box), found {space} in {name}."
     )
+
+
+def _choices(space: Any) -> tuple[range, ...]:
+    """The values of each choice of a MultiDiscrete or MultiBinary space with one row."""
+    if type(space).__name__ == "MultiBinary":
+        return (range(2),) * int(space.shape[0])
+    pairs = zip(space.start.tolist(), space.nvec.tolist(), strict=True)
+    return tuple(range(first, first + count) for first, count in pairs)
 
 
 def _row(dtype: Any) -> Callable[[Any], Any]:

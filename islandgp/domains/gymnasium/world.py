@@ -14,7 +14,7 @@ from islandgp.domain import MOST_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 
-EnvironmentAction = Annotated[int, Field(ge=0)] | tuple[FiniteFloat, ...]
+EnvironmentAction = int | tuple[FiniteFloat, ...]
 
 OWN: Final = {
     "reward": Event("the environment's own reward of a step", "reward"),
@@ -28,6 +28,8 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
 
     at: Annotated[int, Field(ge=0)] | str | None = None
     """Its place in the observation; in a Dict, `key.place`."""
+    divide: int = Field(default=1, ge=1)  # whole-number division, to read a part of a code
+    modulo: int | None = Field(default=None, ge=2)  # remainder, after the division
     sum: dict[Word, FiniteFloat] = Field(default_factory=dict)
     """In place of `at`: the weights of other observations, whose values are added up."""
     meaning: str  # one line, with the unit
@@ -44,7 +46,14 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
         if (self.at is None) is not bool(self.sum):
             both = "both" if self.sum else "neither"
             raise ValueError(f"expected at, or sum with the weights of observations, found {both}")
+        if self.sum and self.is_part:
+            raise ValueError("expected divide and modulo beside at, found them beside sum")
         return self
+
+    @property
+    def is_part(self) -> bool:
+        """Whether it is a part of a number that codes several, such as row and column."""
+        return self.divide > 1 or self.modulo is not None
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -129,7 +138,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     actions: dict[Word, Choice] = Field(min_length=1)
     otherwise: EnvironmentAction | None = None
     """The action where a tree chooses none: a number, or a list of as many as the environment
-    takes; None: 0, or zeros."""
+    takes; None: the first of each choice, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
     delay: int = Field(default=0, ge=0, le=MOST_DELAY)
     """Ticks by which perturbed worlds may delay what the tree sees, at most."""

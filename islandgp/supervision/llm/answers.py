@@ -349,7 +349,7 @@ def check_edits(
     for number, plain in enumerate(listed, 1):
         try:
             edit = _edit(plain)
-            trees = {n: parse(living[n]) for n in (edit.of, edit.donor) if n in living}
+            trees = {n: parse(living[n], vocabulary) for n in (edit.of, edit.donor) if n in living}
             text = to_text(edited(edit, trees, vocabulary, limits))
             _check_new(text, trees[edit.of], known, vocabulary)
             edits.append(edit)
