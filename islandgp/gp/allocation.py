@@ -1,8 +1,8 @@
 """Composition of the next population: Table 1 (section 2.3).
 
-The slots are filled in a fixed order: elites, behavioural elites, resurrected,
-the supervisor's tree and random ones for diversity, and tournament children for
-the rest. Mutation comes afterwards and is not decided here.
+The slots are filled in this order: elites, behavioural elites, resurrected individuals, the
+supervisor's tree, random trees (the diversity slots), and tournament children. Mutation is applied
+afterwards by the search.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def update_behaviour_archive(
     behaviours: Sequence[str],
     stage: int,
 ) -> dict[str, BehaviourBest]:
-    """The archive with this generation's best of each behaviour, where they are better.
+    """The archive updated with the best individual of each behaviour in this generation.
 
     Stages of the curriculum have different scales, so an individual of a later stage replaces one
     of an earlier stage regardless of fitness.
@@ -51,12 +51,12 @@ def update_behaviour_archive(
 
 
 def scaled(count: int, allocation: Allocation, population: int) -> int:
-    """A count of Table 1 for another population size, rounded half up, but none lost."""
+    """A count of Table 1 scaled to the population size, rounded half up; at least 1 if it was."""
     return max(min(count, 1), (2 * count * population + allocation.per) // (2 * allocation.per))
 
 
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
-    """Number of diversity slots: more if diversity is low, within the two ranges of Table 1."""
+    """The number of diversity slots, within the ranges of Table 1: more if diversity is low."""
     least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
     fewest_children, most_children = (
         scaled(n, allocation, population) for n in allocation.tournament_children
@@ -70,7 +70,7 @@ def diversity_slots(allocation: Allocation, population: int, taken: int, diversi
 
 
 class Survivor(NamedTuple):
-    """A tree of the next population that is taken over as it is."""
+    """An unchanged tree in the next population."""
 
     origin: Origin
     parent: str  # id
@@ -83,7 +83,7 @@ def elites(
     archive: BehaviourArchive,
     behaviours: Sequence[str],
 ) -> list[Survivor]:
-    """Elites, the best of each behaviour, and resurrected ones."""
+    """The elites, behavioural elites and resurrected individuals of the next population."""
     n, order = len(population), ranked(tuple(population))
     best = order[: scaled(allocation.elites, allocation, n)]
     taken = {e.individual.id for e in best}
@@ -96,7 +96,7 @@ def elites(
             room -= 1
             slots.append(Survivor(Origin.BEHAVIOURAL_ELITE, i.id, i.tree))
     alive = {behaviour for e in population for behaviour in e.labels.behaviours}
-    # One ancestor may be the best of several behaviours: it comes back once.
+    # An individual may be the best of several behaviours; it is resurrected once.
     extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
     slots += [
         Survivor(Origin.RESURRECTED, a.id, a.tree)
@@ -116,9 +116,9 @@ def next_population(
     diversity: float,
     edited: Sequence[EditedTree] = (),
 ) -> tuple[Individual, ...]:
-    """The population of `generation`, before mutation; as many individuals as before.
+    """The population of `generation`, before mutation, of the same size as the last one.
 
-    Edited trees take slots of tournament children.
+    Edited trees replace tournament children.
     """
     n, gp, allocation = len(population), plan.gp, plan.allocation
     select, cross = selection(gp.selection), crossover(gp.crossover)

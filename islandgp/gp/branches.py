@@ -1,9 +1,9 @@
 """Priority lists: selectors of guarded branches, and operators that keep a branch whole.
 
-A guarded branch is a child of a selector, mostly a `when` above a few actions. Most trees that
-people write are lists of such branches, the most urgent first. Subtree crossover and mutation
-seldom add one, as several nodes must appear at once; the operators here add, exchange and change
-branches as units. `variation` has them in its tables.
+A guarded branch is a child of a selector: typically a `when` with one or a few actions. Most
+hand-written trees are lists of such branches, the most urgent first. Subtree crossover and mutation
+seldom add a branch, as several nodes must be added at once. The operators of this module add,
+exchange and change branches as units. `variation` registers them.
 """
 
 from __future__ import annotations
@@ -46,22 +46,22 @@ if TYPE_CHECKING:  # variation imports this module
     from islandgp.gp.variation import MutationSettings
 
 BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
-"""Chance of each number of actions in a random branch."""
+"""Probability of each number of actions in a random branch."""
 DECLARED: Final = 0.5
-"""Chance that a random branch is guarded by what its first action declares that it needs."""
+"""Probability that a random branch is guarded by the declared conditions of its first action."""
 PREPARED: Final = 0.7
-"""Chance that an action of a random branch comes behind one that it declares as `after`."""
+"""Probability that an action of a random branch follows one that it declares as `after`."""
 LONG: Final = 3
-"""Actions of a random branch to which no more are added."""
-FINE: Final = 200  # thresholds of tuned numbers are multiples of about range / FINE
-EVERY: Final = 0.3  # chance that `tune` changes every number of a tree and not only one
+"""Number of actions in a random branch from which on none is added."""
+FINE: Final = 200  # tuned thresholds are multiples of about range / FINE
+EVERY: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one
 
 
 def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
-    """A guarded branch: `when CONDITION { ACTION }`, or a short sequence of actions.
+    """A guarded branch: `when CONDITION { ACTION }`, or with a short sequence of actions.
 
-    Half of the guards are what the first action declares as `to_start`, where it declares
-    something; the others are random conditions. Without keys there is no guard.
+    If the first action declares `to_start`, the guard is this condition with probability 1/2.
+    Otherwise it is a random condition. Without keys there is no guard.
     """
     body = _random_body(rng, space, 1 + int(rng.choice(len(BODY), p=list(BODY.values()))))
     if not space.keys:
@@ -79,9 +79,9 @@ def _actions(tree: Node) -> Iterator[Node]:
 
 
 def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
-    """A sequence of up to `n` random actions, each behind its preparations; or one alone.
+    """A sequence of up to `n` random actions, each after its preparations; or a single action.
 
-    None is added to a sequence of three actions or more.
+    No action is added to a sequence of three or more.
     """
     names: list[str] = []
     for _ in range(n):
@@ -92,7 +92,7 @@ def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
 
 
 def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str]:
-    """The action behind some of those that it declares as `after`, and these behind theirs."""
+    """The action, preceded by some of those that it declares as `after`, recursively."""
     names = [name]
     options = list(space.vocabulary.action(name).after)
     while options and rng.random() < PREPARED:
@@ -108,7 +108,7 @@ def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
 
 
 def _random_condition(rng: np.random.Generator, space: TreeSpace) -> ConditionExpr:
-    """A single condition, or two that are joined; `and` is likelier than `or`."""
+    """A single condition, or two joined by `and` or, less often, `or`."""
     condition = random_term(rng, space)
     if rng.random() < 0.7:
         return condition
@@ -128,12 +128,12 @@ def _guards(tree: Node) -> list[tuple[int, Node, GuardArgs]]:
 
 
 def branches_of(tree: Node) -> list[Node]:
-    """The branches of a tree: the children of its selectors; of a tree without one, itself."""
+    """The branches of a tree: the children of its selectors, or the tree if it has no selector."""
     return [c for _, node in _selectors(tree) for c in node.children] or [tree]
 
 
 def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
-    """The tree with a branch in front of, or between, the children of one of its selectors.
+    """The tree with a branch inserted before a child of one of its selectors.
 
     The outermost selector is the likeliest. A tree without a selector becomes the last child of
     a new one.
@@ -148,12 +148,12 @@ def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
 
 
 def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """A random guarded branch in front of, or between, the children of a selector."""
+    """Inserts a random guarded branch before a child of a selector."""
     return with_branch(rng, tree, random_branch(rng, space))
 
 
 def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """A `when` with a random condition above a node."""
+    """Puts a `when` with a random condition above a node."""
     if not space.keys:
         return tree
     nodes = list(walk(tree))
@@ -163,9 +163,9 @@ def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSett
 
 
 def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """Another action in an action's place, or before or behind it in a sequence.
+    """Replaces an action, or adds one before or after it in a sequence.
 
-    It may come with its preparations, as in a random branch.
+    The new action may have its preparations, as in a random branch.
     """
     leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.action]
     i, old = leaves[rng.integers(len(leaves))]
@@ -177,7 +177,7 @@ def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 
 def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """One guard with another abort rule, or with a term more, less, or another one."""
+    """Changes a guard: another abort rule, or a term added, removed or replaced."""
     guards = _guards(tree)
     if not guards:
         return tree
@@ -204,9 +204,9 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
 
 
 def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """An action behind a guard that asks what the action declares that it needs.
+    """Guards an action by the conditions that it declares.
 
-    The conditions are `to_start` and `to_succeed` of the vocabulary, which `check` uses too.
+    These are `to_start` and `to_succeed` of the vocabulary, which `check` uses, too.
     """
     needy = [
         (i, node, conditions)
@@ -226,12 +226,12 @@ def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
 
 
 def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
-    """The tree without what `simplify` proves to have no effect."""
+    """Removes the parts that `simplify` proves to have no effect."""
     return simplify(tree, space.vocabulary).tree
 
 
 def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
-    """Perturbs one number of the tree's conditions, or all of them.
+    """Perturbs one number in the tree's conditions, or all of them.
 
     The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
     `number_sd`, as a share of the key's range. Numbers may leave the grid of random thresholds.
@@ -261,7 +261,7 @@ def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
 
 
 def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
-    """The tree with the number `k` of node `i` moved by a share of its range."""
+    """The tree with number `k` of node `i` moved by a share of its range."""
     node = next(node for at, node in enumerate(walk(tree)) if at == i)
     if isinstance(node.args, ActionArgs):
         arguments = space.vocabulary.action(node.action).arguments
@@ -279,7 +279,7 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
 
 
 def fine(value: float, key: Key) -> float:
-    """The value within the key's range, in as few digits as about range / FINE needs."""
+    """The value clipped to the key's range and rounded to a multiple of about range / FINE."""
     digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
     unit = 1.0 if key.whole else min(digit, key.step)
     nearest = round(round(value / unit) * unit, 9)
@@ -287,7 +287,7 @@ def fine(value: float, key: Key) -> float:
 
 
 def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
-    """A branch of `father` in `mother`: between the children of a selector, or in one's place."""
+    """Inserts a branch of `father` into a selector of `mother`, or replaces a branch by it."""
     room = limits.max_nodes - size(mother)
     donors = [b for b in branches_of(father) if size(b) < room and depth(b) < limits.max_depth]
     if not donors:

@@ -12,31 +12,31 @@ from islandgp.gp.record import GenerationRecord
 
 @dataclass(frozen=True, slots=True)
 class EditFate:
-    """An edit and what became of it."""
+    """An edit with its trial and its descendants."""
 
     edit: EditRecord
-    source: str  # who advised it
+    source: str  # name of the supervisor that advised it
     generation: int  # after which it was advised
-    trial: EditTrial | None = None  # in the generation after; None: refused, or not evaluated yet
-    children: int = 0  # individuals of which its tree is a parent
-    lived: int = 0  # generations until its last descendant; 0: it had none
+    trial: EditTrial | None = None  # in the next generation; None: refused or not yet evaluated
+    children: int = 0  # individuals with its tree as a parent
+    lived: int = 0  # generations until its last descendant; 0: no descendants
 
     @property
     def gain(self) -> float | None:
-        """Points more than the tree that was edited, in the same worlds; None without a trial."""
+        """Points above the tree before the edit, in the same worlds; None without a trial."""
         return None if self.trial is None else self.trial.fitness - self.trial.parent_fitness
 
 
 def edit_fates(records: Iterable[GenerationRecord]) -> list[EditFate]:
-    """The fates of all edits of a run, in the order in which they were advised.
+    """All edits of a run with their results, in the order in which they were advised.
 
     Args:
-        records: of the generations so far, from the first on.
+        records: of the generations so far, starting with the first.
     """
     fates: list[EditFate] = []
-    waiting: list[int] = []  # indices of the edits whose trees come next
-    lines: dict[str, frozenset[int]] = {}  # by individual, the edits that it descends from
-    place: dict[str, int] = {}  # by individual, the edit whose tree it is
+    waiting: list[int] = []  # indices of the edits evaluated in the next generation
+    lines: dict[str, frozenset[int]] = {}  # the edits that an individual descends from, by id
+    place: dict[str, int] = {}  # the edit whose tree an individual is, by id
     for record in records:
         g, trials = record.snapshot.generation, {t.id: t for t in record.trials}
         for i in record.individuals:

@@ -1,7 +1,7 @@
-"""Edits: changes of one tree that a supervisor advises, each with its place and its reason.
+"""Edits: changes of a tree that a supervisor advises.
 
-An edit names an individual and a place in its tree. A place is a path such as `0/2/1`: the third
-child of the first child of the root is `0/2`, and "" is the root. It can also be the text of a
+An edit names an individual and a place in its tree, and has a reason. A place is a path such as
+`0/2`, the third child of the root's first child; "" is the root. It can also be the text of a
 subtree that occurs in the tree exactly once. EDITS has the kinds of edits.
 """
 
@@ -41,22 +41,22 @@ from islandgp.errors import TreeError
 from islandgp.plain import to_json
 
 STRICT: Final = ConfigDict(strict=True, revalidate_instances="always")
-"""Exact types, also in the fields of an instance: nothing has checked them before."""
+"""Strict types, also for the fields of an instance, as supervisors create edits unchecked."""
 
 
 def encodable(text: str) -> str:
-    """The text if it can be encoded as UTF-8, which half a surrogate pair cannot."""
+    """The text. Raises ValueError if it cannot be encoded as UTF-8 (a lone surrogate)."""
     text.encode()  # its UnicodeEncodeError is a ValueError
     return text
 
 
-@lru_cache(maxsize=64)  # supervisors give the same trees again
+@lru_cache(maxsize=64)  # supervisors return the same trees repeatedly
 def _reparsed(tree: Node) -> Node:
     return parse(to_text(tree))
 
 
 def _in_language(tree: object) -> Node:
-    """The tree if it survives printing and parsing; nodes of unknown kinds do not."""
+    """The tree, printed and parsed. Raises ValueError for a tree outside the language."""
     try:
         # Texts are compared, as words of keys are known only with a vocabulary.
         if isinstance(tree, Node) and to_text(_reparsed(tree)) == to_text(tree):
@@ -75,10 +75,10 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A change of a tree that a supervisor advises.
+    """A change of a tree, advised by a supervisor.
 
     Raises:
-        ValueError: there is no such kind, or a field is missing or of no use to the kind.
+        ValueError: the kind is unknown, or a field is missing, or the kind does not use a field.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -86,15 +86,15 @@ class Edit:
     kind: str  # a key of EDITS
     of: Text  # id of the individual whose tree is changed, "<generation>.<slot>"
     at: Text = ""  # place in its tree
-    branch: CheckedTree | None = None  # front, insert, replace: what is put there
+    branch: CheckedTree | None = None  # front, insert, replace: the new branch
     number: FiniteFloat | None = None  # number: the new value
-    term: int = 0  # number: which of the conditions of a `when`, from 0
-    donor: Text = ""  # combine: id of the individual whose branch is taken
+    term: int = 0  # number: index of the term in the condition of a `when`
+    donor: Text = ""  # combine: id of the individual from which the branch is copied
     donor_at: Text = ""  # combine: place in the donor's tree
-    reason: Text = ""  # for people, and for the record
+    reason: Text = ""  # for the record and for reports
 
     def __post_init__(self) -> None:
-        """Refuses what no kind of edit could use."""
+        """Check that the fields are those of the kind."""
         if self.kind not in EDITS:
             raise ValueError(
                 f"expected an edit of one of the kinds {', '.join(EDITS)}, found {self.kind!r}"
@@ -115,8 +115,8 @@ class Edit:
 class EditKind:
     """A kind of edit: its fields and its function."""
 
-    needs: str  # the field of `Edit` that it takes besides `of`, `at` and `reason`
-    meaning: str  # one line for people and prompts
+    needs: str  # the field of `Edit` that it uses besides `of`, `at` and `reason`
+    meaning: str  # one line, for documentation and prompts
     change: Callable[[Node, Path, Node], Node] | None
     """Returns the changed tree, for the tree, the place, and the branch of the edit or the donor.
     Raises ValueError if the edit is not possible there. None: `_with_number` changes the tree."""
@@ -124,7 +124,7 @@ class EditKind:
 
 @dataclass(frozen=True, slots=True)
 class EditRecord:
-    """An edit as records keep it, and whether it was taken."""
+    """An edit in a record, and whether it was accepted."""
 
     kind: str
     of: str
@@ -135,20 +135,20 @@ class EditRecord:
     donor: str
     donor_at: str
     reason: str
-    refused: str  # why it was not taken, or ""
+    refused: str  # why it was refused, or ""
 
 
 @dataclass(frozen=True, slots=True)
 class EditTrial:
-    """An edited tree in its first generation, beside the tree that was edited.
+    """The fitness of an edited tree in its first generation, and of the tree before the edit.
 
-    Both were evaluated in the same worlds.
+    Both are measured in the same worlds.
     """
 
     id: str  # of the edited tree's individual
-    parent: str  # id of the individual that the edit named
+    parent: str  # id of the individual that was edited
     fitness: float  # of the edited tree, points
-    parent_fitness: float  # of its tree before the edit, points
+    parent_fitness: float  # of the tree before the edit, points
 
 
 def node_at(tree: Node, path: Path) -> Node:
@@ -164,7 +164,7 @@ def node_at(tree: Node, path: Path) -> Node:
 
 
 def written(path: Path) -> str:
-    """A path as people write it: `0/2/1`, or "" for the root."""
+    """A path as text: `0/2/1`, or "" for the root."""
     return "/".join(map(str, path))
 
 
@@ -182,7 +182,7 @@ def nodes_with_paths(tree: Node, path: Path = ()) -> Iterator[tuple[Path, Node]]
 
 
 def path_of(tree: Node, at: str, vocabulary: Vocabulary | None = None) -> Path:
-    """The path that a place names; the last index of a numeric one may be one too high.
+    """The path of a place. The last index may be the number of children, for an insertion.
 
     Args:
         tree: the tree.
@@ -190,8 +190,8 @@ def path_of(tree: Node, at: str, vocabulary: Vocabulary | None = None) -> Path:
         vocabulary: of the domain, to read the text of a subtree.
 
     Raises:
-        ValueError: the text is neither a path nor a tree, or the tree has no such subtree, or
-            several.
+        ValueError: the text is neither a path nor a tree, or the tree does not have this
+            subtree exactly once.
     """
     steps = [step.strip() for step in at.strip().strip("/").split("/")]
     if steps == [""]:
@@ -221,10 +221,11 @@ def is_selector(node: Node) -> bool:
 
 
 def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
-    """The tree with a branch that is tried before the node at a path.
+    """The tree with a branch that runs before the node at a path.
 
-    If the node's parent is a selector, the branch becomes the sibling before the node. Else, if the
-    node is a selector, it becomes its first child. Else a new selector has the two as children.
+    If the node's parent is a selector, the branch becomes the sibling before the node. Otherwise,
+    if the node is a selector, the branch becomes its first child. Otherwise a new selector with the
+    two as children replaces the node.
     """
     node = node_at(tree, path)
     if path and is_selector(node_at(tree, path[:-1])):
@@ -235,7 +236,7 @@ def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
 
 
 def _with_child(tree: Node, path: Path, branch: Node) -> Node:
-    """The tree with one more child at a path; the later ones move on by one."""
+    """The tree with a branch inserted as a child at a path."""
     *above, index = path
     parent = node_at(tree, tuple(above))
     if index > len(parent.children):
@@ -258,7 +259,7 @@ def _inserted(tree: Node, path: Path, branch: Node) -> Node:
 
 
 def _with_number(tree: Node, path: Path, number: float, place: int) -> Node:
-    """The tree with another count of a repeater, or number in a term of a guard."""
+    """The tree with a new count of a repeater, or a new number in a term of a guard."""
     node = node_at(tree, path)
     if isinstance(node.args, CountArgs):
         fewest, most = REPEATS
@@ -302,17 +303,18 @@ EDITS: Final[Mapping[str, EditKind]] = {
 
 
 def edited(edit: Edit, trees: Mapping[str, Node], vocabulary: Vocabulary, limits: Limits) -> Node:
-    """The tree that an edit makes.
+    """The edited tree.
 
     Args:
-        edit: what is changed.
-        trees: by id, the trees that the edit may name.
-        vocabulary: of the domain; the tree is in its words.
-        limits: that the tree keeps.
+        edit: the change.
+        trees: the trees that the edit can refer to, by id.
+        vocabulary: of the domain.
+        limits: of the edited tree.
 
     Raises:
-        ValueError: the edit names what is not there, or changes nothing, or the tree would break
-            the limits, be none of the language, or hold a part that can never work.
+        ValueError: the edit refers to a tree or place that does not exist, or changes nothing; or
+            the edited tree exceeds the limits, is not in the language, or has a new part that can
+            never run or never succeed.
     """
     tree, branch, change = _tree(edit.of, trees), edit.branch, EDITS[edit.kind].change
     if edit.donor:
@@ -349,7 +351,7 @@ def _tree(name: str, trees: Mapping[str, Node]) -> Node:
 
 
 def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
-    """Raises ValueError if an edit makes a part that can never run or never succeed."""
+    """Raises ValueError if an edit adds a part that can never run or never succeed."""
     known, new = (
         [w.message for w in warnings(t, vocabulary) if w.code in ("unreachable", "never-succeeds")]
         for t in (before, after)
@@ -360,5 +362,5 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
 
 
 def as_record(edit: Edit, refused: str) -> EditRecord:
-    """The record of an edit; `refused` is the reason for its rejection, or ""."""
+    """The record of an edit; `refused` is the reason for its refusal, or ""."""
     return EditRecord(**to_json(edit), refused=refused)

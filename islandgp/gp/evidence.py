@@ -1,8 +1,8 @@
 """Estimates the mean fitness of trees that were evaluated in different worlds.
 
-All individuals of a generation meet the same worlds, and worlds differ more than good trees do.
-So fitness is taken as the sum of the tree's level and the generation's effect. Both are
-estimated together; the effects are shrunk, as random effects are (Henderson 1975).
+All individuals of a generation are evaluated in the same worlds, and worlds differ more than good
+trees do. So fitness is modelled as a tree's level plus the generation's effect. Both are estimated
+jointly, with shrinkage of the effects as in random-effects models (Henderson 1975).
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ ROUNDS: Final = 20  # of alternating estimates
 
 
 def estimate(fitness: Sequence[Mapping[int, float]]) -> tuple[list[float], float]:
-    """Each tree's level, and the standard deviation of a single evaluation around it.
+    """The level of each tree, and the standard deviation of a single evaluation around it.
 
     Args:
-        fitness: of each tree, points by generation; at least one each.
+        fitness: points by generation, of each tree; at least one evaluation each.
 
     Returns:
         The levels in points, and the residual standard deviation in points, pooled over trees.
-        Where no tree was evaluated twice this is the standard deviation between trees.
+        If no tree was evaluated twice, it is the standard deviation between trees.
     """
     if not fitness:
         return [], 0.0

@@ -27,21 +27,21 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     """Genetic programming, section 2.3."""
 
     population: int = Field(ge=4, le=10_000)
-    generations: int = Field(ge=1, le=100_000)  # evaluated ones, generation 0 included
+    generations: int = Field(ge=1, le=100_000)  # including generation 0
     selection: str  # of parents: an entry of SELECTIONS, or "module:function"
     tournament_size: int = Field(ge=1)  # individuals that a selection compares
     crossover: str  # an entry of CROSSOVERS, or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
-    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor advises another one
-    founders: bool = False  # the library's trees for its targets open the initial population
-    mutate_elites: bool  # mutation hits elites and the injected tree too
+    mutation_rate: float = Field(ge=0, le=1)  # until a supervisor sets another one
+    founders: bool = False  # the library's trees start the initial population
+    mutate_elites: bool  # elites and the injected tree are mutated, too
     max_depth: int = Field(ge=2, le=50)
     max_nodes: int = Field(ge=3, le=1000)
-    episodes: int = Field(ge=1, le=1000)  # an individual
+    episodes: int = Field(ge=1, le=1000)  # of each individual
     validation: float = Field(ge=0, le=1)
-    """Episodes in which a run chooses its best robot, as a share of those of the run."""
-    reseed_every: Literal["generation", "epoch", "never"]  # when the worlds change
-    shared_seed: bool  # one world a generation for all, or one for each individual
+    """Episodes of the selection of the best robot, as a share of the training episodes."""
+    reseed_every: Literal["generation", "epoch", "never"]  # interval of new world seeds
+    shared_seed: bool  # all individuals of a generation have the same worlds
     trees: TreeSettings
     mutation: MutationSettings
     state: StateSettings
@@ -61,7 +61,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def episodes_in_all(self) -> int:
-        """Episodes of a whole run."""
+        """Number of training episodes of a run."""
         return self.population * self.generations * self.episodes
 
     @property
@@ -86,7 +86,7 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _ranges(self) -> Allocation:
-        lowest = {"diversity": 1, "tournament_children": 0}  # without children a random search
+        lowest = {"diversity": 1, "tournament_children": 0}  # no children: a random search
         for name in lowest:
             least, most = getattr(self, name)
             if not lowest[name] <= least <= most:
@@ -108,18 +108,18 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
 
 class Budget(BaseModel, frozen=True, extra="forbid"):
-    """Budget of a run in episodes, which counts all of them."""
+    """Budget of a run in episodes of any purpose."""
 
     episodes: Annotated[int, Field(ge=1)] | None = None
-    """Of training, the archive, validation, the supervisor and the search for its library; None: as
-    `gp.generations` needs."""
+    """Of training, the archive, validation, the supervisor and the search for its library. None: as
+    many as `gp.generations` needs."""
 
     def generations(self, population: int, episodes: int, validation: float) -> int:
-        """Generations that the budget allows, >= 1. There must be a budget.
+        """Number of generations within the budget, >= 1; the budget must be set.
 
         Args:
-            population: individuals of a generation.
-            episodes: of an individual.
+            population: individuals per generation.
+            episodes: of each individual.
             validation: episodes of validation, as a share of those of training.
 
         Raises:
@@ -148,13 +148,13 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
 
 
 class Stop(BaseModel, frozen=True, extra="forbid"):
-    """Targets that end a run before its last generation; validation follows as always."""
+    """Targets that end a run early; validation follows as in any run."""
 
-    tier: str | None = None  # a tier that some individual of a generation reaches
-    fitness: FiniteFloat | None = None  # points that some individual of a generation reaches
+    tier: str | None = None  # reached by an individual of a generation
+    fitness: FiniteFloat | None = None  # points reached by an individual of a generation
 
     def reason(self, population: Sequence[Evaluated]) -> str:
-        """The reason to stop after this generation, or "". Infeasible individuals reach no goal."""
+        """The reason to stop after this generation, or "". Infeasible individuals do not count."""
         able = [e for e in population if not e.violation]
         if self.tier is not None and any(self.tier in e.labels.tiers for e in able):
             return f"stop.tier={self.tier}"
@@ -167,7 +167,7 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
     """Switches for the parts of a supervisor's guidance, for ablations."""
 
     adapt_mutation: bool  # its mutation rate takes effect
-    inject: bool  # its tree takes its slot; else a random tree does
+    inject: bool  # its tree is injected; else a random tree has this slot
     lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
     edits: int = Field(0, ge=0, le=1000)  # slots of the next population for its edited trees
     mutate_advice: bool = False  # its edited trees are mutated before their first evaluation
@@ -175,7 +175,7 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The settings of a run, without seed, supervisor and evaluator."""
+    """The settings of a run, except for seed, supervisor and evaluator."""
 
     vocabulary: Vocabulary
     gp: GP
@@ -187,14 +187,14 @@ class Plan:
     stop: Stop = field(default_factory=Stop)
     archive: ArchiveSettings = field(default_factory=ArchiveSettings)
     constraints: Constraints = field(default_factory=dict)
-    founders: tuple[Node, ...] = ()  # trees that open the initial population
+    founders: tuple[Node, ...] = ()  # first trees of the initial population
 
     def last(self, generation: int, spent: int) -> bool:
         """True if this is the last generation.
 
         Args:
             generation: from 0.
-            spent: episodes of the run so far, those of this generation included.
+            spent: episodes of the run so far, including this generation.
         """
         if generation + 1 >= self.gp.generations:
             return True
@@ -203,5 +203,5 @@ class Plan:
 
     @property
     def space(self) -> TreeSpace:
-        """The trees that the run searches."""
+        """The search space of trees."""
         return TreeSpace(self.gp.trees, self.vocabulary, self.gp.limits)

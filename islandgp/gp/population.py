@@ -1,4 +1,4 @@
-"""Data of a population: individuals before and after evaluation, with their origins."""
+"""Individuals before and after evaluation, and their origins."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ class Individual:
     tree: Tree
     origin: Origin
     parents: tuple[str, ...] = ()  # ids
-    mutation: str = ""  # the operator that changed it after construction, or ""
+    mutation: str = ""  # mutation operator, or ""
 
 
 @dataclass(frozen=True, slots=True)
 class EditedTree:
-    """A tree made by a supervisor's edit, not yet evaluated."""
+    """A tree with a supervisor's edit, not yet evaluated."""
 
     tree: Tree
-    parents: tuple[str, ...]  # ids: the individual that was edited, and the donor of a branch
+    parents: tuple[str, ...]  # ids of the edited individual and of the donor of a branch
     operator: str  # "edit:<kind>"
 
 
@@ -72,7 +72,7 @@ class Advice:
 def edited_individuals(
     edited: Sequence[EditedTree], generation: int, first: int
 ) -> list[Individual]:
-    """Individuals of a generation for edited trees, in slots from `first` on."""
+    """Individuals of a generation with edited trees, in slots from `first` on."""
     return [
         Individual(f"{generation}.{slot}", e.tree, Origin.EDITED, e.parents, e.operator)
         for slot, e in enumerate(edited, first)
@@ -86,13 +86,13 @@ class Evaluated:
     individual: Individual
     outcome: Outcome
     labels: BehaviourLabels
-    fitness: float  # points, Eq. (1): the outcome's
+    fitness: float  # points, Eq. (1), of the outcome
     episodes: tuple[float, ...] = ()  # points in each episode
     violation: float = 0.0  # of the constraints, >= 0; 0: it keeps all of them
 
     @property
     def merit(self) -> Merit:
-        """The sort key of individuals: feasible before fit."""
+        """Sort key: fewer constraint violations first, then fitness."""
         return merit(self.fitness, self.violation)
 
 
@@ -108,14 +108,14 @@ class BehaviourBest:
 
     @property
     def merit(self) -> Merit:
-        """The sort key of individuals: feasible before fit."""
+        """Sort key: fewer constraint violations first, then fitness."""
         return merit(self.fitness, self.violation)
 
 
 BehaviourArchive = Mapping[str, BehaviourBest]
-"""The best of each behaviour in the last stage that had it: resurrected when it dies out."""
+"""The best individual of each behaviour in the last stage that had it."""
 
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:
-    """Best first; equals in slot order."""
+    """The individuals sorted by merit, best first; equal ones in slot order."""
     return sorted(population, key=lambda e: e.merit, reverse=True)

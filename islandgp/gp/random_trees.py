@@ -1,4 +1,4 @@
-"""Random trees, as for generation 0 and the diversity slots (sections 2.2.3 and 2.3)."""
+"""Random trees, e.g. of generation 0 and the diversity slots (sections 2.2.3 and 2.3)."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 
-MOST_NODES: Final = 2000.0  # expected of a random tree; a run takes at most 1,000
+MOST_NODES: Final = 2000.0  # most expected nodes of a random tree; a run allows up to 1,000
 
 
 class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
-    """Conditions of random `when` nodes; by default on a single key, as in the paper."""
+    """Settings of random conditions; by default they have a single key, as in the paper."""
 
-    joined: float = Field(default=0, ge=0, le=1)  # chance that a condition joins several
-    terms: int = Field(default=3, ge=2, le=8)  # most that evolution joins by `and`, `or`
-    pairs: float = Field(default=0, ge=0, le=1)  # chance that a comparison is with another key
+    joined: float = Field(default=0, ge=0, le=1)  # probability of several terms
+    terms: int = Field(default=3, ge=2, le=8)  # most terms joined by `and` and `or`
+    pairs: float = Field(default=0, ge=0, le=1)  # probability of a comparison of two keys
 
 
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of random trees."""
 
-    depth: tuple[int, int]  # least and most levels a tree aims at, >= 2
-    leaf: float = Field(ge=0, le=1)  # chance that a place above the last level is an action
+    depth: tuple[int, int]  # range of the target depth, in levels, >= 2
+    leaf: float = Field(ge=0, le=1)  # probability of an action above the last level
     children: tuple[int, int]  # least and most children of a composite, >= 1
     repeats: int = Field(ge=1, le=100)  # most repetitions
     kinds: dict[str, float]  # weight of each inner node kind
@@ -61,7 +61,7 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True)
 class TreeSpace:
-    """The trees that a run searches: how they are grown, of which words, and how large."""
+    """The search space of trees: settings of random trees, vocabulary and limits."""
 
     settings: TreeSettings
     vocabulary: Vocabulary
@@ -98,7 +98,7 @@ def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) 
 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
-    """A key drawn by its weight."""
+    """A key drawn with probability proportional to its weight."""
     remaining, last = rng.random() * total(weights.values()), ""
     for name, weight in weights.items():
         if weight > 0:
@@ -109,12 +109,12 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
 
 
 def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
-    """A leaf."""
+    """A random action, with random arguments."""
     return random_leaf(rng, space.actions[rng.integers(len(space.actions))], space)
 
 
 def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
-    """A leaf of that action, with random arguments where the action takes some."""
+    """A leaf of an action, with random arguments if it has parameters."""
     arguments = space.vocabulary.action(name).arguments
     return leaf_of(
         name, {key: random_value(rng, each) for key, each in arguments.items()}, arguments
@@ -122,7 +122,7 @@ def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
 
 
 def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
-    """A value of an action's argument, evenly from its range or its logarithm, or of its words."""
+    """A random value of a parameter: uniform or log-uniform in its range, or one of its words."""
     if parameter.words:
         return parameter.words[rng.integers(len(parameter.words))]
     if parameter.sort == "text":
@@ -137,7 +137,7 @@ def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
 
 
 def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by: float) -> Value:
-    """A number moved by a share of its range, or of its logarithm's; another one of the words."""
+    """A number moved by a share of its (logarithmic) range, or another one of the words."""
     if not isinstance(value, str):
         return moved_number(parameter, value, by)
     others = [word for word in parameter.words if word != value]
@@ -145,7 +145,7 @@ def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by
 
 
 def moved_number(parameter: Parameter, value: float, by: float) -> float:
-    """A number moved by a share of its range, or of its logarithm's."""
+    """A number moved by a share of its range, or of its logarithmic range."""
     low, high = parameter.low, parameter.high
     moved = value * (high / low) ** by if parameter.logarithmic else value + by * (high - low)
     if parameter.sort == "integer" and round(moved) == value:
@@ -224,7 +224,7 @@ def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
 
 
 def on_grid(key: Key, steps: float) -> float:
-    """A threshold so many steps above the least value, in as few digits as people write."""
+    """The threshold that is `steps` steps above the least value, rounded to 9 decimals."""
     return round(key.low + steps * key.step, 9) + 0.0  # no -0
 
 
@@ -239,14 +239,14 @@ def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
 
 
 def grow(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
-    """A random tree of at most `depth` levels; a branch ends where chance or depth ends it."""
+    """A random tree of at most `depth` levels; a branch may end earlier by chance."""
     if depth <= 1 or rng.random() < space.settings.leaf:
         return random_action(rng, space)
     return inner_node(rng, space, depth)
 
 
 def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
-    """A random tree within the limits; a bare action only where they leave nothing else."""
+    """A random tree within the limits; a single action only if the limits allow nothing else."""
     least, most = space.settings.depth
     for _ in range(100):
         depth = min(int(rng.integers(least, most + 1)), space.limits.max_depth)
@@ -259,7 +259,7 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
 
 
 def expected_nodes(trees: TreeSettings, depth: int) -> float:
-    """Mean nodes of `grow` with this depth, >= 1; counted up to MOST_NODES."""
+    """Expected number of nodes of `grow` with this depth, >= 1; at most MOST_NODES."""
     weight = sum(trees.kinds.values())
     several = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
     children = 1 - several + several * sum(trees.children) / 2
@@ -274,10 +274,10 @@ def expected_nodes(trees: TreeSettings, depth: int) -> float:
 def check_growth(
     trees: TreeSettings, limits: Limits, subtree_depth: int, where: str = "gp.mutation"
 ) -> None:
-    """Raises ValueError where making random trees would take for ever.
+    """Raises ValueError if creating random trees would take too long.
 
-    A tree that is too large is made all the same before another one is tried. `where` is the
-    path of the settings with that `subtree_depth`.
+    Trees that exceed the limits are rejected after their creation, so large ones cost time.
+    `where` is the configuration path of the settings with this `subtree_depth`.
     """
     most = trees.depth[1]
     if most > 1000:

@@ -1,7 +1,7 @@
-"""The record of a generation, and the state that a run continues from.
+"""The record of a generation, and the state from which a run continues.
 
-Both are plain values without times or machine names: the same seed gives the
-same bytes. Costs are kept apart for that reason.
+Both are plain values without times or machine names, so the same seed gives the same bytes. `Cost`
+has the times and is stored separately.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from islandgp.scoring.generation_stats import ALIASES, GenerationStats
 
 @dataclass(frozen=True, slots=True)
 class IndividualRecord:
-    """One individual's line: lineage, tree, behaviour, fitness."""
+    """An individual in the records: lineage, tree, behaviour, fitness."""
 
     id: str  # "<generation>.<slot>"
     origin: str  # a value of population.Origin
@@ -47,7 +47,7 @@ class IndividualRecord:
 
 
 def to_record(e: Evaluated, text: str) -> IndividualRecord:
-    """An individual's line; `text` is its tree's canonical text."""
+    """The record of an individual; `text` is its tree's canonical text."""
     i, o = e.individual, e.outcome
     return IndividualRecord(
         id=i.id,
@@ -70,17 +70,17 @@ def to_record(e: Evaluated, text: str) -> IndividualRecord:
 class GuidanceRecord:
     """The supervisor's guidance after a generation, and its effect."""
 
-    asked_at: int | None  # generation of the state; None: no answer was due yet
+    asked_at: int | None  # generation whose state it answers; None: no answer was due yet
     source: str  # the supervisor's name, or "fallback"
     phase: str | None  # row of Table 8
     pattern: str | None  # row of Table 6
-    target: str | None  # row of Table 7: what the tree is for
+    target: str | None  # row of Table 7 that the tree is meant to add
     intervention: bool  # the supervisor considered an intervention necessary
     wanted_rate: float | None  # in [0, 1]; None: no rate was advised
-    crisis: str  # Eq. (7): why it is a crisis, or ""
-    applied_rate: float  # Eq. (8): the rate that made the next population
+    crisis: str  # Eq. (7): reason for a crisis, or ""
+    applied_rate: float  # Eq. (8): mutation rate of the next population
     tree: str | None  # canonical text
-    injected: bool  # the tree took its slot in the next population
+    injected: bool  # True: the tree is in the next population
     refused: str  # why a tree was not injected, or ""
     risk: str  # these four as in supervision.base.Guidance
     reasoning: str
@@ -96,15 +96,15 @@ class GenerationRecord:
     snapshot: GenerationStats
     worlds: tuple[int, ...]  # world seeds
     origins: dict[str, int]  # individuals by origin
-    stagnant_generations: int  # since the best of the present stage last rose
+    stagnant_generations: int  # since the highest fitness of the stage last rose
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # for the next generation; None after the last
-    archive: ArchiveRecord | None = None  # after it; runs of older versions kept none
-    trials: tuple[EditTrial, ...] = ()  # edited trees that it evaluated first, in slot order
+    archive: ArchiveRecord | None = None  # after it; None in runs of older versions
+    trials: tuple[EditTrial, ...] = ()  # its edited trees, in slot order
 
 
 def record_values(record: GenerationRecord) -> dict[str, Any]:
-    """A record as JSON values. Without edits it is written as before there were any."""
+    """A record as JSON values. The fields of edits are left out if there are none."""
     values = asdict(record)
     values["snapshot"] = {ALIASES.get(key, key): v for key, v in values["snapshot"].items()}
     if not record.trials:
@@ -116,7 +116,7 @@ def record_values(record: GenerationRecord) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Champion:
-    """The best individual so far: with constraints feasible before fit, else the fittest."""
+    """The fittest individual so far; with constraints, those that keep them come first."""
 
     generation: int  # in which it was evaluated, from 0
     record: IndividualRecord
@@ -128,7 +128,7 @@ def updated_champion(
     lines: Sequence[IndividualRecord],
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> Champion:
-    """The champion after `generation`, feasible before fit; the earlier of equals."""
+    """The champion after `generation`; the earlier of equal individuals."""
 
     def worth(line: IndividualRecord) -> Merit:
         return merit(line.fitness, violation(line.counters, constraints))
@@ -141,19 +141,19 @@ def updated_champion(
 
 @dataclass(frozen=True, slots=True)
 class RunState:
-    """Everything the next generation depends on, besides configuration and seed."""
+    """All that the next generation depends on, besides configuration and seed."""
 
     generation: Annotated[int, Field(ge=0)]  # the next to be evaluated
     advice: Advice  # of the supervisor for this generation, with its mutation rate
     history: tuple[GenerationStats, ...]  # of the generations before, oldest first
     memory: Annotated[Any, PlainSerializer(to_json)]
-    """`SearchState.memory`; as plain values where it was read from a checkpoint."""
+    """`SearchState.memory`; as plain values if it was read from a checkpoint."""
     champion: Champion | None
     spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
     library: Annotated[int, Field(ge=0)] = 0  # of these, episodes of the search for a library
     archive: tuple[Elite, ...] = ()  # by cell
     edit_parents: dict[str, str] = field(default_factory=dict)
-    """By id, the texts of the trees whose edited forms the next generation evaluates."""
+    """Texts of the trees whose edits the next generation evaluates, by id."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +163,8 @@ class Cost:
     evaluation: float  # s
     supervision: float  # s spent waiting for guidance
     operators: float  # s, everything else in the loop
-    episodes: int  # asked for
-    simulated: int  # really run; the others came from the cache
+    episodes: int  # requested
+    simulated: int  # run; the others were in the cache
     llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
     elsewhere: int = 0
     """Of `episodes`, those of the supervisor, and of the search for its library."""
@@ -172,10 +172,10 @@ class Cost:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One generation's yield."""
+    """The result of a generation, as the evolution loop yields it."""
 
     record: GenerationRecord
-    state: RunState | None  # to go on from; None after the last generation
+    state: RunState | None  # to continue from; None after the last generation
     champion: Champion
     cost: Cost
     stopped: str = ""  # the target of `stop` that ended the run here, or ""

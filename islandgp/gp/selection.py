@@ -34,7 +34,7 @@ SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}
 
 
 def selection(name: str) -> Selection:
-    """The selection of a name or path. Raises PartError for what is no individual."""
+    """The selection of this name or path. It raises PartError if it returns no individual."""
     return function(name, SELECTIONS, _must_be_individual)
 
 
@@ -56,8 +56,7 @@ def pick_parent(
 ) -> Evaluated:
     """A selected individual, with niche protection.
 
-    A class that has given `most` parents sits out as long as another class of
-    working robots has room: then one of those is selected.
+    A class with `most` parents is excluded as long as another class of working robots has fewer.
     """
     first = select(rng, population, entrants)
     if supplied[first.labels.specialist] < most:

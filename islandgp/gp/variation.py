@@ -1,8 +1,8 @@
 """Variation (section 2.3; line 15 of Algorithm 1): crossover and mutation of trees.
 
-Each operator is a function of trees and a generator, which it consumes. What a mutation
-makes may break the limits or be the same tree: `mutate` sees to that. A new operator is
-a function, and an entry of CROSSOVERS or MUTATIONS or its path in the configuration.
+Each operator is a function of trees and a generator, which is consumed. The result of a mutation
+operator may exceed the limits or be the same tree; `mutate` then tries again. A new operator is a
+function with an entry in CROSSOVERS or MUTATIONS, or its path in the configuration.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from islandgp.gp.random_trees import (
 )
 from islandgp.plugin import function
 
-TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes something
+TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes the tree
 
 
 class MutationSettings(BaseModel, frozen=True, extra="forbid"):
@@ -68,7 +68,7 @@ class MutationSettings(BaseModel, frozen=True, extra="forbid"):
 def _subtree_crossover(
     rng: np.random.Generator, mother: Node, father: Node, limits: Limits
 ) -> Node:
-    """A random subtree of `mother` gives way to one of `father` that fits."""
+    """Replaces a random subtree of `mother` by one of `father` that fits."""
     nodes, depths = list(walk(mother)), levels(mother)
     cut = int(rng.integers(len(nodes)))
     room = limits.max_nodes - len(nodes) + size(nodes[cut])
@@ -88,7 +88,7 @@ CROSSOVERS: Final[dict[str, Crossover]] = {
 
 
 def crossover(name: str) -> Crossover:
-    """The crossover of a name or path. Raises PartError for a child that it must not make."""
+    """The crossover of this name or path. It raises PartError if it returns an invalid child."""
     return function(name, CROSSOVERS, _must_be_child)
 
 
@@ -107,12 +107,12 @@ def _tree(result: object) -> Node:
 
 
 def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
-    """A new random subtree in place of an old one."""
+    """Replaces a subtree by a random one."""
     return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
 
 
 def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
-    """Another kind of node, or another action, in the same place with the same children."""
+    """Replaces the kind of a node, which keeps its children, or an action."""
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
@@ -133,7 +133,7 @@ def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSet
 def _parameter(
     rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
 ) -> Node:
-    """A nudged number, or a new argument, of one node that has arguments."""
+    """Perturbs a number, or replaces an argument, of a node."""
     nodes = [
         (i, node)
         for i, node in enumerate(walk(tree))
@@ -178,7 +178,7 @@ def _other_argument(
 
 
 def _nudged(expr: Condition, key: Key, nudge: float) -> Condition:
-    """A comparison with its number moved by `nudge` ranges of its key, on the key's grid."""
+    """A comparison with its number moved by `nudge` times its key's range, on the key's grid."""
     moved = expr.number + nudge * (key.high - key.low)
     nearest = on_grid(key, round((moved - key.low) / key.step))
     return expr._replace(number=min(key.high, max(key.low, nearest)))
@@ -187,7 +187,7 @@ def _nudged(expr: Condition, key: Key, nudge: float) -> Condition:
 def _rejoined(
     rng: np.random.Generator, expr: ConditionExpr, nudge: float, space: TreeSpace
 ) -> ConditionExpr:
-    """A condition with one part more, one part less, or one part changed."""
+    """A condition with a part added, removed or changed."""
     parts, how = list(terms(expr)), space.settings.conditions
     at = int(rng.integers(len(parts)))
     key = space.vocabulary.keys[parts[at].key]
@@ -202,7 +202,7 @@ def _rejoined(
 
 
 def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
-    """A new inner node above a node, or a new child in a composite."""
+    """Inserts an inner node above a node, or a child into a composite."""
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
@@ -219,7 +219,7 @@ def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: Mutatio
 
 
 def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
-    """One child less in a composite, or an inner node's place taken by a child of it."""
+    """Deletes a child of a composite, or replaces an inner node by one of its children."""
     inner = [(i, node) for i, node in enumerate(walk(tree)) if node.children]
     if not inner:
         return tree
@@ -233,7 +233,7 @@ def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSett
 
 
 def _swap(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
-    """Two children of a composite change places."""
+    """Exchanges two children of a composite."""
     wide = [(i, node) for i, node in enumerate(walk(tree)) if len(node.children) > 1]
     if not wide:
         return tree
@@ -253,7 +253,7 @@ MUTATIONS: Final[dict[str, Mutation]] = {
     "insert": _insert,
     "delete": _delete,
     "swap": _swap,
-    # Those below keep the meaning of the rest of the tree; the paper has none of them.
+    # The operators below treat branches as units; they are not in the paper.
     "guard": branches.guard,
     "wrap": branches.wrap,
     "extend": branches.extend,
@@ -284,10 +284,10 @@ def mutate(
     space: TreeSpace,
     how: MutationSettings,
 ) -> tuple[Node, str]:
-    """With chance `rate`, one mutation: (new tree, its operator), else (the same tree, "").
+    """A mutation with probability `rate`: (new tree, operator), else (the same tree, "").
 
-    A mutation that breaks the limits or changes nothing is tried again; after
-    TRIES attempts the tree stays as it is.
+    A mutation that exceeds the limits or changes nothing is tried again; after TRIES attempts the
+    tree is returned unchanged.
     """
     if rng.random() >= rate:
         return tree, ""

@@ -65,7 +65,7 @@ class Search(Protocol):
     """The parts of a supervisor's guidance that it uses: a subset of USES."""
 
     def start(self) -> SearchState:
-        """The state before generation 0."""
+        """Returns the state before generation 0."""
         ...
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
@@ -90,7 +90,7 @@ class Search(Protocol):
         Args:
             state: the one that was passed to `ask`.
             evaluated: the individuals returned by `ask` with their outcomes, in the same order.
-            advice: of the supervisor, for the next generation; to be kept in the state.
+            advice: of the supervisor, for the next generation; the new state has it.
 
         Returns:
             The state of the next generation, `state.generation + 1`.

@@ -30,19 +30,19 @@ from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutat
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
-TRIES: Final = 30  # attempts at a tree that was not tried before
+TRIES: Final = 30  # attempts to create a tree that was not evaluated before
 CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
 
 
 class Breeding(BaseModel, frozen=True, extra="forbid"):
     """Settings of new trees."""
 
-    lists: float = Field(ge=0, le=1)  # share of random trees that are priority lists
+    lists: float = Field(ge=0, le=1)  # share of priority lists among random trees
     crossover_rate: float = Field(ge=0, le=1)  # share of children with two parents
     crossovers: dict[str, float]  # weight of each of CROSSOVERS, or of a "module:function"
     mutation: MutationSettings
-    further: float = Field(ge=0, lt=1)  # chance of one more mutation after each
-    simplify: bool  # new trees lose what is proven to have no effect
+    further: float = Field(ge=0, lt=1)  # probability of another mutation after each one
+    simplify: bool  # parts of new trees that provably have no effect are removed
 
     @model_validator(mode="after")
     def _known(self) -> Breeding:
@@ -59,7 +59,7 @@ def digest(tree: Node) -> str:
 
 
 def new_tree(rng: np.random.Generator, space: TreeSpace, how: Breeding) -> Node:
-    """A random tree: a priority list with chance `how.lists`, else as the paper grows it."""
+    """A random tree: a priority list with probability `how.lists`, else grown as in the paper."""
     for _ in range(TRIES):
         lists = rng.random() < how.lists
         tree = random_list(rng, space) if lists else random_tree(rng, space)
@@ -72,7 +72,7 @@ def new_tree(rng: np.random.Generator, space: TreeSpace, how: Breeding) -> Node:
 
 @dataclass(frozen=True, slots=True)
 class Parent:
-    """A tree that may have children."""
+    """A tree that can be a parent."""
 
     id: str  # of the individual
     tree: Tree
@@ -84,11 +84,11 @@ def parent_of(e: Evaluated) -> Parent:
 
 
 Pick = Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]]
-"""Draws a child's mother, and those who may be its father."""
+"""Draws a child's mother, and returns the candidates for its father."""
 
 
 def pick_by_rank(ranked: Sequence[Parent], entrants: int = 2) -> Pick:
-    """Mother and father are each the first in `ranked` of `entrants` that are drawn."""
+    """Tournament selection of mother and father: the first in `ranked` of `entrants` draws."""
     return lambda rng: (by_rank(rng, ranked, entrants), [by_rank(rng, ranked, entrants)])
 
 
@@ -99,14 +99,14 @@ def new_child(
     space: TreeSpace,
     how: Breeding,
 ) -> tuple[Node, tuple[str, ...], str]:
-    """A child of `mother`, and perhaps of one of `fathers`, within the limits.
+    """A child of `mother`, and possibly of one of `fathers`, within the limits.
 
     Args:
-        rng: is consumed.
-        mother: whose tree is changed.
-        fathers: other trees, whose parts may come into it; may be empty.
-        space: the trees that are searched.
-        how: which operators, and how often.
+        rng: the generator is consumed.
+        mother: its tree is changed.
+        fathers: candidates for the second parent of a crossover; may be empty.
+        space: actions, keys, limits and settings of random trees.
+        how: the operators and their probabilities.
 
     Returns:
         The tree, the ids of its parents, and its mutations joined by "+", or "".
@@ -132,29 +132,29 @@ def new_child(
 
 @dataclass(frozen=True, slots=True)
 class Brood:
-    """The parts of a generation, without a supervisor's trees."""
+    """The contents of a generation, except for a supervisor's trees."""
 
     pick: Pick | None = None  # of the children's parents; None: random trees in place of children
     reevaluated: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
     written: Sequence[
         Node
     ] = ()  # trees that are evaluated as they are, such as the plan's founders
-    tried: Collection[str] = ()  # digests of trees that no new tree should equal
+    tried: Collection[str] = ()  # digests of evaluated trees, which new trees should not repeat
 
 
 def new_generation(
     plan: Plan, streams: Streams, state: SearchState, brood: Brood, how: Breeding
 ) -> tuple[Individual, ...]:
-    """As many individuals as `gp.population`, in the order of their slots.
+    """The individuals of a generation, `gp.population` of them, in slot order.
 
     The order: written trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
     Trees evaluated again leave at least two slots to the others.
 
     Args:
         plan: with the number of individuals and the space of trees.
-        streams: of the run's random numbers; those of the new slots are consumed.
-        state: with the generation's number, and the supervisor's advice for it.
-        brood: the parts of the generation.
+        streams: the run's random streams; those of new slots are consumed.
+        state: has the generation's index and the supervisor's advice for it.
+        brood: the contents of the generation.
         how: the settings of children and random trees.
     """
     g, n = state.generation, plan.gp.population
@@ -182,9 +182,9 @@ def _new_individual(
     how: Breeding,
     tried: set[str],
 ) -> Individual:
-    """A child of the parents that `pick` draws, or a random tree; its digest is added to `tried`.
+    """A child of the parents that `pick` draws, or a random tree. Its digest is added to `tried`.
 
-    After TRIES attempts a tree that was tried before is taken.
+    After TRIES attempts a tree that was evaluated before is accepted.
     """
     for _ in range(TRIES):
         if pick is None:
@@ -201,7 +201,7 @@ def _new_individual(
 
 
 class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
-    """Settings of a search that makes children."""
+    """Settings of a search that creates children."""
 
     breeding: Breeding
 
@@ -210,7 +210,7 @@ S = TypeVar("S", bound=BreedingSettings)
 
 
 class BreedingSearch(ABC, Generic[S]):
-    """A search whose generations hold trees evaluated again, a supervisor's trees, and children.
+    """A search whose generations consist of re-evaluated trees, a supervisor's trees, and children.
 
     A subclass has `Settings`, a subclass of BreedingSettings, the type `Memory`, and the two
     methods `brood` and `update`.
@@ -248,8 +248,8 @@ class BreedingSearch(ABC, Generic[S]):
 
     @abstractmethod
     def brood(self, state: SearchState) -> Brood:
-        """A generation after the first, by the memory in `state`."""
+        """The contents of a later generation, from the memory in `state`."""
 
     @abstractmethod
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Any:
-        """The memory after a generation; that in `state` is None after the first one."""
+        """The memory after a generation; `state.memory` is None after the first generation."""

@@ -1,6 +1,7 @@
-"""The control without evolution: branches of the library as a priority list, its orders raced.
+"""The control without evolution: the library's branches as a priority list in the best order.
 
-What a search earns above this control is what evolution adds to the library.
+A race by successive halving selects the order. The difference of a search to this control is what
+evolution adds to the library.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from islandgp.seeding import Stream, Streams
 
 
 def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-    """The guarded branch of each tree, and the commonest last branch that has no guard.
+    """The guarded branch of each tree, and the most frequent last branch without a guard.
 
     Args:
         library: trees. Of a selector the first guarded child is its branch; any other tree is a
@@ -49,13 +50,13 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
 def priority_lists(
     rng: np.random.Generator, library: Sequence[Node], most: int, limits: Limits
 ) -> list[Node]:
-    """Selectors of the library's branches and its fallback, in different orders.
+    """Selectors of the library's branches and its fallback branch, in different orders.
 
     Args:
-        rng: draws the orders where there are more than `most`; is consumed.
+        rng: draws orders if there are more than `most`; the generator is consumed.
         library: trees.
-        most: lists, >= 0.
-        limits: lists beyond them are left out.
+        most: maximum number of lists, >= 0.
+        limits: lists that exceed them are left out.
     """
     branches, fallback = library_branches(library)
     n = len(branches)
@@ -77,7 +78,7 @@ class ComposeSettings(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True, slots=True)
 class Racers:
-    """The lists that are left, best first."""
+    """The lists that remain in the race, best first."""
 
     trees: tuple[Tree, ...]
     ids: tuple[str, ...]  # of their last individuals
@@ -86,7 +87,7 @@ class Racers:
 
 
 class Compose:
-    """Successive halving over orders; half of them are given up after each generation."""
+    """Successive halving: the worse half of the orders is dropped after each generation."""
 
     Settings = ComposeSettings
     Memory: ClassVar[Any] = Racers
@@ -94,10 +95,10 @@ class Compose:
 
     @classmethod
     def make(cls, settings: ComposeSettings, context: SearchContext) -> Compose:
-        """See `Search`. Raises ConfigError without a library of written trees, or with founders."""
+        """See `Search`. Raises ConfigError without a library folder, or with founders."""
         if context.plan.founders:
             raise ConfigError(
-                "search=compose: expected the library's branches alone, found trees that open the"
+                "search=compose: expected only the library's branches, found trees that open the"
                 " population; leave out start and gp.founders, or choose another search."
             )
         library = list(context.library().values())
@@ -141,7 +142,7 @@ class Compose:
         evaluated: Sequence[Evaluated],
         advice: Advice,  # noqa: ARG002 -- the protocol's
     ) -> SearchState:
-        """See `Search`; the advice changes nothing."""
+        """See `Search`; the advice has no effect."""
         before = (0.0,) * len(evaluated) if state.memory is None else state.memory.sums
         sums = [old + e.fitness for old, e in zip(before, evaluated, strict=True)]
         latest = [limited(e.outcome.counters, self.plan.constraints) for e in evaluated]

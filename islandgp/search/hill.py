@@ -1,9 +1,9 @@
-"""A (1 + lambda) hill climber: one parent, and its children beside it in the same worlds.
+"""A (1 + lambda) hill climber: a parent and its children, evaluated in the same worlds.
 
-The parent is evaluated again in each generation, so that it does not live on the luck of one
-world. A child that is better in these worlds takes its place. The (1 + lambda) evolution strategy
-is of Rechenberg 1973 and Schwefel 1975; O'Reilly and Oppacher 1994 (PPSN III) compare hill
-climbing with genetic programming.
+The parent is evaluated again in each generation, so it does not survive by luck in one world. A
+child that is better in these worlds replaces it. The (1 + lambda) evolution strategy: Rechenberg
+1973 and Schwefel 1975; O'Reilly and Oppacher 1994 (PPSN III) compare hill climbing with genetic
+programming.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from islandgp.search.breeding import BreedingSearch, BreedingSettings, Brood, Pa
 
 
 class Hill(BreedingSearch[BreedingSettings]):
-    """See the module."""
+    """The (1 + lambda) evolution strategy; see the module."""
 
     Settings = BreedingSettings
     Memory: ClassVar[Any] = Parent  # of the next generation
@@ -28,5 +28,5 @@ class Hill(BreedingSearch[BreedingSettings]):
         return Brood(pick=lambda _: (parent, ()), reevaluated=[parent])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Parent:  # noqa: ARG002 -- the fittest alone counts
-        """The fittest. Of equals the first stays: the parent, which has slot 0."""
+        """The fittest individual; of equal ones the first, as the parent has slot 0."""
         return parent_of(max(evaluated, key=lambda e: e.merit))

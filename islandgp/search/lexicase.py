@@ -2,8 +2,8 @@
 
 La Cava, Spector and Danai 2016, "Epsilon-Lexicase Selection for Regression" (GECCO); La Cava et al.
 2019, Evolutionary Computation 27(3): the dynamic variant, whose epsilon is the median absolute
-deviation of the individuals that are left. A parent has to be among the best in one case after
-another, in an order that is drawn for each parent, so that specialists have children, too.
+deviation of the remaining individuals. Cases are applied in an order that is drawn for each parent;
+each case keeps the individuals near its best. So specialists have children, too.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class LexicaseSettings(BreedingSettings, frozen=True):
     """Criteria of the selection."""
 
     cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
-    elites: int = Field(ge=0)  # fittest of a generation that are evaluated again in the next one
+    elites: int = Field(ge=0)  # fittest individuals, evaluated again in the next generation
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Contenders:
 
 
 class Lexicase(BreedingSearch[LexicaseSettings]):
-    """See the module."""
+    """Epsilon-lexicase selection; see the module."""
 
     Settings = LexicaseSettings
     Memory: ClassVar[Any] = Contenders
@@ -89,7 +89,7 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
 
 
 def lexicase_draw(contenders: Sequence[Contender]) -> Callable[[np.random.Generator], Parent]:
-    """Selects one of the contenders at each call, by cases in a random order."""
+    """A function that selects one of the contenders, by cases in a random order."""
     points = np.array([c.cases for c in contenders])
     entrants = eligible(np.array([c.violation for c in contenders]))
     return lambda rng: contenders[selected(rng, points, entrants)].parent
@@ -101,9 +101,9 @@ def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
 
 
 def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Indices of those who may be selected: who keeps all constraints.
+    """Indices of the individuals that can be selected: those that keep all constraints.
 
-    Where nobody does, the violation is the first case: those within epsilon of the smallest.
+    If there are none, those whose violation is within epsilon of the smallest.
     """
     if not violations.min():
         return np.flatnonzero(violations == 0)
@@ -116,7 +116,7 @@ def selected(
     points: np.ndarray[Any, Any],
     entrants: np.ndarray[Any, Any] | None = None,
 ) -> int:
-    """The row that is selected, among all `entrants` that pass every case in a random order.
+    """The selected row: one of the `entrants` that pass all cases in a random order.
 
     `entrants` are indices of rows; None: all.
     """
@@ -127,7 +127,7 @@ def selected(
 
 
 def passing(points: np.ndarray[Any, Any], order: Sequence[int]) -> np.ndarray[Any, Any]:
-    """The rows that are within epsilon of the best of those left, in case after case.
+    """The rows that pass all cases: within epsilon of the best remaining row in each.
 
     Args:
         points: of each individual (rows) in each case (columns); more is better.

@@ -2,8 +2,8 @@
 
 Lehman and Stanley 2011, "Abandoning Objectives: Evolution Through the Search for Novelty Alone",
 Evolutionary Computation 19(2). An individual's novelty is its mean distance to the k nearest
-neighbours among its generation and an archive of what was new before. The fittest of each
-generation are evaluated again in the next one, so that what is found is not lost.
+neighbours in its generation and in an archive of earlier novel descriptors. The fittest individuals
+of a generation are evaluated again in the next one, so good trees are not lost.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class NoveltySettings(BreedingSettings, frozen=True):
     """Settings of the novelty and of the selection of parents."""
 
     descriptor: Descriptor
-    """Counters, or COUNTER/WIDTH for a linear scale; none: the behaviours' counters."""
-    neighbours: int = Field(ge=1)  # to which the distance is measured
-    archive: int = Field(ge=0)  # places at most; then the oldest are forgotten
-    added: int = Field(ge=0)  # most novel individuals of a generation whose places are archived
-    fittest: int = Field(ge=0)  # of a generation, evaluated again in the next one
-    tournament: int = Field(ge=1)  # individuals of which the most novel becomes a parent
+    """COUNTER, or COUNTER/WIDTH for a linear scale. Empty: the behaviours' counters."""
+    neighbours: int = Field(ge=1)  # number of neighbours in the mean distance
+    archive: int = Field(ge=0)  # most descriptors in the archive; the oldest are dropped first
+    added: int = Field(ge=0)  # most novel individuals of a generation that are added to it
+    fittest: int = Field(ge=0)  # individuals evaluated again in the next generation
+    tournament: int = Field(ge=1)  # tournament size; the most novel individual wins
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -50,15 +50,15 @@ class NoveltySettings(BreedingSettings, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Explored:
-    """The last generation, the most novel first of those that break constraints as little."""
+    """The last generation: smaller constraint violations first, then by novelty."""
 
     parents: tuple[Parent, ...]
-    fittest: tuple[Parent, ...]  # of these, the best first
-    archive: Places  # that were new before, the oldest first
+    fittest: tuple[Parent, ...]  # best first
+    archive: Places  # descriptors that were novel, oldest first
 
 
 class Novelty(BreedingSearch[NoveltySettings]):
-    """See the module."""
+    """Novelty search; see the module."""
 
     Settings = NoveltySettings
     Memory: ClassVar[Any] = Explored
@@ -91,15 +91,15 @@ class Novelty(BreedingSearch[NoveltySettings]):
 
 
 def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:
-    """The mean distance of each place to its nearest others.
+    """The mean distance of each descriptor to its nearest neighbours.
 
     Args:
-        places: at least one.
-        archive: further places that are neighbours.
-        neighbours: number of nearest places that count, >= 1; fewer if there are no more.
+        places: descriptors, at least one.
+        archive: further descriptors that can be neighbours.
+        neighbours: number of nearest neighbours in the mean, >= 1; fewer if there are no more.
 
     Returns:
-        A distance for each of `places`, >= 0.
+        A mean distance for each of `places`, >= 0.
     """
     pool = np.array([*places, *archive])
     novelties = []

@@ -1,9 +1,9 @@
-"""NSGA-II: several objectives at once.
+"""NSGA-II: multi-objective search by non-dominated sorting and crowding distance.
 
 Deb, Pratap, Agarwal and Meyarivan 2002, "A fast and elitist multiobjective genetic algorithm:
-NSGA-II", IEEE Transactions on Evolutionary Computation 6(2). Survivors are evaluated again beside
-the children, so that all individuals that are compared met the same worlds. Fronts, crowding
-distances and constraints are those of sections III.A, III.B and VI.
+NSGA-II", IEEE Transactions on Evolutionary Computation 6(2): fronts, crowding distances and
+constraints as in sections III.A, III.B and VI. Survivors are evaluated again together with the
+children, so all compared individuals have met the same worlds.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ Points = np.ndarray[Any, np.dtype[np.float64]]
 
 
 def crowded_order(points: Points, violations: Sequence[float] | None = None) -> list[int]:
-    """Rows by rank, and those of one rank by crowding distance, the least crowded first.
+    """Rows sorted by rank, then by crowding distance, the least crowded first.
 
     Args:
         points: of at least one individual.
@@ -54,7 +54,7 @@ def crowded_order(points: Points, violations: Sequence[float] | None = None) -> 
 def ranks(
     points: Points, violations: Sequence[float] | None = None
 ) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """The front of each row: 0 for those that no row dominates, 1 without these, and so on.
+    """The front of each row: 0 for non-dominated rows, 1 for those dominated by front 0 only, etc.
 
     A smaller violation dominates a larger one regardless of the points (section VI).
     """
@@ -64,7 +64,7 @@ def ranks(
         better = (points[k] >= points).all(axis=1) & (points[k] > points).any(axis=1)
         return (broken[k] < broken) | ((broken[k] == broken) & better)
 
-    by = np.zeros(len(points), dtype=np.int64)  # rows without a rank that dominate each row
+    by = np.zeros(len(points), dtype=np.int64)  # number of unranked rows that dominate each row
     for k in range(len(points)):
         by += dominated(k)
     rank = np.full(len(points), -1)
@@ -78,7 +78,7 @@ def ranks(
 
 
 def crowding(front: Points) -> Points:
-    """The crowding distance of each row of one front; inf for those with an extreme value."""
+    """The crowding distance of each row of a front; inf for rows with an extreme value."""
     distance = np.zeros(len(front))
     for values in front.T:
         order = np.argsort(values, kind="stable")
@@ -94,7 +94,7 @@ class Nsga2Settings(BreedingSettings, frozen=True):
     """Objectives, and the number of survivors."""
 
     objectives: tuple[str, ...]
-    """Of `fitness`, `nodes` and counters, after a `-` what is minimised; none: the fitness and the
+    """`fitness`, `nodes` and counters; a leading `-` minimises. Empty: the fitness and the
     behaviours' counters."""
     survivors: float = Field(gt=0, lt=1)  # share of a generation
 
@@ -109,13 +109,13 @@ class Nsga2Settings(BreedingSettings, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Survivors:
-    """Parents of the next generation, the first in the crowded-comparison order first."""
+    """Parents of the next generation, in the crowded-comparison order."""
 
     parents: tuple[Parent, ...]
 
 
 class Nsga2(BreedingSearch[Nsga2Settings]):
-    """See the module."""
+    """The NSGA-II search; see the module."""
 
     Settings = Nsga2Settings
     Memory: ClassVar[Any] = Survivors

@@ -1,10 +1,10 @@
-"""The thresholds of a tree tuned by CMA-ES, from the values that are written.
+"""Tunes the thresholds of a tree by CMA-ES, starting from the written values.
 
-CMA-ES (Hansen 2016, arXiv 1604.00772) draws trees near the written one. All trees of a generation
-meet the same worlds, and each generation meets new ones (common random numbers). The last mean of
-the distribution, the best trees of the last generations and the written tree then race in other
-worlds, by successive halving. The winner is accepted where it is better than the written tree by
-the paired differences in worlds that neither drew nor raced.
+CMA-ES (Hansen 2016, arXiv 1604.00772) samples trees near the written one. All trees of a generation
+are evaluated in the same worlds, and each generation in new ones (common random numbers). Then a
+race by successive halving, in other worlds, selects among the last mean of the distribution, the
+best trees of the last generations and the written tree. The winner is accepted if it is better than
+the written tree by the paired differences in a third set of worlds.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from islandgp.seeding import Stream, seed_of
 SEARCH: Final = Fraction(
     4, 5
 )  # share of the episodes; half of the rest is for the race, half to compare
-RACING: Final = 8  # most trees in the race, the written one among them
-LEAST_WORLDS: Final = 2  # that an interval needs
+RACING: Final = 8  # most trees in the race, including the written one
+LEAST_WORLDS: Final = 2  # an interval needs two
 LEAST_RANGE: Final = 1e-7  # of a key; `fine` rounds to 9 decimals
 
 Values: TypeAlias = tuple[float, ...]
-"""One value for each threshold that is tuned."""
+"""A value for each threshold that is tuned."""
 
 Evaluate: TypeAlias = Callable[[Sequence[str], Sequence[int]], Sequence[Sequence[float]]]
-"""The points of each tree, given as canonical text, in each of the worlds."""
+"""(trees as canonical text, world seeds) -> the points of each tree in each world."""
 
 MeanInterval: TypeAlias = tuple[float, float, float]
 """A mean and the ends of its 95 % interval, points."""
@@ -55,14 +55,14 @@ MeanInterval: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """A number of a file that is tuned."""
+    """A number in a file that is tuned."""
 
     number: Number
-    key: Key  # the range and step that its keys have in common
-    bounds: tuple[float, float]  # that range, wider where what is written lies outside
+    key: Key  # the common range and step of the keys that are compared with it
+    bounds: tuple[float, float]  # the range of search; wider than the key's if the value is outside
 
     def at(self, offset: float) -> float:
-        """The value at an offset from the written one, in ranges of the key, rounded."""
+        """The rounded value at an offset from the written one, as a share of the range."""
         low, high = self.bounds
         within = replace(self.key, low=low, high=high)
         return fine(self.number.value + offset * (self.key.high - self.key.low), within)
@@ -73,22 +73,22 @@ class EpisodePlan:
     """Division of a budget of episodes."""
 
     population: int  # trees of a generation
-    generations: int  # at most: the search stops early where it has converged
-    racing: int  # episodes, at most
-    comparing: int  # worlds
+    generations: int  # at most; the search stops early if it has converged
+    racing: int  # most episodes of the race
+    comparing: int  # worlds of the comparison
 
 
 @dataclass(frozen=True, slots=True)
 class NumberSettings:
     """Range and budget of the search for thresholds."""
 
-    episodes: int = 9_600  # at most, in all
-    worlds: int = 16  # new ones of each generation, >= LEAST_WORLDS
+    episodes: int = 9_600  # most episodes in total
+    worlds: int = 16  # of each generation, >= LEAST_WORLDS
     population: int = 12  # trees of a generation; more with more than 14 thresholds, as in Hansen
-    sigma: float = 0.1  # first standard deviation, in ranges of a key
+    sigma: float = 0.1  # initial standard deviation, as a share of a key's range
 
     def plan(self, dimensions: int) -> EpisodePlan:
-        """The division of the episodes for a number of thresholds.
+        """The division of the episodes, for a number of thresholds.
 
         Raises:
             ConfigError: too few episodes for one generation, the race and the comparison.
@@ -111,7 +111,7 @@ class NumberSettings:
 
 @dataclass(frozen=True, slots=True)
 class NumberComparison:
-    """Two trees compared in the same worlds, which chose neither."""
+    """A comparison of two trees in the same worlds, which were not used to choose them."""
 
     worlds: int
     written: MeanInterval
@@ -127,7 +127,7 @@ class NumberComparison:
 
 @dataclass(frozen=True, slots=True)
 class EpisodeCosts:
-    """Episodes, by what they were spent on."""
+    """Episodes, by purpose."""
 
     search: int = 0
     race: int = 0
@@ -143,29 +143,27 @@ class EpisodeCosts:
 class Tuned:
     """The result of tuning a tree."""
 
-    text: str  # with the new values if they are accepted, else as it was, to the letter
+    text: str  # with the new values if they are accepted, else the unchanged text
     thresholds: tuple[Threshold, ...]
     values: Values  # of the thresholds in `text`
-    comparison: (
-        NumberComparison | None
-    )  # None: the race was won by the written tree, or there was none
+    comparison: NumberComparison | None  # None: the written tree won the race, or there was no race
     costs: EpisodeCosts
 
 
 def thresholds_of(
     text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
 ) -> list[Threshold]:
-    """The numbers of a tree's file that can be tuned, in their order.
+    """The numbers of a tree file that can be tuned, in order of occurrence.
 
-    These are what `<`, `<=`, `>` and `>=` compare with a key, directly or by a constant or a
-    parameter. Counts of repeaters, what `==` or `!=` compares, numbers that nothing uses and those
-    of included files are left out.
+    These are the numbers that `<`, `<=`, `>` and `>=` compare with a key, directly or through a
+    constant or a parameter. Counts of repeaters, numbers in `==` or `!=`, unused numbers and those
+    of included files are not tuned.
 
     Args:
-        text: of a file; canonical text is one, too.
+        text: of the file, or canonical text.
         vocabulary: declares the keys.
-        name: what messages call the file.
-        folder: where its includes are.
+        name: of the file in messages.
+        folder: of the included files.
 
     Raises:
         TreeError: the text is no tree of the vocabulary.
@@ -188,7 +186,7 @@ def thresholds_of(
             continue
         low = max(-MAX_NUMBER, *(key.low for key in keys))
         high = min(MAX_NUMBER, *(key.high for key in keys))
-        if high - low < LEAST_RANGE:  # also where keys have no range in common
+        if high - low < LEAST_RANGE:  # the range may be empty
             continue
         common = number("", low, high, min(key.step for key in keys))
         common = replace(common, whole=any(key.whole for key in keys))
@@ -198,7 +196,7 @@ def thresholds_of(
 
 
 def _bounds(written: float, key: Key, most: float) -> tuple[float, float]:
-    """The key's range. A value above it, where no random threshold is, has one range more.
+    """The bounds of a threshold: the key's range, extended by its width if the value is above it.
 
     Args:
         written: the value.
@@ -220,18 +218,21 @@ def tuned(
     folder: Path | None = None,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Tuned:
-    """A tree with better thresholds, or as it is where none are found.
+    """Search for better thresholds of a tree.
 
-    Equal arguments give equal results. A tree without thresholds costs no episode.
+    The result is a function of the arguments. A tree without thresholds uses no episodes.
 
     Args:
-        text: of a file, whose comments and layout stay; `to_text(node)` for a Node.
-        evaluate: runs episodes; it gets each generation, and each round of the race, at once.
+        text: of a file, whose comments and layout are kept; `to_text(node)` for a Node.
+        evaluate: runs episodes; called once per generation and per round of the race.
         vocabulary: declares the keys.
         settings: default: NumberSettings().
-        seed: of worlds and of CMA-ES, >= 0.
+        seed: of the worlds and of CMA-ES, >= 0.
         name, folder: as for `thresholds_of`.
-        progress: is called with the number of episodes so far.
+        progress: called with the number of episodes so far.
+
+    Returns:
+        The tree with better thresholds, or unchanged if none are found; with the comparison.
 
     Raises:
         TreeError: the text is no tree of the vocabulary.
@@ -260,7 +261,7 @@ def tuned(
 
 
 class _Candidates:
-    """Evaluates the tree of a file with any values of its thresholds, and counts the episodes."""
+    """Evaluates the file's tree with other values of its thresholds, and counts the episodes."""
 
     def __init__(
         self,
@@ -277,13 +278,13 @@ class _Candidates:
         self._name, self._folder, self._progress = name, folder, progress
 
     def text(self, values: Values) -> str:
-        """The file with these values; a number that keeps its value keeps its digits."""
+        """The file with these values; a number whose value is unchanged keeps its digits."""
         pairs = zip(self.thresholds, values, strict=True)
         changed = [(t.number, value) for t, value in pairs if t.number.value != value]
         return with_numbers(self._text, [n for n, _ in changed], [v for _, v in changed])
 
     def points(self, trees: Sequence[Values], worlds: Sequence[int]) -> list[list[float]]:
-        """The points of each tree in each world. Raises LimitError if a tree gets too long."""
+        """The points of each tree in each world. Raises LimitError if a tree is too long."""
         texts = [
             to_text(parse(self.text(values), name=self._name, folder=self._folder))
             for values in trees
@@ -301,7 +302,7 @@ def _search(
     worlds: Iterator[int],
     seed: int,
 ) -> list[Values]:
-    """The last mean of CMA-ES, then the best tree of each generation, the last one first."""
+    """The last mean of CMA-ES, then the best values of each generation, the latest first."""
     from cmaes import CMA  # type: ignore[import-untyped] # it ships no types; it loads SciPy
 
     axes = candidates.thresholds
@@ -327,8 +328,8 @@ def _search(
         means = {tree: fmean(points) for tree, points in zip(trees, fitness, strict=True)}
         best = max(trees, key=means.__getitem__)
         winners.append(best)
-        # The loss is relative to the best: CMA-ES stops where it stays 0 in all of a few dozen
-        # generations, in whichever worlds.
+        # Losses are relative to the best tree, as worlds differ between generations. CMA-ES stops
+        # if all losses are 0 for some dozens of generations.
         losses = [means[best] - means[tree] for tree in values]
         optimizer.tell(list(zip(drawn, losses, strict=True)))
         if len(trees) == 1 or optimizer.should_stop():
@@ -343,9 +344,9 @@ def _rounded(axes: Sequence[Threshold], offsets: Sequence[float] | np.ndarray) -
 def _race(
     candidates: _Candidates, trees: Sequence[Values], episodes: int, worlds: Iterator[int]
 ) -> Values:
-    """The winner of a race by successive halving; of equal trees, the first.
+    """The winner of a race by successive halving; the first of equal trees.
 
-    As many of the trees take part as can each meet LEAST_WORLDS new worlds in each round.
+    The number of trees is limited so that each has LEAST_WORLDS new worlds in each round.
     """
     distinct = list(dict.fromkeys(trees))
     n = min(RACING, len(distinct))
@@ -362,7 +363,7 @@ def _race(
 
 
 def _halving(n: int) -> list[int]:
-    """The trees of each round: n, n / 2, ..., 2; a tree alone has no race."""
+    """The number of trees in each round: n, n / 2, ..., 2; none for a single tree."""
     sizes = []
     while n > 1:
         sizes.append(n)
@@ -386,7 +387,7 @@ def _compare(
 
 
 def _new_worlds(seed: int) -> Iterator[int]:
-    """Worlds without end, each once."""
+    """Distinct world seeds, without end."""
     seen: set[int] = set()
     for slot in count():
         world = seed_of(seed, Stream.TUNING, slot=slot)

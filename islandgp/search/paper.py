@@ -22,16 +22,16 @@ from islandgp.search.base import NoSettings, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
-"""Individuals that mutation leaves alone where `gp.mutate_elites` is false."""
+"""Origins of individuals that are not mutated if `gp.mutate_elites` is false."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parents:
-    """The last generation."""
+    """The last generation and the best individual of each behaviour."""
 
     population: tuple[Evaluated, ...]
     archive: dict[str, BehaviourBest] = field(default_factory=dict)
-    """The best individual of each behaviour, resurrected when the behaviour dies out."""
+    """The best individual of each behaviour, which is resurrected if the behaviour dies out."""
 
 
 class Paper:
@@ -85,7 +85,7 @@ class Paper:
 
 
 def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
-    """The plan's founders, then random trees, each from a stream of its slot."""
+    """The plan's founders, then random trees, each drawn from the stream of its slot."""
     founders = plan.founders[: plan.gp.population]
     injected = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
     random = [
@@ -100,9 +100,9 @@ def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
 def mutated(
     plan: Plan, population: Sequence[Individual], streams: Streams, generation: int, rate: float
 ) -> tuple[Individual, ...]:
-    """Line 15: mutation after construction, of all where `gp.mutate_elites` (section 2.4.3).
+    """Line 15: mutation of the constructed population; elites if `gp.mutate_elites` (2.4.3).
 
-    Edited trees stay as they were advised.
+    Edited trees are not mutated here; see `supervisor.mutate_advice`.
     """
     new = []
     for slot, i in enumerate(population):

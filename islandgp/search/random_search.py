@@ -1,8 +1,8 @@
 """The control without inheritance: each individual is a new random tree.
 
-What a search earns beyond this control is what selection and variation add. Random search is the
-usual baseline of genetic programming; e.g. Langdon and Poli 2002, Foundations of Genetic
-Programming, compare both.
+The difference of a search to this control is the effect of selection and variation. Random search
+is the usual baseline of genetic programming, e.g. in Langdon and Poli 2002, Foundations of Genetic
+Programming.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from islandgp.seeding import Stream, Streams
 class RandomSearchSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of the random trees."""
 
-    lists: float = Field(ge=0, le=1)  # share of priority lists; the others are as `gp.trees` has it
+    lists: float = Field(ge=0, le=1)  # share of priority lists; others are grown by `gp.trees`
 
 
 class RandomSearch:
-    """Has no memory."""
+    """Evaluates new random trees in each generation; has no memory."""
 
     Settings = RandomSearchSettings
     Memory: ClassVar[Any] = NoneType
@@ -57,7 +57,7 @@ class RandomSearch:
         injected = [
             Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)
         ]
-        purpose = Stream.DIVERSITY if g else Stream.INITIAL  # those of the paper's random trees
+        purpose = Stream.DIVERSITY if g else Stream.INITIAL  # the streams of `search=paper`
         drawn = [
             Individual(
                 f"{g}.{slot}",

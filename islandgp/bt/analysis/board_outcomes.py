@@ -1,4 +1,4 @@
-"""How nodes end a tick, by blackboard: from the outcomes of their children to their own."""
+"""The outcomes of nodes by blackboard, computed from the outcomes of their children."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
 
 Outcomes: TypeAlias = tuple[Boards, Boards, Boards]
-"""On which blackboards a node can end a tick with FAILURE, SUCCESS, RUNNING; AGAIN is RUNNING."""
+"""The blackboards on which a node can end a tick with FAILURE, SUCCESS and RUNNING (or AGAIN)."""
 
 
 def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Outcomes:
-    """The outcomes of a node that counts, from those of its child; `last`: one more end decides."""
+    """The outcomes of a counting node, from its child's; `last`: one more counted end ends it."""
     counted = kind_of(node).counts
     if last or counted is None:
         return child
@@ -24,15 +24,17 @@ def repeated(sets: BoardSets, node: Node, child: Outcomes, *, last: bool) -> Out
 
 
 def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
-    """The outcomes of a decorator that changes how its child ends, from those of its child."""
+    """The outcomes of a decorator that maps its child's statuses, from those of its child."""
     outcomes = [NO_BOARD, NO_BOARD, child[RUNNING]]
     for status, end in enumerate(kind_of(decorator).ends):
         outcomes[end] = sets.either(outcomes[end], child[status])
     return ANY_BOARD if kind_of(decorator).may_fail else outcomes[0], outcomes[1], outcomes[2]
 
 
-def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) -> Outcomes:
-    """The outcomes of a parallel by the outcomes of its children."""
+def parallel_outcomes(
+    sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]
+) -> Outcomes:
+    """The outcomes of a parallel, from those of its children."""
 
     def some(status: int) -> Boards:
         return sets.either(*(outcomes[status] for outcomes in each))
@@ -42,7 +44,7 @@ def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) ->
 
     success, failure = parallel
     if not isinstance(success, str) or not isinstance(failure, str):
-        return _judged_by_counts(sets, parallel.needed(len(each)), each)
+        return _outcomes_by_counts(sets, parallel.needed(len(each)), each)
     if failure == "one":
         fails = some(FAILURE)
         if success == "one":
@@ -53,10 +55,10 @@ def judged(sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]) ->
     return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
 
 
-def _judged_by_counts(
+def _outcomes_by_counts(
     sets: BoardSets, needed: tuple[int, int], each: Sequence[Outcomes]
 ) -> Outcomes:
-    """The outcomes of a parallel that numbers of successes and failures decide."""
+    """The outcomes of a parallel with thresholds for successes and failures."""
     counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
     for outcomes in each:
         more: dict[tuple[int, ...], Boards] = {}
@@ -73,8 +75,8 @@ def _judged_by_counts(
     return result[0], result[1], result[2]
 
 
-def judgement(parallel: ParallelArgs, statuses: Sequence[int]) -> int:
-    """The status of a parallel whose children have these; as in `closures.parallel`."""
+def parallel_status(parallel: ParallelArgs, statuses: Sequence[int]) -> int:
+    """The status of a parallel whose children have these statuses, as `closures.parallel`."""
     success, failure = parallel.needed(len(statuses))
     succeeded, failed = statuses.count(SUCCESS), statuses.count(FAILURE)
     if failed < failure and succeeded < success and succeeded + failed < len(statuses):

@@ -1,8 +1,8 @@
-"""Sets of blackboards as decision diagrams: on which blackboards a condition holds.
+"""Sets of blackboards, as decision diagrams.
 
-A diagram asks one key after the other, in the order of the vocabulary, and splits the values of
-a key at the numbers that conditions compare it with. Equal sets have equal diagrams, so that an
-empty set is found at once, and a member of any other set can be read off.
+A diagram tests one key after the other, in the order of the vocabulary, and splits the values of a
+key at the numbers that conditions compare it with. Equal sets have equal diagrams. So the empty set
+is recognised immediately, and a member of any other set can be read off its diagram.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NO_BOARD: Final[Boards] = 0
 ANY_BOARD: Final[Boards] = 1
 """All blackboards whose values are in the ranges of their keys."""
 
-MOST_STEPS: Final = 20_000  # to join two sets; where it takes more, the result is a larger set
+MOST_STEPS: Final = 20_000  # to join two sets; beyond it, the result is a superset
 ALL_STEPS: Final = 300_000  # to join all sets of a BoardSets
 
 Cut: TypeAlias = tuple[float, int]
@@ -31,7 +31,7 @@ Cut: TypeAlias = tuple[float, int]
 
 
 class _Diagram(NamedTuple):
-    """Sets of blackboards: a decision by the value of one key, with a set for each part."""
+    """A decision node: splits the values of a key into parts and has a set for each part."""
 
     key: int
     cuts: tuple[Cut, ...]  # ascending
@@ -39,15 +39,15 @@ class _Diagram(NamedTuple):
 
 
 class _TooLargeError(Exception):
-    """A set takes too many steps."""
+    """A set takes too many steps to compute."""
 
 
 class BoardSets:
     """Sets of the blackboards of some keys.
 
-    The work is bounded: where joining takes too many steps, the result is a set that holds more
-    blackboards than it should, never fewer, and `exact` turns False. So it is where two keys are
-    compared: their difference counts as a key that has any value.
+    The work is bounded: if a join takes too many steps, the result is a superset of the correct
+    set, and `exact` becomes False. A comparison of two keys is also inexact: their difference is
+    treated as one more key, independent of the two.
     """
 
     def __init__(self, keys: Mapping[str, Key]) -> None:
@@ -61,7 +61,7 @@ class BoardSets:
         self._numbers: dict[_Diagram, Boards] = {}
         self._joined: dict[tuple[Boards, Boards, Boards], Boards] = {}
         self._left = ALL_STEPS
-        self._room = 0  # steps that are left for the sets that are being joined
+        self._room = 0  # remaining steps of the present join
 
     def of(self, expr: ConditionExpr) -> Boards:
         """The blackboards on which a condition holds."""
@@ -71,7 +71,7 @@ class BoardSets:
         """The blackboards that are in all of these sets."""
         result = ANY_BOARD
         for each in sets:
-            if result != each:  # most sets are one of those that need no work
+            if result != each:  # most joins return one of their arguments
                 result = self._join(result, each, NO_BOARD, result)
         return result
 
@@ -91,12 +91,12 @@ class BoardSets:
         return boards == ANY_BOARD
 
     def pick(self, boards: Boards, near: Sequence[float] = ()) -> list[float] | None:
-        """A blackboard of a set; None for the empty set.
+        """A blackboard in a set; None for the empty set.
 
         Args:
             boards: the set.
-            near: another blackboard, whose values are kept where that is possible; without one,
-                values in the middle of their ranges are.
+            near: another blackboard, whose values are kept if possible. Default: values in the
+                middle of the ranges.
         """
         if boards == NO_BOARD:
             return None
@@ -151,12 +151,12 @@ class BoardSets:
         return self._number(place, cuts, parts)
 
     def _difference(self, expr: Condition) -> int:
-        """The place of the difference of two keys, behind those of the keys."""
+        """The index of the difference of two keys, after those of the keys."""
         self.exact = False
         return self._differences.setdefault(expr.keys, len(self._keys) + len(self._differences))
 
     def _join(self, a: Boards, b: Boards, absorbing: Boards, otherwise: Boards) -> Boards:
-        """Both (`absorbing` is NO_BOARD) or either; `otherwise` where that is too much work."""
+        """Intersection (`absorbing` NO_BOARD) or union; `otherwise` if it takes too many steps."""
         if absorbing in (a, b):
             return absorbing
         if a == 1 - absorbing:
@@ -208,7 +208,7 @@ class BoardSets:
         return self._number(one.key, cuts, parts)
 
     def _number(self, key: int, cuts: Sequence[Cut], parts: Sequence[Boards]) -> Boards:
-        """The number of a diagram, in the one form that its set has."""
+        """The number of a diagram in canonical form."""
         kept = [at for at in range(len(cuts)) if parts[at] != parts[at + 1]]
         if not kept:
             return parts[0]

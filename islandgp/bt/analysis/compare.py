@@ -1,7 +1,7 @@
 """The differences between two trees, node by node.
 
-Nodes are compared in document order, with the places where they end. So a guard put around a
-branch shows as one inserted node, where a comparison of texts would show the whole branch.
+Nodes are compared in document order, together with the places where they end. So a guard around a
+branch is one inserted node, while a comparison of texts would show the whole branch as changed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class DiffLine(NamedTuple):
     level: int  # in its own tree, from 0
     old: Node | None  # None: inserted
     new: Node | None  # None: deleted
-    end: bool  # of a node that is the same, in a place where the other tree's does not end
+    end: bool  # True: the end of a node that is in both trees but ends at different places
     old_place: int | None = None  # of the node in document order
     new_place: int | None = None
 
@@ -45,7 +45,7 @@ class _Edge(NamedTuple):
     end: bool
 
 
-_Row: TypeAlias = tuple[Mark, _Edge | None, _Edge | None]  # what became of an edge, in both trees
+_Row: TypeAlias = tuple[Mark, _Edge | None, _Edge | None]  # mark, old edge, new edge
 
 
 def compare(old: Node, new: Node) -> list[DiffLine]:
@@ -84,7 +84,7 @@ def _edges(tree: Node) -> list[_Edge]:
 
 
 def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
-    """The edges of both trees in their order, the same ones together."""
+    """The edges of both trees in order, with equal ones paired."""
     before, after = ([(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new))
     i = j = 0
     for same_i, same_j in [*_common(before, after), (len(old), len(new))]:
@@ -101,7 +101,7 @@ def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
 
 
 def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int]]:
-    """The places of a longest common subsequence in both, ascending.
+    """The indices of a longest common subsequence in both, ascending.
 
     Bit-parallel: `steps` has a 0 for each place of `new` at which the length grows by one. So one
     addition of large integers does a whole row (Hyyroe 2004, Bit-parallel LCS-length computation

@@ -1,16 +1,16 @@
-"""On which blackboards the nodes of a tree can be ticked, by one walk through the tree.
+"""The blackboards on which the nodes of a tree can be ticked, found by one walk through the tree.
 
-The sets that are found may be too large, but never too small: they prove that a node is not
-ticked on some blackboards, and cannot prove that it is. They are smaller than what `truth` knows:
-a branch of a selector starts where the branches before it fail, and is resumed only while none of
-their observed guards becomes true.
+The sets may be too large, but never too small: they can prove that a node is not ticked on a
+blackboard, but not that it is. They are more precise than the conditions of `truth`: a branch of a
+selector starts only if the branches before it fail, and is resumed only while none of their
+observed guards becomes true.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from islandgp.bt.analysis.board_outcomes import Outcomes, judged, repeated, turned
+from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
 from islandgp.bt.analysis.machine import Machine
 from islandgp.bt.analysis.outcomes import advance_status
@@ -37,12 +37,12 @@ def boards_of_nodes(machine: Machine) -> list[Boards]:
     """
     finder = _Finder(machine)
     boards: list[Boards] = []
-    # In document order a child comes behind its parent.
+    # In document order a child comes after its parent.
     waiting = {0: NodeBoards(ANY_BOARD, ANY_BOARD)}
     for place in range(len(machine.nodes)):
         own = waiting.pop(place)
         if machine.sets.both(own.starts, machine.fresh(place)[RUNNING]) == NO_BOARD:
-            own = NodeBoards(own.starts, NO_BOARD)  # it always ends at once
+            own = NodeBoards(own.starts, NO_BOARD)  # it always ends in the tick in which it starts
         boards.append(machine.sets.either(*own))
         waiting.update(zip(machine.children[place], finder.inside(place, own), strict=True))
     return boards
@@ -52,12 +52,12 @@ class _Branch(NamedTuple):
     """The blackboards of a branch of a selector or sequence."""
 
     ticked: NodeBoards
-    called: Boards  # on which its composite may go back to it
+    called: Boards  # on which its composite may return to it
     advances: Boards  # on which it ends and the next branch starts
 
 
 class _Finder:
-    """Finds the blackboards of the children of a node from those of the node."""
+    """Computes the blackboards of a node's children from those of the node."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -86,7 +86,7 @@ class _Finder:
         return [NodeBoards(starts, resumes)] * len(self._machine.children[place])
 
     def _in_turn(self, place: int, node_boards: NodeBoards) -> tuple[list[Boards], Outcomes]:
-        """On which blackboards the children of a reactive composite are ticked; its outcomes."""
+        """The blackboards of the children of a reactive composite, and its outcomes."""
         advance = advance_status(self._machine.nodes[place])
         entered, outcomes = self._sets.either(*node_boards), [NO_BOARD] * 3
         ticked: list[Boards] = []
@@ -111,7 +111,7 @@ class _Finder:
                 place, child, both(quiet, entered), both(quiet, node_boards.resumes)
             )
             if at in calls and branch.advances != NO_BOARD:
-                # Then a later branch can be running, and the composite may come back to this one.
+                # A later branch can be running, and the composite may return to this one.
                 called_boards = both(quiet, node_boards.resumes, calls[at])
                 starts = both(quiet, either(entered, called_boards))
                 branch = self._branch(place, child, starts, both(quiet, node_boards.resumes))
@@ -131,7 +131,7 @@ class _Finder:
         return _Branch(NodeBoards(starts, resumes), NO_BOARD, self._sets.either(ended, later))
 
     def _calls_back(self, place: int) -> dict[int, Boards]:
-        """By branch, the blackboards on which one of its observed guards can turn true."""
+        """The blackboards on which an observed guard can become true, by branch."""
         interrupts: dict[int, Boards] = {}
         for branch, guard in self._machine.observed[place]:
             holds = self._machine.holds[guard]
@@ -139,13 +139,15 @@ class _Finder:
         return interrupts
 
     def _quiet_behind(self, child: int, entered: Boards) -> Boards:
-        """What holds whenever a branch behind a child is ticked, which hands over on `entered`.
+        """A superset of the blackboards on which a branch after a child is ticked.
+
+        `entered` are the blackboards on which the child ends and the next branch starts.
 
         Take the first guards of the child, as long as they interrupt. If they never hold together
-        where the child hands over, they do not hold together while a later branch is ticked:
+        on `entered`, they do not hold together while a later branch is ticked:
 
-        1. Where the child hands over, let g be the first of them that is false. It was asked
-           since the child started. Otherwise a guard before it was false when the child ended,
+        1. When the child ends, let g be the first of them that is false. It was evaluated since
+           the child started. Otherwise a guard before it was false when the child ended,
            and so was observed; it is true now, so it has become true, and the composite has gone
            back and started the child again.
         2. So g is observed and false. As soon as it becomes true, the composite goes back to the
@@ -183,7 +185,7 @@ class _Finder:
         if isinstance(node.args, ParallelArgs):
             needed = node.args.needed(len(children))
             each = [self._in_parallel(child, needed) for child in children]
-            return judged(self._sets, node.args, each)
+            return parallel_outcomes(self._sets, node.args, each)
         inside = self._resumed_outcomes(children[0])
         if node.guard:
             return machine.guarded(place, inside, fresh=False)
@@ -198,11 +200,11 @@ class _Finder:
         return self._either(again, repeated(self._sets, node, again, last=False))
 
     def _in_parallel(self, child: int, needed: tuple[int, int]) -> Outcomes:
-        """The outcomes of a child of a running parallel, which may have ended before."""
+        """The outcomes of a child of a running parallel; the child may have ended before."""
         fresh, resumed = self._machine.fresh(child), self._resumed_outcomes(child)
         outcomes = list(resumed)
         for status, count in zip((SUCCESS, FAILURE), needed, strict=True):
-            # Where one is enough the parallel would have ended as well.
+            # If one such end is enough, the parallel would have ended too.
             if count > 1 and (fresh[status], resumed[status]) != (NO_BOARD, NO_BOARD):
                 outcomes[status] = ANY_BOARD
         return outcomes[0], outcomes[1], outcomes[2]
@@ -212,7 +214,7 @@ class _Finder:
         advance = advance_status(self._machine.nodes[place])
         branches = self._branches(place, NodeBoards(ANY_BOARD, ANY_BOARD))
         outcomes = [NO_BOARD] * 3
-        entered = NO_BOARD  # on these a branch starts in a tick in which its composite is resumed
+        entered = NO_BOARD  # on which the branch starts in a tick in which its composite is resumed
         for child, branch in zip(self._machine.children[place], branches, strict=True):
             entered = both(branch.ticked.starts, either(entered, branch.called))
             each = [both(entered, boards) for boards in self._machine.fresh(child)]

@@ -1,7 +1,7 @@
-"""`check`: valid but probably unintended places in a tree file.
+"""The warnings of `check`: valid but probably unintended parts of a tree file.
 
-Warnings are found in the expanded tree and reported with a reason at the place where
-that part is written.
+The expanded tree is analysed; a warning is reported at the place in the file where the part is
+written, with a reason.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from islandgp.bt.core.source import Source
 from islandgp.bt.core.vocabulary import Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
-"""The nodes above a node, each with the index of the child that leads down."""
+"""The ancestors of a node, each with the index of the child that leads to the node."""
 
 
 CODES: Final = {
@@ -55,7 +55,7 @@ ADVICE: Final = frozenset({"needless-guard", "long-condition", "double-inverter"
 
 @dataclass(frozen=True, slots=True, order=True)
 class LintWarning:
-    """A doubtful place in a file."""
+    """A warning about a place in a file."""
 
     line: int  # from 1
     column: int
@@ -79,27 +79,33 @@ class _Place(NamedTuple):
 def warnings(
     text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
 ) -> list[LintWarning]:
-    """The doubtful places of a file, in its order, each once.
+    """The warnings about a tree file, in its order, each once.
 
-    What could be left out of a subtree is reported if that is so wherever it is used. What is
-    doubtful in an included subtree is reported where that is used. `folder`: as `parse`.
+    A part of a subtree that could be removed is reported if it could be removed at every use of
+    the subtree. Warnings about an included subtree are reported at its use.
+
+    Args:
+        text: of the file.
+        vocabulary: the actions and keys of the domain.
+        name: of the file in messages.
+        folder: of the file, as for `parse`.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
     tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
-    cold: set[int] = set()  # places below a node that never runs: one warning is enough
+    never_run: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_context(vocabulary), ()))
     course = _Course(places)
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
-        if index in cold:
+        if index in never_run:
             continue
         for at, code, message in _about(place, index, course):
             doubts.setdefault((written[at].origin, code), {})[at] = message
             if code == "unreachable":
-                cold.update(range(at, at + size(places[at].node)))
-    uses = Counter(place.origin for at, place in enumerate(written) if at not in cold)
+                never_run.update(range(at, at + size(places[at].node)))
+    uses = Counter(place.origin for at, place in enumerate(written) if at not in never_run)
     distinct = {
         (written[at][:2], code): messages[at]
         for (origin, code), messages in doubts.items()
@@ -139,18 +145,18 @@ def _never_used(kind: str, name: Any) -> LintWarning:
 
 
 def _words_behind_the_first(tree: Any) -> set[str]:
-    """The names in a tree of the grammar, but for those that begin a part: numbers and words."""
+    """The names in a parse tree, except those that begin a part: numbers and words."""
     words = (token for part in tree.iter_subtrees() for token in part.children[_first(part) :])
     return {str(word) for word in words if not hasattr(word, "children") and word.type == "NAME"}
 
 
 def _first(part: Any) -> int:
-    """0 where the first word of a part can be a number: the arguments of a `use`, a policy."""
+    """0 if the first word of a part can be a number (arguments of a `use`, a policy), else 1."""
     return int(part.data not in ("arguments", "success", "failure"))
 
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
-    """Warnings about one node: where, which of CODES, and in words."""
+    """Warnings about one node: (place, one of CODES, message)."""
     node, context, above = place
     kind = kind_of(node)
     if kind.advance_status is not None:
@@ -224,9 +230,9 @@ class _Course:
         self._undone: dict[tuple[str, int], list[bool]] = {}
 
     def changed_before(self, key: str, sign: int, at: int) -> bool:
-        """True if an action before the place changes a key in the opposite direction.
+        """True if an action before `at` changes a key in the opposite direction.
 
-        `sign` is how the action of this place changes it; 0: it does not.
+        `sign` is the direction in which the action at this place changes the key; 0: none.
         """
         if not sign:
             return False
@@ -235,12 +241,12 @@ class _Course:
         return self._undone[key, sign][at]
 
     def _all_undone(self, key: str, sign: int) -> list[bool]:
-        """For each place, whether it is so; one walk through the tree."""
+        """`changed_before` for each place, by one walk through the tree."""
         undone: list[bool] = []
         places = self._places
 
         def visit(before: bool) -> tuple[bool, bool]:
-            """Whether an action below changes the key, and one whose success may not pass up."""
+            """Whether an action below changes the key, and whether the node may still fail."""
             node, context, _ = places[len(undone)]
             undone.append(before)
             if node.action:

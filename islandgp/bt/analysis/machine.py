@@ -1,9 +1,9 @@
-"""A tree as a machine: what its nodes remember between ticks, and how a tick can go.
+"""A tree as a state machine: the memory of its nodes between ticks, and the outcomes of a tick.
 
-The meaning of nodes is that of docs/semantics.md, as in `engine`. But what a node remembers is
-a value here, and an action may return any of its statuses. So a `Machine` computes on which
-blackboards a node can end a tick with a status (`Outcomes`), and on which ones a tick reaches
-a node. `moves` goes through the ticks one by one.
+The semantics are those of docs/semantics.md, as in `engine`. But here the memory of a node is a
+value, and an action may return any of its statuses. So a `Machine` computes the blackboards on
+which a node can end a tick with a status (`Outcomes`), and those on which a tick reaches a node.
+`moves` enumerates single ticks.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.board_outcomes import Outcomes, judged, repeated, turned
+from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.condition import opposite
@@ -21,7 +21,7 @@ from islandgp.bt.core.kinds import count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
 
-MOST_KEPT: Final = 300_000  # outcomes that are kept to be used again
+MOST_KEPT: Final = 300_000  # most outcomes in the cache
 
 _NONE: Final[Outcomes] = (NO_BOARD, NO_BOARD, NO_BOARD)
 _ENDED: Final[tuple[Outcomes, Outcomes]] = (
@@ -32,7 +32,7 @@ _ENDED: Final[tuple[Outcomes, Outcomes]] = (
 
 @dataclass(frozen=True, slots=True)
 class ActionMemory:
-    """A running action remembers nothing here."""
+    """Memory of a running action: empty."""
 
 
 class BranchMemory(NamedTuple):
@@ -41,54 +41,54 @@ class BranchMemory(NamedTuple):
     branch: int  # that is running
     memory: Memory  # of that branch
     known: tuple[bool | None, ...]
-    """Of each guard that it observes: what its condition was in the last tick; None: not asked.
+    """The value of each observed guard's condition in the last tick; None: not evaluated.
 
-    For a guard of the running branch True only means that it was evaluated: when the branch hands
-    over, its condition is read again.
+    For a guard of the running branch, True only means that it was evaluated: its condition is
+    evaluated again when the branch ends.
     """
 
 
 class RepeaterMemory(NamedTuple):
     """Memory of a running repeater."""
 
-    remaining: float  # ends of its child that count, still to come, >= 1
+    remaining: float  # counted ends of its child until it ends, >= 1
     memory: Memory | None  # of its child; None: the next tick starts it
 
 
 class ParallelMemory(NamedTuple):
     """Memory of a running parallel."""
 
-    memories: tuple[Memory | int, ...]  # of each child; of one that has ended, its status
+    memories: tuple[Memory | int, ...]  # of each child; the status of one that has ended
 
 
 Memory: TypeAlias = ActionMemory | BranchMemory | RepeaterMemory | ParallelMemory
-"""The state of a running node. A decorator that does not count has the memory of its child."""
+"""The memory of a running node. A decorator that does not count has that of its child."""
 
 
 class TickTarget(NamedTuple):
-    """A node that a tick is to reach."""
+    """A node that a tick shall reach."""
 
     place: int
-    kept: bool  # it is RUNNING behind the tick; False: it only has to be ticked
+    kept: bool  # True: it is RUNNING after the tick; False: it is ticked
     branches: Mapping[int, int]  # by the place of each node above it: the child that leads there
 
 
 class SpentError(Exception):
-    """The machine's step budget is spent."""
+    """The machine has no steps left."""
 
 
 class Machine:
-    """The state machine of a tree's ticks. Nodes are numbered in document order.
+    """The state machine of a tree. Nodes are numbered in document order.
 
-    Sets may hold more blackboards than they should where `sets.exact` is False.
+    If `sets.exact` is False, its sets of blackboards may be too large.
     """
 
     def __init__(self, tree: Node, vocabulary: Vocabulary, sets: BoardSets) -> None:
         self.sets = sets
-        self.steps_left = 0  # steps that may still be done; see `spend`
+        self.steps_left = 0  # remaining steps; see `spend`
         self.nodes: list[Node] = []
         self.children: list[tuple[int, ...]] = []
-        self.above: list[int] = []  # the place of the node above each node; of the root: -1
+        self.above: list[int] = []  # the place of each node's parent; -1 for the root
         self._number(tree, -1)
         conditions = {
             place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard
@@ -100,7 +100,7 @@ class Machine:
             for place, node in enumerate(self.nodes)
             if kind_of(node).advance_status is not None
         }
-        """Of each composite: the guards that it observes, each with its branch."""
+        """The observed guards of each composite, each with its branch."""
         self.statuses = {
             place: vocabulary.action(node.action).statuses or STATUSES
             for place, node in enumerate(self.nodes)
@@ -110,7 +110,7 @@ class Machine:
         self._from: dict[int, list[Outcomes]] = {}
         self._now: dict[tuple[int, Memory], Outcomes] = {}
         self._ways: dict[tuple[int, int, bool], list[Outcomes]] = {}
-        self._kept = 0  # outcomes in the one above, about
+        self._kept = 0  # approximate number of outcomes in the cache
         self._targets: dict[tuple[int, bool], TickTarget] = {}
 
     def _number(self, node: Node, above: int) -> int:
@@ -143,7 +143,7 @@ class Machine:
         return places[::-1]
 
     def target(self, place: int, *, kept: bool) -> TickTarget:
-        """A node as a target."""
+        """The target for a node."""
         if (place, kept) not in self._targets:
             path = self.path(place)
             branches = {above: self.children[above].index(child) for above, child in pairwise(path)}
@@ -151,12 +151,12 @@ class Machine:
         return self._targets[place, kept]
 
     def spend(self, steps: int = 1) -> None:
-        """Counts work. Raises SpentError when `steps_left` does not allow it."""
+        """Subtract steps from `steps_left`. Raises SpentError if there are too few."""
         self.steps_left -= steps
         if self.steps_left < 0:
             raise SpentError
 
-    # How a node can end a tick
+    # Outcomes of a tick
 
     def fresh(self, place: int) -> Outcomes:
         """The outcomes of a node that starts."""
@@ -166,7 +166,7 @@ class Machine:
         return outcomes
 
     def now(self, place: int, memory: Memory | int | None) -> Outcomes:
-        """The outcomes of a node with that memory; None: it starts; a status: it has ended."""
+        """The outcomes of a node with a memory; None: it starts; a status: it has ended."""
         if memory is None:
             return self.fresh(place)
         if isinstance(memory, int):
@@ -195,7 +195,7 @@ class Machine:
         return self.sets.either(failure, self.fails[place]), success, running
 
     def repetition(self, place: int, memory: Memory | None) -> tuple[float, Memory | None]:
-        """The ends that a node still has to count, and the memory of its child."""
+        """The remaining count of a node, and the memory of its child."""
         if memory is None:
             return count_of(self.nodes[place]), None
         assert isinstance(memory, RepeaterMemory)
@@ -227,7 +227,9 @@ class Machine:
             return turned(self.sets, node, self.now(children[0], memory))
         if isinstance(node.args, ParallelArgs):
             inside = zip(children, self.memories(place, memory), strict=True)
-            return judged(self.sets, node.args, [self.now(child, its) for child, its in inside])
+            return parallel_outcomes(
+                self.sets, node.args, [self.now(child, its) for child, its in inside]
+            )
         if memory is None:
             return self.fresh_from(place, 0)
         assert isinstance(memory, BranchMemory)
@@ -243,7 +245,7 @@ class Machine:
         return outcomes
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
-        """The outcomes of a composite from those of a child and of what is behind it."""
+        """The outcomes of a composite from those of a child and of the children after it."""
         advance = advance_status(self.nodes[place])
         outcomes = list(self._and(first[advance], rest))
         for status in (1 - advance, RUNNING):
@@ -251,9 +253,9 @@ class Machine:
         return outcomes[0], outcomes[1], outcomes[2]
 
     def _turns(self, place: int, memory: BranchMemory) -> Iterator[tuple[int, Boards]]:
-        """The branches with which a running composite may go on, and on which blackboards.
+        """The branches that a running composite may tick first, each with its blackboards.
 
-        Those come first whose guards turn true, then the running branch.
+        First the branches whose guards become true, then the running branch.
         """
         stays = ANY_BOARD
         for (branch, guard), known in zip(self.observed[place], memory.known, strict=True):
@@ -271,14 +273,14 @@ class Machine:
         either = self.sets.either
         return either(one[0], other[0]), either(one[1], other[1]), either(one[2], other[2])
 
-    # Whether a tick reaches a node
+    # Ticks that reach a node
 
     def reach(self, memory: Memory | None, target: TickTarget) -> Boards:
         """The blackboards on which a tick, with that memory of the root, can reach a target."""
         return self.sets.either(*self.aimed(0, memory, target))
 
     def aimed(self, place: int, memory: Memory | int | None, target: TickTarget) -> Outcomes:
-        """The outcomes of a node, of those ticks that reach a target in it."""
+        """The outcomes of a node in the ticks that reach a target in it."""
         self.spend()
         if isinstance(memory, int):  # a parallel's child that has ended
             return _NONE
@@ -356,5 +358,5 @@ class Machine:
         each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
         each[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.
-        outcomes = self._and(self.sets.either(*reached), judged(self.sets, args, each))
+        outcomes = self._and(self.sets.either(*reached), parallel_outcomes(self.sets, args, each))
         return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.kept else outcomes

@@ -1,7 +1,7 @@
-"""The ticks of a tree one by one: what a tick can do, by what its actions return.
+"""The possible moves of a tree in a tick, by the statuses that its actions return.
 
-Of trees with clocks (`TIMED`) the moves are incomplete: a `wait` starts its child at once, and a
-`timeout` or `cooldown` never fails by itself. `Machine` includes these outcomes.
+For trees with clocks (`TIMED`) the moves are incomplete: a `wait` starts its child immediately, and
+a `timeout` or `cooldown` never fails by itself. `Machine` includes these outcomes.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from functools import partial
 from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.board_outcomes import judgement
+from islandgp.bt.analysis.board_outcomes import parallel_status
 from islandgp.bt.analysis.machine import (
     ActionMemory,
     BranchMemory,
@@ -27,13 +27,13 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
 
 ActionCalls: TypeAlias = tuple[tuple[int, int], ...]
-"""The actions that are ticked, by place, and what they return."""
+"""The statuses that the ticked actions return, by place."""
 
 _RUNS: Final = ActionMemory()
 
 
 class Move(NamedTuple):
-    """The possible moves of a node in a tick."""
+    """A possible move of a node in a tick."""
 
     status: int
     memory: Memory | None  # None: it has ended
@@ -47,13 +47,13 @@ def moves(
     board: Sequence[float],
     target: TickTarget | None = None,
 ) -> Iterator[Move]:
-    """The possible moves of a tree's root in a tick.
+    """The possible moves of a tree in a tick.
 
     Args:
-        machine: the tree. It is asked to `spend` a step for each action that is ticked.
+        machine: of the tree; it spends a step for each action that is ticked.
         memory: of the root; None: it starts.
         board: the blackboard of the tick.
-        target: only ticks that reach this node; the first one is found at once.
+        target: only ticks that reach this node; the first of them is found without a search.
 
     Raises:
         SpentError: the machine has no steps left.
@@ -89,8 +89,8 @@ class _Tick:
     def moves(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        """The moves of a node with that memory; None: it starts."""
-        if target is not None and target.kept:  # each node above it runs on as well
+        """The moves of a node with a memory; None: it starts."""
+        if target is not None and target.kept:  # then its ancestors are RUNNING, too
             wanted = [status for status in wanted if status == RUNNING]
         if target is not None and place == target.place:
             target = None
@@ -141,7 +141,7 @@ class _Tick:
         counted = kind_of(self._machine.nodes[place]).counts
         assert counted is not None
         unfinished = RUNNING if remaining > 1 else counted
-        # What is counted comes first: it gets on.
+        # The counted status comes first, as it makes progress.
         inside = [counted] * (unfinished in wanted) + [s for s in wanted if s != counted]
         for move in self.moves(self._machine.children[place][0], inner, inside, target):
             if move.status == counted:
@@ -166,7 +166,7 @@ class _Tick:
             options = [[s for s in preferred if self._can(*one, s)] for one in each]
             for statuses in product(*options):
                 machine.spend(len(statuses))
-                if judgement(args, statuses) != status:
+                if parallel_status(args, statuses) != status:
                     continue
                 makers = [
                     partial(self._child, *one, s) for one, s in zip(each, statuses, strict=True)
@@ -192,7 +192,7 @@ class _Tick:
     def _child(
         self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
     ) -> Iterator[Move]:
-        """The moves of a child of a parallel that end so; one that has ended is not ticked."""
+        """The moves of a parallel's child with this status; an ended child is not ticked."""
         if not isinstance(memory, int):
             return self.moves(place, memory, (status,), target)
         return iter([Move(memory, None)] if target is None else [])
@@ -200,13 +200,13 @@ class _Tick:
     def _composite(
         self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
-        """The moves of a selector or sequence: one branch after the other, with what is behind."""
+        """The moves of a selector or sequence, branch by branch."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
         advance, last = advance_status(machine.nodes[place]), len(machine.children[place]) - 1
         towards = first if target is None else target.branches[place]
         stages = [self._branch(place, first, inner, wanted, target)]
-        done: list[Move] = []  # by the branches before the one of the last stage
+        done: list[Move] = []  # of the branches before the present one
         while stages:
             branch = first + len(done)
             move = next(stages[-1], None)
@@ -230,7 +230,7 @@ class _Tick:
     def _first_branch(
         self, place: int, memory: Memory | None
     ) -> tuple[int, Memory | None, list[bool | None]]:
-        """The branch that a composite ticks first, its memory, and what is known of guards."""
+        """The branch that a composite ticks first, its memory, and the guards' known values."""
         observed = self._machine.observed[place]
         if memory is None:
             return 0, None, [None] * len(observed)
@@ -257,7 +257,7 @@ class _Tick:
         wanted: Sequence[int],
         target: TickTarget | None,
     ) -> Iterator[Move]:
-        """The moves of a branch that lead to a wanted status of its composite, and the target."""
+        """The moves of a branch that lead to a wanted status of the composite and to the target."""
         machine, children = self._machine, self._machine.children[place]
         has, advance = machine.sets.has, advance_status(machine.nodes[place])
         towards = branch if target is None else target.branches[place]
@@ -286,7 +286,7 @@ class _Tick:
         known: Sequence[bool | None],
         checked: Set[int],
     ) -> tuple[bool | None, ...]:
-        """The known guards of a composite after a tick that began with the branch `first`."""
+        """The known values of guards after a tick that began with the branch `first`."""
         values: list[bool | None] = []
         for before, (branch, guard) in zip(known, self._machine.observed[place], strict=True):
             now = before
@@ -297,7 +297,7 @@ class _Tick:
 
 
 def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[Move, ...]]:
-    """One move of each, in all combinations."""
+    """All combinations of one move of each."""
     chosen: list[Move] = []
     going = [makers[0]()]
     while going:
@@ -313,9 +313,10 @@ def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[
 
 
 def _preferred(parallel: ParallelArgs, wanted: int) -> tuple[int, int, int]:
-    """The statuses of children with which a parallel comes to the wanted one, the best first.
+    """The statuses of children that lead a parallel to the wanted status, the best first.
 
-    If each child takes the first that it can, the parallel comes to it wherever that is possible.
+    If each child has the first status that it can have, the parallel has the wanted status whenever
+    that is possible.
     """
     if wanted == FAILURE:
         return FAILURE, SUCCESS, RUNNING

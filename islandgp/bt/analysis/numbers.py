@@ -17,10 +17,10 @@ SECONDS: Final = "seconds"
 """The purpose of a number of seconds of a wait, a timeout or a cooldown."""
 
 COUNT: Final = "count"
-"""The purpose of a count; other purposes are the keys that are compared with the number."""
+"""The purpose of a count. A number in a comparison has the compared key as its purpose."""
 
 EQUAL: Final = "=="
-"""A purpose beside the key where `==` or `!=` compares them."""
+"""The purpose of a number in a comparison by `==` or `!=`, besides that of the key."""
 
 Purposes: TypeAlias = frozenset[str]
 
@@ -33,16 +33,16 @@ class Number:
 
     label: str  # the words before it: `charge <`, `repeater`, `constant low =`, `use go: times`
     value: float
-    purposes: Purposes  # COUNT, EQUAL and keys; several where a constant or a parameter has them
+    purposes: Purposes  # COUNT, EQUAL, keys; several for a constant or a parameter
     line: int  # from 1
-    start: int  # its place in `plain(text)`
+    start: int  # offset in `plain(text)`
     end: int
 
 
 def numbers_of(
     text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
 ) -> list[Number]:
-    """The numbers of a file in its order; those of included files are not among them.
+    """The numbers of a file in its order, without those of included files.
 
     `name` and `folder` are those of `parse`. Raises TreeError as `parse` does.
     """
@@ -66,7 +66,7 @@ def numbers_of(
 
 
 def with_numbers(text: str, numbers: Sequence[Number], values: Sequence[float]) -> str:
-    """The text with a value in place of each of these numbers; all else stays as it is written."""
+    """The text with each of these numbers replaced by a value, and otherwise unchanged."""
     text = plain(text)
     parts: list[str] = []
     end = 0
@@ -82,7 +82,7 @@ def argument_purpose(action: str, argument: str) -> str:
 
 
 class _Slot(NamedTuple):
-    """A place where a number is wanted."""
+    """A place of a number in the grammar."""
 
     label: str
     purposes: Purposes
@@ -91,9 +91,9 @@ class _Slot(NamedTuple):
 
 
 def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) -> Iterator[_Slot]:
-    """The slots in a lark.Tree, in order, but those of a subtree's own parameters.
+    """The slots in a lark.Tree, in order, except for those of a subtree's parameters.
 
-    The purposes of the latter are put into `taken`.
+    The purposes of the parameters are added to `taken`.
     """
     match str(tree.data), tree.children:
         case "subtree", [name, *parameters, body]:

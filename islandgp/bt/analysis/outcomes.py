@@ -14,7 +14,7 @@ _FAILS: Final[Ends] = frozenset({FAILURE})
 
 
 def ends(node: Node, context: NodeContext) -> Ends:
-    """The statuses with which a node can end, or more; never fewer."""
+    """The statuses with which a node can end; a superset where it is not known exactly."""
     if node.action:
         return context.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
     if node.guard and never(node.guard, context):
@@ -38,7 +38,7 @@ def ends(node: Node, context: NodeContext) -> Ends:
 
 
 def advance_status(node: Node) -> int:
-    """The status of a child with which a selector or sequence goes on to the next one."""
+    """The status of a child after which a selector or sequence starts the next one."""
     status = kind_of(node).advance_status
     assert status is not None
     return status
@@ -61,7 +61,7 @@ def never(guard: GuardArgs, context: NodeContext) -> bool:
 
 
 def idle(node: Node, context: NodeContext) -> int | None:
-    """The status of a node that always ends at once without effect; None for any other node.
+    """The status of a node that always ends in its first tick without effect; None for others.
 
     Such a node calls no action and stops no other node.
     """
@@ -72,7 +72,7 @@ def idle(node: Node, context: NodeContext) -> int | None:
         if may_interrupt(node.guard, context):
             return None
         if never(node.guard, context):
-            # What it guards never starts, but guards in there could only be observed after a start.
+            # The guarded child never starts, so its guards are never observed.
             return FAILURE
         return (
             FAILURE if idle(node.children[0], child_context(node, context, 0)) == FAILURE else None
@@ -86,7 +86,7 @@ def idle(node: Node, context: NodeContext) -> int | None:
 def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:
     success, failure = args.needed(len(each))
     failing, succeeding = (sum(end in e for e in each) for end in (FAILURE, SUCCESS))
-    # Children that all ended without a decision fail it: too few of them succeeded.
+    # If all children have ended without a decision, too few succeeded: it fails.
     can = {
         FAILURE: failing >= min(failure, len(each) - success + 1),
         SUCCESS: succeeding >= success,

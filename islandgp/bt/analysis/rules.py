@@ -5,9 +5,9 @@ which the condition holds. Any blackboard may follow any other one, within the r
 and an action may return each of its statuses. So a proof holds in every world; a refutation is a
 sequence of blackboards that breaks the rule, which a particular world may never show.
 
-First one walk through the tree (`invariants`) looks for a proof. If it finds none, all that the
-tree can remember between two ticks is gone through, the nearest first, until a blackboard that
-breaks the rule is found, everything was seen, or the steps are spent.
+`invariants` first tries to prove the rule by one walk through the tree. If that fails, a
+breadth-first search visits the states (memories) of the tree, until it finds a blackboard that
+breaks the rule, has visited all states, or has no steps left.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from islandgp.bt.core.node import Node, asked_in, keys_in, leaf, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
-STEPS: Final = 200_000  # some seconds
+STEPS: Final = 200_000  # default of the search; takes some seconds
 MOST_CELLS: Final = 2_000  # most classes of blackboards
 
 _RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
@@ -49,9 +49,9 @@ class Rule:
 
 @dataclass(frozen=True, slots=True)
 class CounterTick:
-    """A tick on the way to a broken rule."""
+    """A tick of a counterexample."""
 
-    board: dict[str, float]  # by key that the tree or the rule asks
+    board: dict[str, float]  # by key that the tree or the rule reads
     statuses: tuple[tuple[int, int], ...]
     """(place in document order, status) of the nodes that are ticked, or aborted."""
 
@@ -91,9 +91,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     """Proves or refutes that a tree keeps a rule.
 
     Args:
-        tree: in the words of the vocabulary.
+        tree: with actions and keys of the vocabulary.
         rule: to be proven or refuted.
-        vocabulary: whose keys have ranges, and whose actions have statuses.
+        vocabulary: has the ranges of keys and the statuses of actions.
         steps: maximum steps of the search, >= 0; a step takes some microseconds.
 
     Returns:
@@ -123,7 +123,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
 
 
 class _MemoryOrigin(NamedTuple):
-    """The origin of a memory."""
+    """How the search reached a memory."""
 
     before: Memory | None
     board: Sequence[float]
@@ -137,7 +137,7 @@ def _explored(
     places: Sequence[int],
     vocabulary: Vocabulary,
 ) -> RuleResult:
-    """Searches for a tick that breaks the rule, after the shortest sequences of ticks first."""
+    """Searches breadth-first for a sequence of ticks that breaks the rule."""
     cells, whole = _cells(machine)
     origins: dict[Memory | None, _MemoryOrigin | None] = {None: None}
     waiting: deque[Memory | None] = deque([None])
@@ -187,7 +187,7 @@ def _explored(
 
 
 def _cells(machine: Machine) -> tuple[list[list[float]], bool]:
-    """A blackboard of each class that the guards distinguish, and whether these are all."""
+    """A blackboard of each class that the guards distinguish, and whether the list is complete."""
     sets, cells = machine.sets, [ANY_BOARD]
     for place, holds in machine.holds.items():
         halves = ((sets.both(c, holds), sets.both(c, machine.fails[place])) for c in cells)
@@ -218,7 +218,7 @@ def _ticks(
     rule: Rule,
     course: Sequence[tuple[Sequence[float], ActionCalls]],
 ) -> tuple[CounterTick, ...]:
-    """The ticks of a counterexample as the engine does them."""
+    """The ticks of a counterexample, as executed by the engine."""
     board = [0.0] * len(vocabulary.keys)
     returns: dict[int, int] = {}
     seen: dict[int, int] = {}

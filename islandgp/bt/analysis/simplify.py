@@ -1,9 +1,9 @@
-"""Shortens a tree without changing what it does.
+"""Simplifies a tree without changing its behaviour.
 
-The shorter tree calls the same actions in the same ticks and ends with the same statuses, on every
-blackboard and for all statuses that the vocabulary declares for the actions. The reason for each
-rule is beside it; the semantics are those of docs/semantics.md. Guards that a composite observes
-while a later branch runs need most care: a rewrite must neither add nor remove one.
+The simplified tree calls the same actions in the same ticks and ends with the same statuses, on
+every blackboard and for all statuses that the vocabulary declares for the actions. Each rule has a
+comment with its justification; the semantics are those of docs/semantics.md. A rewrite must neither
+add nor remove a guard that a composite observes while a later branch runs.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
 
-Rewrite: TypeAlias = tuple[Node, str] | None  # the shorter node, and why; None: nothing to do
+Rewrite: TypeAlias = tuple[Node, str] | None  # the simpler node and the reason; None: no change
 
 
 def _only_child(node: Node, context: NodeContext) -> Rewrite:
-    # With one child there is nothing to go on to and no policy to apply: its status is the status.
+    # A composite with one child has the status of the child.
     if len(node.children) > 1:
         return None
-    # But its guards, which were not observed, must not become observed ones.
+    # But the child's guards were not observed, and must not become observed.
     child = node.children[0]
     moved = child if context.observer is None else without_interrupts(child)
     return moved, f"{head(node)} has one child"
@@ -60,7 +60,7 @@ def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
-    # It hands over at once, each time, and its guards never turn true.
+    # The next branch starts in the same tick, and the guards never become true.
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
@@ -73,8 +73,8 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _same_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001 -- every rule's form
-    # In the last place the inner composite observes what the outer one would.
-    # Elsewhere it observes nothing, or the outer one would observe it for longer.
+    # As the last child, the inner composite observes the guards that the outer one would.
+    # As another child it must have no such guards, as the outer one would observe them for longer.
     *earlier, last = node.children
     children: list[Node] = []
     for child in earlier:
@@ -89,7 +89,7 @@ def _same_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001 -
 
 
 def _same_parallel_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
-    # One success (failure) decides both at once, and all failures (successes) are all of both.
+    # One success (failure) ends both in the same tick; else all children have to fail (succeed).
     if node.args not in (ParallelArgs("all", "one"), ParallelArgs("one", "all")):
         return None
     for index, child in enumerate(node.children):
@@ -105,8 +105,8 @@ def _double_inverter(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG0
 
 
 def _inverted_composite(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
-    # De Morgan: a selector is a sequence with everything inverted. Guards are observed through
-    # inverters, so nothing changes for them.
+    # De Morgan: a selector is a sequence with all statuses inverted. Guards are observed through
+    # inverters, so they are not affected.
     child = node.children[0]
     if kind_of(child).advance_status is None:
         return None
@@ -132,7 +132,7 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
-    # Both take a tick a success, and a failure fails both.
+    # Both take one tick for each success, and fail at the first failure.
     child = node.children[0]
     if child.kind != node.kind:
         return None
@@ -143,7 +143,7 @@ def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG0
 
 
 def _forced(node: Node, context: NodeContext) -> Rewrite:
-    # However the subtree below ends, the node ends with its one status, in the same tick.
+    # The node ends with its fixed status in the tick in which the child ends, with any status.
     child = node.children[0]
     kind = kind_of(child)
     if kind.inverts or kind.forces:
@@ -156,7 +156,7 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
-    # It lets every start through, stops nothing below it, and no later branch.
+    # The guard always starts its child, and stops neither its child nor a later branch.
     guard = guard_of(node)
     if not implies(context.at_start, guard.condition) or may_interrupt(guard, context):
         return None
@@ -166,8 +166,8 @@ def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
-    # The inner guard is visited when the condition holds; so what it would see turn true, the
-    # outer one sees too if it interrupts as well.
+    # The inner guard is evaluated when the condition holds. So if it would see the condition become
+    # true, the outer guard does, too, provided that it interrupts as well.
     guard, child = guard_of(node), node.children[0]
     inner = child.guard
     if inner is None or inner.condition != guard.condition:
@@ -181,7 +181,7 @@ def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
-    # The inner condition holds only where the outer one does, so it alone lets through and stops.
+    # The inner condition implies the outer one, so the inner guard alone has the same effect.
     guard, child = guard_of(node), node.children[0]
     inner = child.guard
     if inner is None or may_interrupt(guard, context):
@@ -196,7 +196,7 @@ def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
 
 
 def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
-    # It is the same in every tick in which it is asked, so the two behave alike.
+    # The two conditions are equal in every tick in which the guard is evaluated.
     guard = guard_of(node)
     condition = shortened(guard.condition, conditions_when_evaluated(guard, context))
     if condition == guard.condition:
@@ -213,7 +213,7 @@ _GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
 
 
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
-    """The rules for the nodes of a kind, in the order in which they are tried."""
+    """The rules for the nodes of a kind, in the order of their application."""
     if kind.advance_status is not None:
         return _COMPOSITE
     if kind.args is GuardArgs:
@@ -230,22 +230,22 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
 Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
-"""A node with its context, but for the vocabulary."""
+"""A node with its context, without the vocabulary."""
 
 MOST_SHORT: Final = 20_000
 _short: tuple[Vocabulary, set[Place]] = (NOTHING, set())
-"""The last vocabulary, and what no rule shortened; the trees of a search share most branches."""
+"""The last vocabulary, and nodes that no rule applies to; trees of a search share most branches."""
 
 
 class Simplified(NamedTuple):
-    """A shorter tree, and what was done to get it."""
+    """A simplified tree, with the reasons of the rewrites."""
 
     tree: Node
-    reasons: tuple[str, ...]  # one a rewrite, in order; empty: nothing could be shortened
+    reasons: tuple[str, ...]  # of each rewrite, in order; empty: the tree is unchanged
 
 
 def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
-    """The shortest tree that the rules reach; simplifying it again changes nothing.
+    """Apply the rules until none applies.
 
     The declarations of actions and keys in `vocabulary` allow more rewrites.
     """
@@ -261,7 +261,7 @@ def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
 
 
 def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
-    """From the root down, so that what is known of a node's place stays true."""
+    """Rewrites nodes from the root down, so the context of a node stays valid."""
     before, place = len(reasons), (node, *context[:3])
     if place in short:
         return node
@@ -270,7 +270,7 @@ def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Plac
         reasons.append(reason)
     for index, child in enumerate(node.children):
         if not child.children:
-            continue  # no rule shortens a leaf
+            continue  # no rule applies to a leaf
         shorter_child = _visit(child, child_context(node, context, index), reasons, short)
         if shorter_child is not child:
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
@@ -281,7 +281,7 @@ def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Plac
 
 
 def _first(node: Node, context: NodeContext) -> Rewrite:
-    """The first rewrite that a rule finds."""
+    """The rewrite by the first rule that applies."""
     for rule in RULES[node.kind]:
         if (rewrite := rule(node, context)) is not None:
             return rewrite
