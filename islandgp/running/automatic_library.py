@@ -17,7 +17,6 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, size
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Evaluator
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.single_behaviours import single_behaviours
@@ -44,7 +43,6 @@ def automatic_library(
         make_evaluator: called where a search is needed.
 
     Raises:
-        ConfigError: no tree shows any behaviour.
         EvaluationError: an episode of the search cannot be run.
         RunError: the kept file is damaged.
     """
@@ -56,12 +54,6 @@ def automatic_library(
     kept = kept_library(file)
     texts = kept.trees
     behaviours = settings.classes.behaviours
-    if not texts:
-        raise ConfigError(
-            "library: expected to find a tree that shows one of the behaviours"
-            f" ({', '.join(behaviours)}), found none; write one, and name its folder in"
-            " library.folder, or use no library: supervisor=baseline search.policy.library=0."
-        )
     _report_missing([name for name in behaviours if name not in texts], settings)
     trees = {
         name: parse(text, domain.schema.vocabulary, name=f"{file}: {name}")

@@ -162,15 +162,14 @@ class Distilled:
         """See `Supervisor`."""
         known = features(state, self.crisis)
         target, rate = str(decide(self.policy.target, known)), decide(self.policy.rate, known)
-        name = self.expert.pick(target, state, rng)
+        tree = self.expert.tree_for(target, state, rng)
         return replace(
             self.expert.advise(state, rng),
             mutation_rate=min(1.0, max(0.0, float(rate))),
-            tree=self.expert.library.trees[name],
             source=self.name,
             target=target,
             reasoning=f"as {self.policy.teacher} decided in states like this one",
-            rationale=f"{target}: tree {name}",
+            **tree,
         )
 
 

@@ -7,7 +7,7 @@ is a better sign of progress than raw fitness, which single-task specialists inf
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -158,23 +158,32 @@ class Expert:
     def pick(self, target: str, state: PopulationState, rng: np.random.Generator) -> str:
         """Draws the name of a tree for a target.
 
-        If the library has none, one for the rarest behaviour with a tree is drawn instead.
+        If the library has none, one for the rarest behaviour with a tree is drawn instead. "" if
+        the library is empty, as where a search for one has found no tree.
         """
         compact = not state.ever_quality
         each = (self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours))
-        names = next(names for names in each if names)
+        names = next((names for names in each if names), [""])
         return names[rng.integers(len(names))]
+
+    def tree_for(
+        self, target: str, state: PopulationState, rng: np.random.Generator, drawn: str = ""
+    ) -> dict[str, Any]:
+        """The tree drawn for a target, or None, and its rationale: fields of a `Guidance`."""
+        name = self.pick(target, state, rng)
+        chosen = f"tree {name}" if name else "the library has no tree"
+        rationale = f"{target}{drawn}: {chosen}"
+        return {"tree": self.library.trees.get(name), "rationale": rationale}
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A rate within the phase's range, and a tree for the chosen target."""
         how = self.settings
         phase, pattern = classify_phase(state, how), classify_pattern(state, how)
         target = choose_target(state, how)
-        name = self.pick(target, state, rng)
+        tree = self.tree_for(target, state, rng)
         goal = f"{title(next(iter(state.milestones_reached)))} {self.agent}s"
         return Guidance(
             mutation_rate=wanted_rate(state, how),
-            tree=self.library.trees[name],
             source=self.name,
             phase=phase,
             pattern=pattern,
@@ -183,5 +192,5 @@ class Expert:
             risk=f"disruption of {goal}" if state.quality else "premature convergence",
             reasoning=f"{state.quality} {goal}, {state.stagnant_generations} generations"
             f" without a better best, diversity {state.now.diversity:.2f}",
-            rationale=f"{target}: tree {name}",
+            **tree,
         )

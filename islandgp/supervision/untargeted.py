@@ -25,11 +25,8 @@ class Untargeted(Expert):
         guidance = super().advise(state, rng)
         now = state.targets if state.ever_quality else early(state.targets)
         targets = [target for target in now if self.library.targets.get(target)]
+        if not targets:
+            return guidance
         target = targets[rng.integers(len(targets))]
-        name = self.pick(target, state, rng)
-        return replace(
-            guidance,
-            target=target,
-            tree=self.library.trees[name],
-            rationale=f"{target}, drawn at random: tree {name}",
-        )
+        chosen = self.tree_for(target, state, rng, ", drawn at random")
+        return replace(guidance, target=target, **chosen)

@@ -133,3 +133,15 @@ def test_the_search_counts_in_the_budget(here: Path, capsys: pytest.CaptureFixtu
     assert f"the search for the library ({episodes:,}), one generation" in said
     assert "Traceback" not in said
     assert not list(here.glob("runs/small/*/generations.jsonl"))
+
+
+@pytest.mark.usefixtures("here", "short_search")
+@pytest.mark.parametrize("supervisor", ["expert", "untargeted", "editor"])
+def test_a_run_goes_on_where_no_behaviour_is_found(
+    capsys: pytest.CaptureFixture[str], supervisor: str
+) -> None:
+    """In a world too hard for random trees, the supervisor sets rates alone, and a line says so."""
+    hard = ("world.failure=1", "world.lost=1", "world.ticks=2", "search=paper")
+    assert main([*WORDS, f"supervisor={supervisor}", *hard]) == 0
+    (line,) = missing(capsys.readouterr().err)
+    assert line.startswith(f"islandgp: library: found no tree for {', '.join(BEHAVIOURS)} in any")
