@@ -93,7 +93,7 @@ def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
 
 def test_the_command(python: Path, tmp_path: Path) -> None:
     """The `islandgp` command is there, and tells its version."""
-    assert "0.2.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
+    assert "0.3.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
 
 
 @pytest.mark.slow
