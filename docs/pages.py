@@ -63,7 +63,9 @@ def rewritten(text: str, source: str, places: dict[str, str]) -> str:
             near = os.path.relpath(places[meant], Path(places[source]).parent)
             return f"{picture}[{label}]({near}{anchor or ''})"
         if not (ROOT / meant).exists():
-            raise SystemExit(f"{source}: expected a file at {target}, found none; mend the link.")
+            raise SystemExit(
+                f"{source}: expected a file at {target}, found none; correct the link."
+            )
         if picture:
             raise SystemExit(f"{source}: expected a picture below docs, found {target}; move it.")
         return label if meant in label else f"{label} (`{meant}`)"

@@ -251,6 +251,6 @@ def plugin_errors(path: str) -> Iterator[None]:
             raise
         reason = " ".join(f"{type(error).__name__}: {error}{raised_in(error)}".split())
         raise PartError(
-            f"{path} failed ({reason}): this is a fault of that class, not of the program;"
-            " mend it, and the same command goes on with what the run has."
+            f"{path} failed ({reason}): this is a bug in that class, not in islandgp;"
+            " correct it, and the same command continues the run."
         ) from error

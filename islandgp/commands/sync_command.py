@@ -32,8 +32,8 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
     if failed:
         lines = "\n".join(f"  {path}: {brief(error)}" for path, error in failed.items())
         raise TrackingError(
-            f"Expected to send all runs, found {len(failed)} that could not be sent; mend what each"
-            f" line names and repeat the command:\n{lines}"
+            f"Expected to send all runs, found {len(failed)} that could not be sent; correct what"
+            f" each line names and repeat the command:\n{lines}"
         )
 
 

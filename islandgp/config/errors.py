@@ -96,9 +96,9 @@ def _unreadable(override: str, parser: OverridesParser) -> str:
     try:
         parser.parse_override(quoted)
     except HydraException:
-        return f"{override}: expected KEY=VALUE, found a key that cannot be read; mend the key"
+        return f"{override}: expected KEY=VALUE, found a key that cannot be read; correct the key"
     return (
-        f"{override}: expected a value, found one that cannot be read; mend it, or quote it"
+        f"{override}: expected a value, found one that cannot be read; correct it, or quote it"
         f" inside and out where it is a text: {shlex.quote(quoted)}"
     )
 
@@ -235,9 +235,9 @@ def _yaml(error: yaml.YAMLError) -> str:
         mark = error.problem_mark
         return (
             f"Expected YAML in {mark.name}, found a mistake in line {mark.line + 1}, column"
-            f" {mark.column + 1}: {error.problem}; mend it there."
+            f" {mark.column + 1}: {error.problem}; correct it there."
         )
-    return f"Expected YAML, found: {' '.join(str(error).split())}; mend it there."
+    return f"Expected YAML, found: {' '.join(str(error).split())}; correct it there."
 
 
 def _no_text(source: ConfigSource) -> str:

@@ -212,7 +212,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     if not isinstance(outcome, Outcome):
         raise EvaluationError(blame(job, f"{outcome!r:.200}; return an Outcome from run_episode"))
     if not abs(outcome.fitness) < MOST_POINTS:
-        fault = f"{outcome.fitness} points; lower the rewards, or mend the domain's amounts"
+        fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
         raise EvaluationError(blame(job, fault))
     return outcome
 

@@ -162,7 +162,7 @@ class Processes:
             raise EvaluationError(
                 blame(
                     job,
-                    f"no answer of its worker in {self.episode_timeout:g} s; mend what keeps it,"
+                    f"no answer of its worker in {self.episode_timeout:g} s; find out why,"
                     " or raise evaluator.policy.episode_timeout",
                 )
             )

@@ -23,7 +23,8 @@ def compare_with_parents(
 ) -> tuple[tuple[EditTrial, ...], int]:
     """Compares each edited tree with the original tree in the same worlds.
 
-    A tree that is evaluated in these worlds anyway is not evaluated again.
+    An original tree that is in the population, and so was evaluated in these worlds, is not
+    evaluated again.
 
     Args:
         plan: of the run.

@@ -72,15 +72,15 @@ def evaluate(
     results = []
     for k, individual in enumerate(population):
         episodes = outcomes[k * n : (k + 1) * n]
-        o, points = combine(episodes), tuple(episode.fitness for episode in episodes)
+        o, points = mean_outcome(episodes), tuple(episode.fitness for episode in episodes)
         broken = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
         results.append(Evaluated(individual, o, labels, o.fitness, points, broken))
     return tuple(results)
 
 
-def combine(outcomes: Sequence[Outcome]) -> Outcome:
-    """The mean of several episodes, number by number; one episode's outcome is itself."""
+def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
+    """The mean outcome of several episodes, number by number."""
     if len(outcomes) == 1:
         return outcomes[0]
     first, n = outcomes[0], len(outcomes)
@@ -93,7 +93,7 @@ def combine(outcomes: Sequence[Outcome]) -> Outcome:
 
 
 def view(plan: Plan, history: Sequence[GenerationStats]) -> PopulationState:
-    """Line 6: Table 5, after the last generation of `history`."""
+    """Line 6: the state of the population (Table 5) after the last generation of `history`."""
     stage = plan.curriculum.stage(history[-1].generation + 1)
     return population_state(
         history,
@@ -184,7 +184,7 @@ def _seen(
 
 @dataclass(frozen=True, slots=True)
 class _Parts:
-    """The parts of a run that are the same in all generations."""
+    """The constant parts of a run."""
 
     plan: Plan
     streams: Streams
@@ -204,9 +204,9 @@ def _generation(
 
     Args:
         parts: of the run.
-        state: before it.
-        queue: to the supervisor.
-        led: the guidance that made it.
+        state: of the run before this generation.
+        queue: of the supervisor's answers.
+        led: the guidance for this generation.
         recent: individuals of the last generations, as many as the supervisor's lag.
     """
     plan, evaluator, g = parts.plan, parts.evaluator, state.generation
@@ -244,7 +244,7 @@ def _generation(
     guidance = following = None
     if not stopped and not plan.last(g, state.spent + episodes + elsewhere):
         waiting = perf_counter()
-        if g + plan.switches.lag + 1 < plan.gp.generations:  # else it could not take effect
+        if g + plan.switches.lag + 1 < plan.gp.generations:  # a later answer could not take effect
             multipliers = plan.curriculum.multipliers(now.stage)
             elites = () if plan.switches.lag else archive.elites
             queue.ask(seen, GenerationView(now, worlds, multipliers, lines, led, elites, trials))
@@ -298,7 +298,7 @@ def archived(
     worlds: Sequence[int],
     generation: int,
 ) -> ArchiveUpdate:
-    """The archive after a generation; challenges of elites have their own worlds."""
+    """The archive after a generation; elites are re-evaluated in worlds of a separate stream."""
     plan, seed = parts.plan, parts.streams.seed
     stage, n = plan.curriculum.stage(generation), plan.gp.episodes
     meets = [

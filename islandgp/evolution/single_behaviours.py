@@ -73,7 +73,7 @@ def single_behaviours(
         if wanted is not None and behaviour not in wanted:
             continue
         for r in range(ROUNDS):
-            # What was found for one behaviour may be a step towards another.
+            # A tree found for one behaviour may be a step towards another one.
             parents = tried.best(behaviour)[:PARENTS]
             draws = (
                 stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)

@@ -44,7 +44,7 @@ PART: Final = 100  # least generations of a part of a long run
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """An individual that may be the best robot."""
+    """A candidate for the best robot."""
 
     generation: int
     id: str  # of the individual
@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def merit(self) -> Merit:
-        """Sort key of candidates before the first round: feasible before fit."""
+        """Sort key before the first round: fewer constraint violations first, then fitness."""
         return merit(self.trained, self.violation)
 
 
@@ -72,7 +72,7 @@ class Validation:
     difference_low: float = 0.0  # its 95 % interval
     difference_high: float = 0.0
     violation: float | None = None  # of the constraints, by the counters' means; None: none
-    feasible: float | None = None  # share of the worlds in which all are kept; None: as above
+    feasible: float | None = None  # share of the worlds in which all are kept; None: none
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +95,8 @@ def candidates(
 ) -> list[Candidate]:
     """The most promising distinct trees of the last stage.
 
-    These are the best of each generation and of each tier, class and behaviour: the fittest, with
-    constraints feasible before fit.
+    These are the best individuals of each generation and of each tier, class and behaviour.
+    Individuals that keep the constraints come first, then the fittest.
 
     Args:
         records: generation records as plain values, oldest first; they are iterated once.
@@ -149,19 +149,20 @@ def candidates_by_evidence(
     records: Iterable[Mapping[str, Any]],
     *,
     most: int = MOST,
-    caution: float = 1.0,
+    bound_width: float = 1.0,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
     """The trees of the last stage with the highest lower bounds of their mean fitness.
 
-    Constraints come first, by the means of the counters over all evaluations of a tree. A run of
-    at least 2 * PART generations is divided into parts with as many candidates each: trees of
-    distant generations did not meet the same worlds, so their levels cannot be compared.
+    Trees that keep the constraints, by the means of their counters over all evaluations, come
+    first. A run of at least 2 * PART generations is divided into parts with equal numbers of
+    candidates: trees of distant generations did not meet the same worlds, so their levels cannot
+    be compared.
 
     Args:
         records: generation records as plain values, oldest first; they are read once.
-        most: candidates.
-        caution: standard errors between a tree's level (`evidence.estimate`) and its bound.
+        most: maximum number of candidates.
+        bound_width: standard errors between a tree's level (`evidence.estimate`) and its bound.
         constraints: of the run.
 
     Returns:
@@ -187,13 +188,13 @@ def candidates_by_evidence(
     best = {
         c.tree: c
         for part in evaluations
-        for c in _by_bound(part, caution, constraints)[: most // parts]
+        for c in _by_bound(part, bound_width, constraints)[: most // parts]
     }
     return sorted(best.values(), key=lambda c: c.merit, reverse=True)
 
 
 def _by_bound(
-    evaluations: Mapping[str, _Evaluations], caution: float, constraints: Constraints
+    evaluations: Mapping[str, _Evaluations], bound_width: float, constraints: Constraints
 ) -> list[Candidate]:
     """All trees as candidates, those with the highest lower bounds first."""
     levels, sd = estimate([seen.fitness for seen in evaluations.values()])
@@ -202,7 +203,7 @@ def _by_bound(
             seen.generation,
             seen.id,
             tree,
-            level - caution * sd / sqrt(len(seen.fitness)),
+            level - bound_width * sd / sqrt(len(seen.fitness)),
             violation(seen.counters, constraints),
         )
         for (tree, seen), level in zip(evaluations.items(), levels, strict=True)
@@ -261,7 +262,7 @@ def entrants(trees: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
 
 
 def rounds(n: int, episodes: int) -> list[tuple[int, int]]:
-    """(candidates, new worlds) of each round, for `n` candidates and about `episodes` episodes."""
+    """The numbers of candidates and of new worlds of each round, for about `episodes` episodes."""
     sizes = [n]
     while sizes[-1] > FINALISTS:
         sizes.append(max(FINALISTS, (sizes[-1] + 1) // 2))
@@ -317,7 +318,7 @@ def validate(
         }
         met += len(batch)
     order = sorted(results, key=worth, reverse=True)
-    judged = [(c, _judged(worlds[:met], results[c], classes, constraints)) for c in order]
+    judged = [(c, _validation(worlds[:met], results[c], classes, constraints)) for c in order]
     if reference_tree is not None:
         name, text = reference_tree
         theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
@@ -326,7 +327,7 @@ def validate(
     return judged
 
 
-def _judged(
+def _validation(
     worlds: Sequence[int],
     outcomes: Sequence[Outcome],
     classes: Classes,
@@ -345,7 +346,7 @@ def _judged(
 def compared(
     verdict: Validation, own: Sequence[Outcome], theirs: Sequence[Outcome], name: str
 ) -> Validation:
-    """The results with the paired differences to a reference tree in the same worlds."""
+    """The results, with the paired differences to a reference tree in the same worlds."""
     pairs = [a.fitness - b.fitness for a, b in zip(own, theirs, strict=True)]
     mean, low, high = interval(pairs)
     return replace(

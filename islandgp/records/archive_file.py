@@ -1,4 +1,4 @@
-"""`archive.json`: the elites that a run leaves behind, which another run can start from."""
+"""`archive.json`: the elites of a finished run, from which another run can start."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from islandgp.records.manifest import must_be_as_written
 from islandgp.trust import must_have_no_links
 
 NAME: Final = "archive.json"
-MOST_BYTES: Final = 2**28  # of a file that is read; 10,000 trees of a thousand nodes are smaller
+MOST_BYTES: Final = 2**28  # largest file; an archive of 10,000 trees with 1,000 nodes is smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,26 +39,32 @@ class ArchiveFile:
         elites: Sequence[Elite],
         record: ArchiveRecord,
     ) -> ArchiveFile:
-        """The file of a run's last archive."""
+        """The file content for the last archive of a run."""
         edges = {name: tuple(values) for name, values in cells.items()}
         return cls(domain, edges, floor, record.coverage, record.qd_score, tuple(elites))
 
     def to_bytes(self) -> bytes:
-        """JSON, an elite a line."""
+        """JSON, one elite per line."""
         head = asdict(self)
         elites = ",\n".join(json.dumps(e, allow_nan=False) for e in head.pop("elites"))
         return f'{json.dumps(head, allow_nan=False)[:-1]}, "elites": [\n{elites}\n]}}\n'.encode()
 
     def best_first(self) -> list[Elite]:
-        """The elites by falling mean, those of later stages first: scales differ by stage."""
+        """The elites by stage, the last first, and then by mean, the highest first."""
         return sorted(self.elites, key=lambda e: (-e.stage, -e.mean, e.cell))
 
 
 def read_archive(path: Path) -> tuple[ArchiveFile, str]:
-    """The archive of a run's folder, or of the file itself, and a digest of its content.
+    """Read an archive.
+
+    Args:
+        path: a run's folder, or its archive.json.
+
+    Returns:
+        The archive, and a digest of its content.
 
     Raises:
-        RunError: there is none, it cannot be read, or it is damaged.
+        RunError: the file is missing, unreadable or damaged.
     """
     file = path / NAME if path.is_dir() else path
     if path.is_dir() and (path / "summary.json").exists():

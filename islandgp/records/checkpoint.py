@@ -1,7 +1,7 @@
-"""A run's state on disk: written in one piece or not at all, and checked when it is read.
+"""Checkpoints: the state of a run in a file, written atomically and checked when it is read.
 
-The history is in the records beside it, one line per generation. The checkpoint has the digest of
-these records, so that it cannot be used with others.
+The history is not in the checkpoint but in the records, one line per generation. The checkpoint has
+the digest of these records, so it cannot be used with other ones.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from islandgp.scoring.generation_stats import GenerationStats
 def save_state(
     path: Path, state: RunState, *, records: str = "", previous: Path | None = None
 ) -> None:
-    """Writes a checkpoint with its checksum: a state without its history.
+    """Writes a checkpoint, a state without its history, with its checksum.
 
     Args:
         path: the file.
-        state: to write.
-        records: digest of the records before it.
+        state: of the run.
+        records: digest of the records up to this state.
         previous: new path of the checkpoint that is replaced.
     """
     kept = to_json(replace(state, history=()))
@@ -39,7 +39,7 @@ def save_state(
 
 
 def read_checkpoint(path: Path) -> tuple[RunState, str]:
-    """A state without its history, and the digest of the records before it.
+    """The state in a checkpoint, without its history, and the digest of the records up to it.
 
     Raises:
         RunError: the file is damaged, or of a version that wrote other fields.
@@ -53,7 +53,7 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
 
 
 def generation_of(checkpoint: Path) -> int:
-    """The next generation of a checkpoint's file; 0 if it cannot be read."""
+    """The next generation in a checkpoint file; 0 if it cannot be read."""
     try:
         with checkpoint.open(encoding="utf-8", errors="replace") as file:
             head = re.search(r'"generation":(\d+)', file.read(200))

@@ -1,4 +1,4 @@
-"""The small files of a run's folder, and numbers that follow from them."""
+"""The small files of a run's folder, and values derived from them."""
 
 from __future__ import annotations
 
@@ -64,15 +64,15 @@ class RunMetadata:
     """Identity and provenance of a run."""
 
     id: str  # unique; the same after each resumption
-    title: str  # what people call the run
+    title: str  # of the run in displays
     home: str  # absolute path of the folder in which the command was given
-    command: str  # that does the run, or what is missing of it
+    command: str  # that starts the run, or continues it
     started: int  # ms since 1970
-    identity: str  # hash of all configuration that shapes the records
+    identity: str  # hash of the configuration that determines the records
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
     start: str = ""  # digest of the archive that it starts from; "" for none
-    manifest: bool = False  # whether its end writes manifest.json; older versions do not
+    manifest: bool = False  # True: manifest.json is written at the end; False in older versions
 
 
 def validation_mean(summary: Mapping[str, Any]) -> float | None:
@@ -97,7 +97,7 @@ OWN: Final = (
     "manifest.json",
     "error.txt",
 )
-"""The files that only the process writes that holds the folder."""
+"""Files that only the process with the folder's lock writes."""
 
 
 VALUES: Final = (
@@ -133,7 +133,7 @@ def values(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 
 FITNESS_KEYS: Final = {"fitness_max": "best", "fitness_mean": "mean", "fitness_sd": "sd"}
-"""The keys of a generation's record by the names that frames and MLflow have for them."""
+"""Keys of a generation's record, by their names in data frames and MLflow."""
 
 
 def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
@@ -168,12 +168,12 @@ def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float,
 
 
 def pretty(value: dict[str, Any]) -> bytes:
-    """Indented JSON, with a line break at its end."""
+    """Indented JSON with a final line break."""
     return (json.dumps(value, indent=1) + "\n").encode()
 
 
 def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """Numbers of decisions: in total, by the fallback, and of the latter those `in_part`."""
+    """The numbers of decisions: total, by the fallback, and `in_part` by the fallback."""
     guidance = [r["guidance"] for r in records if r["guidance"] is not None]
     sources = Counter(g["source"] for g in guidance if g["asked_at"] is not None)
     fallback = sum(n for source, n in sources.items() if "fallback" in source)
@@ -235,11 +235,11 @@ def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None])
 
 
 LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")
-"""The columns of lineage.csv behind the generation."""
+"""The columns of lineage.csv after the generation."""
 
 
 def write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
-    """Writes the table, from the lines of generations.jsonl; lists are separated by spaces."""
+    """Writes lineage.csv from the records; lists are separated by spaces."""
     with path.open("w", newline="", encoding="utf-8") as file:
         out = csv.writer(file)
         out.writerow(("generation", *LINEAGE))

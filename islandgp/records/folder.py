@@ -46,7 +46,7 @@ class Status(StrEnum):
 
 @lru_cache(maxsize=16)
 def _plain(text: str) -> Any:
-    """The values of a YAML text, which take long to read; not to be changed."""
+    """The values of a YAML text, cached because parsing is slow; do not modify them."""
     return yaml.safe_load(text)
 
 
@@ -333,9 +333,9 @@ COPIES: Final = frozenset({"mlartifacts", "mlruns"})
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:
-    """Every run at or below a folder, in the order of their paths; also one without about.json.
+    """All run folders in a folder, and itself if it is one, sorted by path.
 
-    The copies of runs in MLflow's folders of artifacts are left out.
+    A run may lack about.json. Copies of runs in MLflow's artifact folders are left out.
     """
     signs = ("about.json", "generations.sha256", manifest.NAME)
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):

@@ -1,8 +1,8 @@
-"""A file of JSON values, one a line, that grows by whole lines, and a checksum for each line.
+"""Append-only files of JSON lines, with a chained checksum for each line.
 
-Line i of `generations.sha256` holds the index i and the SHA-256 of the digest before it and
-record i's line. So each digest covers all records up to its own. The last one is also
-in the checkpoint, and at the end of the run in its summary.
+Line i of `generations.sha256` holds the index i and the SHA-256 of the previous digest followed by
+record i's line. So each digest covers all records up to its own. The last digest is also in the
+checkpoint, and in the summary of a finished run.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ def stamp(file: Path) -> Stamp:
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """The file; it may not be there yet."""
+    """A file of JSON lines, which need not exist yet."""
 
     path: Path
-    what: str  # a line is, in the plural
-    kind: type  # the dataclass of which a line holds the fields, perhaps with others
+    what: str  # plural noun for the lines in messages
+    kind: type  # the dataclass whose fields a line has; it may have others
 
     def append(self, value: dict[str, Any]) -> bytes:
-        """Adds a line, which is on the disk when this returns; returns it with its end."""
+        """Appends a line and flushes it to the disk; returns the line with its line break."""
         line = dump(value).encode() + b"\n"
         with self.path.open("ab") as file:
             file.write(line)
@@ -56,7 +56,7 @@ class Lines:
         return line
 
     def read(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """The values from the `first` line on, without one that is being written. As `value`."""
+        """The values from line `first` on, without an incomplete last line. Raises as `value`."""
         for i, line in enumerate(islice(self.whole(), first, None), first):
             yield self.value(line, i)
 
@@ -66,7 +66,7 @@ class Lines:
             return dict(validate_json(self.kind, line))
 
     def whole(self) -> Iterator[bytes]:
-        """The lines that have an end, with it."""
+        """The complete lines, with their line breaks."""
         if not self.path.exists():
             return
         with self.path.open("rb") as lines:
@@ -75,7 +75,7 @@ class Lines:
                     yield line
 
     def head(self, n: int) -> list[bytes]:
-        """The first `n` whole lines. Raises RunError where there are fewer."""
+        """The first `n` complete lines. Raises RunError if there are fewer."""
         lines = list(islice(self.whole(), n))
         if len(lines) < n:
             raise RunError(
@@ -85,19 +85,19 @@ class Lines:
         return lines
 
     def cut(self, n: int) -> None:
-        """Keeps the first `n` lines. Raises RunError where there are fewer."""
+        """Truncates the file after `n` lines. Raises RunError if there are fewer."""
         keep = b"".join(self.head(n))
         if not self.path.exists() or self.path.stat().st_size != len(keep):
             write_atomic(self.path, keep)
 
 
 def generation_lines(folder: Path) -> Lines:
-    """A run's generation records."""
+    """The file of a run's generation records."""
     return Lines(folder / "generations.jsonl", "generation records", GenerationRecord)
 
 
 def chained(before: str, line: bytes) -> str:
-    """The digest after `line`, a whole line with its end; `before` is "" at the first one."""
+    """The digest after `line` (with its line break); `before` is the digest before it, or ""."""
     return hashlib.sha256(before.encode() + line).hexdigest()
 
 
@@ -110,18 +110,18 @@ def digests(lines: Iterable[bytes]) -> Iterator[str]:
 
 
 def append_digest(path: Path, index: int, digest: str) -> None:
-    """Adds a line. It need not reach the disk at once: it can be made again from the records."""
+    """Appends a digest without flushing, as it can be computed again from the records."""
     with path.open("a", encoding="ascii") as file:
         file.write(f"{index} {digest}\n")
 
 
 def write_digests(path: Path, checksums: Sequence[str]) -> None:
-    """Writes the whole file."""
+    """Writes a file of digests."""
     write_atomic(path, "".join(f"{i} {digest}\n" for i, digest in enumerate(checksums)).encode())
 
 
 def read_digests(path: Path) -> list[str]:
-    """The digests up to the first line that is not one; none where there is no file."""
+    """The digests up to the first invalid line; none if there is no file."""
     if not path.exists():
         return []
     sums: list[str] = []
@@ -134,9 +134,9 @@ def read_digests(path: Path) -> list[str]:
 
 
 def wrong_record(lines: Sequence[bytes], expected: str, path: Path) -> str:
-    """A text on the difference if `expected` is not the digest of all these lines; else "".
+    """ "" if `expected` is the digest of all these lines, else a text on the difference.
 
-    `path` is the file of digests, by which the record is found.
+    `path` is the file of digests, which shows the damaged record.
     """
     checksums = list(digests(lines))
     if (checksums[-1] if checksums else "") == expected:

@@ -1,4 +1,4 @@
-"""Locks of folders: one process writes to a folder at a time."""
+"""Locks of folders, so that one process writes to a folder at a time."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from islandgp.errors import RunError
 
 
 def take(lock: FileLock, folder: Path, busy: RunError) -> None:
-    """Makes a folder and takes its lock; raises `busy` where another process holds it."""
+    """Creates a folder and acquires its lock. Raises `busy` if another process holds it."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        lock.acquire(timeout=1, poll_interval=0.05)  # a look at it may hold it
+        lock.acquire(
+            timeout=1, poll_interval=0.05
+        )  # `locked` of another process may hold it for a moment
     except Timeout:
         raise busy from None
 

@@ -1,8 +1,8 @@
 """`manifest.json`: size and SHA-256 of each file of a finished run.
 
-It is written before summary.json, whose presence makes a run a finished one. So every finished run
-has it; about.json and summary.json say so, and a manifest that was deleted is reported. The page
-run.html is written later and has its entry added then.
+It is written before summary.json, which marks a run as finished. So every finished run has a
+manifest; about.json and summary.json record this, so a deleted manifest is reported. The page
+run.html is written later, and its entry is added then.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from islandgp.trust import must_have_no_links
 NAME: Final = "manifest.json"
 
 OUTSIDE: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
-"""Files without an entry, as they change or are removed after the end; so are hidden files."""
+"""Files without an entry, as they change or are removed after the end. Hidden files have none."""
 
 NEEDED: Final = (
     "about.json",
@@ -39,7 +39,7 @@ NEEDED: Final = (
 """Files of every finished run."""
 
 RESTORABLE: Final = frozenset({"best.bt", "lineage.csv", PAGE})
-"""Files that the run's command makes again from the others if they are missing."""
+"""Files that the run's command restores from the others if they are missing."""
 
 
 class Damage(StrEnum):
@@ -59,7 +59,7 @@ class DamagedFile:
 
     @property
     def restorable(self) -> bool:
-        """True if the run's command makes the file again."""
+        """True if the run's command restores the file."""
         return self.damage is Damage.MISSING and self.name in RESTORABLE
 
     def __str__(self) -> str:
@@ -93,7 +93,7 @@ class Manifest:
 
 
 def write_manifest(folder: Path, summary: bytes) -> None:
-    """Writes the manifest of a run's files, and of the summary that is about to be written."""
+    """Writes the manifest of a run's files, including the summary, which is written after it."""
     files = {
         name: _entry(folder / name) for name in _names(folder) if name not in (PAGE, "summary.json")
     }

@@ -13,7 +13,7 @@ from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 RUNTIME_KEYS: Final = frozenset(
     {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
 )
-"""Top-level keys that do not change a run's records; an evaluator of the user's own may."""
+"""Top-level keys that do not change a run's records, except for a user's evaluator class."""
 
 RENAMED: Final = {
     "archive.again": "archive.reevaluations",
@@ -27,8 +27,8 @@ RENAMED: Final = {
 
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
-"""A user's name and password in an address, with the sign behind them."""
-ALLOWED: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes; `<` is none
+"""User name and password in an address, with the `@` after them."""
+ALLOWED: Final = re.compile(r"[\w. :/-]+")  # valid names in MLflow
 
 
 def with_present_names(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -46,27 +46,27 @@ def with_present_names(config: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The same configuration with every secret's value hidden, and passwords in addresses."""
+    """The configuration with the values of secrets and passwords in addresses hidden."""
     return {str(key): _hidden(str(key), value) for key, value in config.items()}
 
 
 def identity_config(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a configuration that may shape a run's records: its identity."""
+    """The part of a configuration that determines a run's records."""
     without = runtime_keys(config)
     return {key: value for key, value in config.items() if key not in without}
 
 
 def runtime_keys(*configs: Mapping[str, Any]) -> frozenset[str]:
-    """The keys of RUNTIME_KEYS that shape the records of none of these configurations.
+    """The keys of RUNTIME_KEYS that do not change the records of any of these configurations.
 
-    The evaluators of this package give the same outcomes, those of others need not.
+    All evaluators of this package have the same outcomes; those of other packages need not.
     """
     only_built_in = all(_factory(config, "evaluator").startswith("islandgp.") for config in configs)
     return RUNTIME_KEYS if only_built_in else RUNTIME_KEYS - {"evaluator"}
 
 
 def _factory(config: Mapping[str, Any], key: str) -> str:
-    """The class that configuration names for a part; one of ours where it names none."""
+    """The path of a component's class in a configuration; "islandgp." without one."""
     part = config.get(key)
     return str(part["factory"]) if isinstance(part, Mapping) and "factory" in part else "islandgp."
 
@@ -109,7 +109,7 @@ def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
 
 
 def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Dotted keys and their values as text."""
+    """The configuration as dotted keys and values as text."""
     for key, value in flatten(config).items():
         yield key, value if isinstance(value, str) else json.dumps(value)
 

@@ -1,7 +1,7 @@
 """The Hydra entry: `python -m islandgp`, one run or a sweep.
 
-Every configuration of the command is composed and validated before the first
-run starts; only then Hydra's launcher takes over.
+All configurations of the command are composed and validated before Hydra's launcher starts the
+first run.
 """
 
 from __future__ import annotations
@@ -41,17 +41,19 @@ from islandgp.sweep.run import Job, run_sweep
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line; returns the exit code.
+    """Executes the command line.
 
-    0: all is done; 1: a job failed; 2: the user's error; 3: all is done, but a language model's
-    fallback gave more of the answers than allowed; 130: stopped by Ctrl-C, SIGTERM or SIGHUP.
+    Returns:
+        The exit code. 0: all runs are finished; 1: a job failed; 2: an error of the user; 3: all
+        runs are finished, but in one the language model's fallback gave more of the answers than
+        allowed; 130: stopped by Ctrl-C, SIGTERM or SIGHUP.
     """
     with tolerant_stderr():
         return _main(arguments)
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    # What is there at the end goes with the process; to look for garbage in it takes long.
+    # Exclude the present objects from garbage collection, which would take long at the exit.
     atexit.register(gc.freeze)
     try:
         words = without_key(sys.argv[1:] if arguments is None else arguments)
@@ -59,7 +61,10 @@ def _main(arguments: Sequence[str] | None) -> int:
             echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
             return 0
         args, words = _parsed(words)
-        with checked_stdout(), as_ctrl_c("SIGTERM", "SIGHUP"):  # a cluster, a lost terminal
+        with (
+            checked_stdout(),
+            as_ctrl_c("SIGTERM", "SIGHUP"),
+        ):  # sent by clusters, and when a terminal closes
             _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, words)
@@ -71,19 +76,19 @@ def _main(arguments: Sequence[str] | None) -> int:
         print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
+        print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
     except Exception as error:
         if why := shortage(error):
             print(f"islandgp: {why}", file=sys.stderr)
             return 2
         traceback.print_exc()
-        print("islandgp: this is a fault of the program; what the run has is kept", file=sys.stderr)
+        print("islandgp: this is a bug in islandgp; the run's records are kept", file=sys.stderr)
         return 1
 
 
 def _must_be_somewhere() -> None:
-    """Raises ConfigError where the working folder has been deleted."""
+    """Raises ConfigError if the working folder has been deleted."""
     try:
         Path.cwd()
     except FileNotFoundError:
@@ -93,7 +98,7 @@ def _must_be_somewhere() -> None:
 
 
 def _run_all(args: argparse.Namespace, words: list[str]) -> int:
-    """Runs what the command asks for; returns the exit code."""
+    """Executes the parsed command; returns the exit code."""
     search, jobs = _planned(args, words)
     if key_in(job.config for job in jobs):
         args, words = _parsed([NONE, *words])
@@ -119,7 +124,7 @@ def _run_all(args: argparse.Namespace, words: list[str]) -> int:
 def _planned(
     args: argparse.Namespace, words: Sequence[str]
 ) -> tuple[Searched | None, list[Planned]]:
-    """The command's jobs; of a search over configurations its two ends. Prints its progress."""
+    """The command's jobs; for an optimiser, the first and last of its space. Prints progress."""
     if (search := searched(args, words, Path.cwd())) is not None:
         return search, list(search.ends)
     if args.run and args.multirun:
@@ -133,7 +138,7 @@ def _planned(
 
 
 def _start(words: Sequence[str], job: Job) -> None:
-    """Starts Hydra with the command; its launcher calls `job`."""
+    """Starts Hydra, whose launcher calls `job`."""
     old = sys.argv
     sys.argv = ["islandgp", *words]
     # Otherwise Hydra prints its own traceback for a job's error and exits with 1.
@@ -147,23 +152,23 @@ def _start(words: Sequence[str], job: Job) -> None:
 
 
 def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
-    """Prints help, a composed configuration, or other information of Hydra without a run."""
+    """Prints help, a composed configuration, or other information of Hydra."""
     source = ConfigSource.of(args)
     parsed(args.overrides, source.loader())
-    if args.hydra_help:  # which is about Hydra alone
+    if args.hydra_help:  # the options of Hydra only
         words = ["--hydra-help"]
     try:
         _start(words, lambda _: None)
     except SystemExit as end:  # Hydra has printed the error
         sys.exit(2 if end.code else 0)
-    except MISTAKES as error:  # or options that exclude each other
+    except MISTAKES as error:  # e.g. options that exclude each other
         if isinstance(error, OSError) and not isinstance(error, HydraException):
             raise  # the output's: the configuration has been read
         raise ConfigError(explain(error, args.overrides, source)) from None
 
 
 def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
-    """The parsed command, and its words with the overrides before the options."""
+    """The parsed command line, and its arguments with the overrides before the options."""
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]  # no usage lines, no exit
     args = parser.parse_intermixed_args(words)
@@ -185,7 +190,7 @@ COMPOSING: Final = ("launcher", "sweeper", "searchpath")
 def _must_not_need_hydra(overrides: Sequence[str]) -> None:
     """Raises ConfigError for a key of Hydra that has an effect on the jobs of a sweep only.
 
-    Keys of launchers and sweepers are permitted, as the same words may be given with -m as well.
+    Keys of launchers and sweepers are accepted, as the same command may be used with -m.
     """
     for override in overrides:
         key = override.partition("=")[0].lstrip("+~")
@@ -197,7 +202,7 @@ def _must_not_need_hydra(overrides: Sequence[str]) -> None:
 
 
 def _run_single(job: Planned, command: str) -> int:
-    """Run the only job of a command; returns the exit code. Raises what the run raises."""
+    """Run the only job of a command; return the exit code. Raises the errors of the run."""
     end = run(job.settings, job.config, job.folder, home=Path.cwd(), command=command)
     echo(end.text)
     if end.mostly_fallback:
@@ -208,11 +213,11 @@ def _run_single(job: Planned, command: str) -> int:
 
 SHORT: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
 SIGNS: Final = ("can't start new thread", "failed to map segment", "cannot allocate memory")
-"""Parts of the messages of other errors in that case, in lower case."""
+"""Parts of messages of other errors in that case, in lower case."""
 
 
 def shortage(error: BaseException) -> str:
-    """The message for an error, or a cause of it, due to a lack of resources; else \"\"."""
+    """The message if an error, or one of its causes, is a lack of resources; else an empty text."""
     seen: BaseException | None = error
     while seen is not None:
         if isinstance(seen, OSError):
@@ -224,7 +229,7 @@ def shortage(error: BaseException) -> str:
             return (
                 "Expected enough memory, processes and open files for the run, found:"
                 f" {seen or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
-                " them), or take fewer evaluator.policy.workers, and give the command again."
+                " them), or set fewer evaluator.policy.workers, and repeat the command."
             )
         seen = seen.__cause__ or seen.__context__
     return ""

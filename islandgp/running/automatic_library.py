@@ -1,4 +1,4 @@
-"""The library of a run that names none: a tree for each behaviour, kept in the folder of runs."""
+"""The library of runs without one: a tree for each behaviour, stored in the folder of runs."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 
 SEARCH: Final = 3
-"""Version of the search, which is part of the name of a kept library."""
+"""Version of the search, which is part of a stored library's file name."""
 
 
 def automatic_library(
     settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
 ) -> Library:
-    """A tree for each behaviour, searched for once and kept in `runs` for all runs that are alike.
+    """A tree for each behaviour, found by a search once and stored in `runs` for later runs.
 
-    Where stages of the curriculum change the world, each of their worlds is searched, in order, for
-    what the ones before did not show. What no stage showed is reported to the error stream, in
-    every run that uses the library.
+    If stages of the curriculum change the world, the missing behaviours are searched in each
+    stage's world, in order. Behaviours without a tree are reported to the error stream by every run
+    that uses the library.
 
     Args:
         settings: of the run.
         domain: with the run's world.
-        make_evaluator: called where a search is needed.
+        make_evaluator: called if a search is needed.
 
     Raises:
         EvaluationError: an episode of the search cannot be run.
-        RunError: the kept file is damaged.
+        RunError: the stored file is damaged.
     """
     file = library_file(settings, domain)
     if not file.exists():
@@ -82,14 +82,14 @@ def library_file(settings: Settings, domain: Domain) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class KeptLibrary:
-    """The result of a search for a library."""
+    """A library that was found by a search."""
 
-    episodes: int  # of the search, which count in the budget of each run that uses the library
+    episodes: int  # of the search; they count in the budget of each run with this library
     trees: dict[str, str]  # canonical texts by behaviour
 
 
 def kept_library(file: Path) -> KeptLibrary:
-    """The library in a file. Raises RunError where the file is damaged."""
+    """Read a stored library. Raises RunError if the file is damaged."""
     with reading("a library that was searched for", file):
         return from_json(KeptLibrary, read_json(file.read_bytes()))
 
@@ -97,7 +97,7 @@ def kept_library(file: Path) -> KeptLibrary:
 def _search(
     settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
 ) -> KeptLibrary:
-    """The trees that were found, in the order of the behaviours, and what that took."""
+    """The trees found, in the order of the behaviours, and the number of episodes."""
     behaviours = [*settings.classes.behaviours]
     space = settings.plan(domain).space
     stages = list(_stages(settings))
@@ -131,9 +131,9 @@ def _search(
 
 
 def _stages(settings: Settings) -> Iterator[int]:
-    """The stages to search: the first one with each world, or the last one where all are alike.
+    """The stages to search: the first one with each world, or the last one if all are equal.
 
-    Early stages come first, as behaviours are easiest to find in their worlds.
+    Early stages come first, as behaviours are easiest to find there.
     """
     stages = settings.curriculum.stages
     worlds = [staged(settings.world, stage.world) for stage in stages]
@@ -144,7 +144,7 @@ def _stages(settings: Settings) -> Iterator[int]:
 
 
 _reported: WeakValueDictionary[int, Settings] = WeakValueDictionary()
-"""Settings that have reported what is missing, by id: a run may ask twice for its library."""
+"""Ids of settings whose missing behaviours were reported, as a run may load its library twice."""
 
 
 def _report_missing(missing: Sequence[str], settings: Settings) -> None:

@@ -1,4 +1,4 @@
-"""The choice of a run's best robot in validation worlds."""
+"""Selects a run's best robot in validation worlds."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from islandgp.supervision.library import library_folder, read_tree
 
 
 def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
-    """The run's best robot, by successive halving in validation worlds, which trained no tree.
+    """The run's best robot, by successive halving in validation worlds (held-out seeds).
 
-    With gp.validation=0, or where a budget leaves no episode, it is the best individual of the
-    last stage. Fewer candidates take part where there are few episodes.
+    With gp.validation=0, or if the budget leaves no episode, it is the best individual of the last
+    stage. The number of candidates depends on the number of episodes.
     """
     if settings.search.ranking == "evidence":
         contenders = candidates_by_evidence(target.records(), constraints=settings.constraints)
@@ -56,7 +56,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
 
 
 def validation_episodes(settings: Settings, target: RunFolder) -> int:
-    """Episodes in which the run chooses its best robot; of a budget all that is left."""
+    """Number of validation episodes; with a budget, all that remain."""
     if settings.gp.validation == 0:
         return 0
     if settings.budget.episodes is None:
@@ -66,7 +66,7 @@ def validation_episodes(settings: Settings, target: RunFolder) -> int:
 
 
 def _reference_tree(settings: Settings) -> tuple[str, str] | None:
-    """Name and canonical text of the tree that best robots are compared with, if there is one."""
+    """Name and canonical text of the tree with which the best robot is compared, or None."""
     how, domain = settings.library, settings.make_domain()
     if how.folder is None or not how.reference_trees:
         return None

@@ -1,4 +1,4 @@
-"""Writes a run's page while the run goes on, and at its end."""
+"""Writes a run's page during the run and at its end."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
 
-PERIOD: Final = 5.0  # s between two pages of an unfinished run, at least
-SHARE: Final = 0.02  # most of a run's time that is spent on pages
+PERIOD: Final = 5.0  # least s between two pages of an unfinished run
+SHARE: Final = 0.02  # largest share of a run's time for writing pages
 
 
 class PageWriter:
@@ -27,7 +27,7 @@ class PageWriter:
         self._warned = False
 
     def generation(self) -> None:
-        """Called after each generation; writes a new page if the last one is old enough."""
+        """Writes a new page after a generation, if the last one is old enough."""
         began = monotonic()
         if began < self._due:
             return

@@ -1,7 +1,7 @@
-"""The standard streams, which may be full, closed, or in an encoding that lacks characters.
+"""Output to standard streams that may be full, closed, or lack characters in their encoding.
 
-What goes to the standard output is a result: where it cannot arrive, that is an error. What
-goes to the error stream is for people who look on: where it cannot be written, the work goes on.
+The standard output has results, so a failed write is an error. The error stream has messages about
+progress, so a failed write is ignored.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def checked_stdout() -> Iterator[None]:
     """Context that flushes the standard output; `?` replaces characters that it cannot encode.
 
     Raises:
-        IslandError: the output takes no more.
-        SystemExit: the output has no reader any more, as behind `| head`.
+        IslandError: the output cannot be written, e.g. because the disk is full.
+        SystemExit: the reader of the output has ended, e.g. `| head`.
     """
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
@@ -50,13 +50,13 @@ def checked_stdout() -> Iterator[None]:
 
 
 def _drop(stream: TextIO) -> None:
-    """Drops unwritten output, which the interpreter would otherwise try to write at its exit."""
+    """Drops unwritten output, which the interpreter would try to write again at its exit."""
     with suppress(OSError, ValueError):  # a stream without a file
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def echo(text: str) -> None:
-    """Prints what is also kept elsewhere: an output without a reader is no error."""
+    """Prints text that is also stored elsewhere; an output without a reader is no error."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -64,7 +64,7 @@ def echo(text: str) -> None:
 
 
 class Display:
-    """An error stream that never fails: what it does not take is lost."""
+    """An error stream that never fails: text that cannot be written is dropped."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -78,25 +78,25 @@ class Display:
             return len(text)
 
     def flush(self) -> None:
-        """Flush the stream, or drop what a broken one holds."""
+        """Flush the stream, or drop the text if it is broken."""
         try:
             self._stream.flush()
         except (OSError, ValueError):
             self._lose()
 
     def __getattr__(self, name: str) -> Any:
-        """Everything else is the stream's own."""
+        """Any other attribute is that of the stream."""
         return getattr(self._stream, name)
 
     def _lose(self) -> None:
-        """Drop all that is written from now on."""
+        """Drop all further text."""
         _drop(self._stream)
         self._stream = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 -- until the end
 
 
 @contextmanager
 def tolerant_stderr() -> Iterator[None]:
-    """In this context the error stream is a `Display`, also where there was none."""
+    """Context in which the error stream is a `Display`, also if there was no error stream."""
     _fill_standard_files()
     before = sys.stderr
     with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
@@ -106,14 +106,14 @@ def tolerant_stderr() -> Iterator[None]:
             yield
         finally:
             display.flush()
-            if sys.stderr is display:  # else another one has been put there
+            if sys.stderr is display:  # it may have been replaced
                 sys.stderr = before
 
 
 def _fill_standard_files() -> None:
-    """Opens what is closed of the files 0 to 2: else another file would get such a number."""
+    """Opens file descriptors 0 to 2 if they are closed, so that no other file gets them."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor

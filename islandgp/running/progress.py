@@ -11,7 +11,7 @@ from islandgp.gp.record import Step
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-    from rich.live import Live  # imported only where it is used: it costs start-up time
+    from rich.live import Live  # imported where it is used, as it costs start-up time
 
 COLUMNS: Final = {
     "generation": 10,
@@ -22,26 +22,26 @@ COLUMNS: Final = {
     "mutation": 8,
     "time left": 9,
 }
-"""Names and widths; before `mutation` each milestone of the experiment has a column, the number of
-individuals in that tier of Table 4. `mutation`: the mutation rate of the next generation, with a
-"!" if a crisis enforces it; only with a search that uses it. `time left`: estimated."""
+"""Names and widths of columns. Before `mutation` each milestone has a column with the number of
+individuals in that tier. `mutation` is the mutation rate of the next generation, with a "!" if a
+crisis enforces it; only searches that use the rate have it. `time left` is estimated."""
 
 DISPENSABLE: Final = ("working", "mean", "diversity")
-"""Columns that a narrow terminal does without, first to last."""
+"""Columns that are left out on a narrow terminal, the first one first."""
 
-AROUND: Final = 4  # lines of the terminal that no generation takes: title, head, bar, cursor
-FEWEST: Final = 3  # generations in the live table, however low the terminal is
+AROUND: Final = 4  # other lines of the terminal: title, head, bar, cursor
+FEWEST: Final = 3  # least number of generations in the live table
 
 
 def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
-    """Names and widths of all columns; `rate`: with the mutation rate."""
+    """Names and widths of all columns; with the mutation rate if `rate` is True."""
     *first, mutation, time_left = COLUMNS.items()
     milestone_columns = ((name, max(4, len(name))) for name in milestones)
     return dict([*first, *milestone_columns, *[mutation] * rate, time_left])
 
 
 def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]:
-    """The columns that a terminal of `room` characters has room for, and those left out.
+    """The columns that fit into `room` characters, and those left out.
 
     Columns are left out in the order of DISPENSABLE, then milestones, the easiest first.
     """
@@ -81,7 +81,7 @@ def row(
 
 
 def duration(seconds: float) -> str:
-    """A time for people: `8 s`, `3 min 05 s`, `2 h 07 min`, `3 d 04 h`."""
+    """A duration as text: `8 s`, `3 min 05 s`, `2 h 07 min`, `3 d 04 h`."""
     whole = max(0, round(seconds))
     if whole < 60:
         return f"{whole} s"
@@ -92,7 +92,7 @@ def duration(seconds: float) -> str:
 
 
 class Progress:
-    """Shows a run's generations as they come. A context manager."""
+    """Shows the progress of a run. A context manager."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class Progress:
             self._live.stop()
 
     def show(self, step: Step) -> None:
-        """Show one more generation."""
+        """Show a generation."""
         self.done += 1
         a_generation = (monotonic() - self.began) / (self.done - self.before)
         seconds_left = a_generation * (self.generations - self.done)
@@ -160,7 +160,7 @@ class Progress:
             _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 
     def drawn(self, height: int) -> RenderableType:
-        """The table with the last generations that a terminal of `height` lines takes."""
+        """The table of the last generations, for a terminal of `height` lines."""
         from rich.console import Group
         from rich.progress_bar import ProgressBar
         from rich.table import Table

@@ -1,4 +1,4 @@
-"""The result of a run: for its folder, and in a few lines for people."""
+"""The result of a run: its summary, and a short report for the console."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import title
 
 MOSTLY_FALLBACK: Final = (
-    "expected the language model to supervise, found that the fallback gave more of the guidance"
-    " than supervisor.policy.most_fallback allows: this is a run of the fallback. The record's"
-    " notes have the reasons; correct them and run again with resume=never, or raise most_fallback."
+    "expected guidance by the language model, found that the fallback gave more of it than"
+    " supervisor.policy.most_fallback allows. The reasons are in the notes of the records. Fix them"
+    " and run again with resume=never, or raise most_fallback."
 )
 
 
@@ -31,9 +31,15 @@ def summary(
     *,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> dict[str, Any]:
-    """The result of a run, from its records; `seconds` are those spent in its generations.
+    """The content of summary.json.
 
-    `most_fallback` is the largest share of the fallback's answers that is in order, None: any.
+    Args:
+        target: folder of the run.
+        fittest: the individual with the highest fitness in training.
+        best: the best robot.
+        milestones: tiers whose first robots are reported.
+        most_fallback: largest accepted share of the fallback's answers; None: any.
+        constraints: of the run.
     """
     sources = answers(target.records())
     limits = {} if not constraints else {"constraints": in_words(constraints)}
@@ -63,14 +69,14 @@ def summary(
 
 
 def _plain(validation: Validation) -> dict[str, Any]:
-    """As JSON has it, without what only runs with constraints have."""
+    """As JSON values, without the fields of constraints if there are none."""
     plain = nan_to_none(asdict(validation))
     without = () if validation.feasible is not None else ("violation", "feasible")
     return {name: value for name, value in plain.items() if name not in without}
 
 
 def report(target: RunFolder) -> str:
-    """A finished run in a few lines for people."""
+    """A finished run in a few lines of text."""
     s, agent = target.summary(), target.agent
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
@@ -99,11 +105,11 @@ def report(target: RunFolder) -> str:
 
 def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     """True if the fallback's share of a finished run exceeds `most_fallback`."""
-    return bool(summary.get("mostly_fallback"))  # a run of an older version lacks it
+    return bool(summary.get("mostly_fallback"))  # runs of older versions lack it
 
 
 def _known_episodes(target: RunFolder) -> Iterator[str]:
-    """A line on the episodes that were not simulated, as their outcomes were known."""
+    """A line on the episodes that were not simulated because their outcomes were known."""
     costs = [*target.costs()]
     asked_episodes = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
     if known := asked_episodes - sum(cost["simulated"] for cost in costs):
@@ -173,7 +179,7 @@ def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _interval(v: Mapping[str, Any], what: str, form: str) -> str:
-    """A 95 % interval in brackets, or why there is none."""
+    """A 95 % interval in brackets, or the reason why there is none."""
     low, high = v[f"{what}low"], v[f"{what}high"]
     if len(v["worlds"]) < 2 or low is None or high is None:
         return " (no interval: one world)"

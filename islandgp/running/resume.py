@@ -1,4 +1,4 @@
-"""The identity of a run, and whether a command may continue the run in a folder."""
+"""The identity of a run, and the check whether a command can continue the run in a folder."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from islandgp.records.parameters import flatten, identity_config, runtime_keys
 from islandgp.running.start import start_digest
 
 AGAIN: Final = "~"
-"""Precedes the number in the folder's name of a repeated run; other names do not have it."""
+"""Precedes the number in the folder name of a repeated run; no other name contains it."""
 
 
 def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> RunFolder:
-    """The folder to work in: `resume=never` takes a new one beside an old one.
+    """The folder of the run: for `resume=never` a new one beside an existing one.
 
     Raises:
         RunError: the folder holds a run of another configuration or of other code of the
@@ -60,7 +60,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
 
 
 def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """True if `start` has other content than when the run began. Raises as `start_digest`."""
+    """True if the content of `start` has changed since the run began. Raises as `start_digest`."""
     try:
         return start_digest(settings.start) != before
     except IslandError:
@@ -70,13 +70,13 @@ def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """The keys that shape the records and whose values differ, as `key: old -> new`."""
+    """The differing keys that determine the records, as `key: old -> new`."""
     without = runtime_keys(old, new)
     was, now = (
         flatten({key: value for key, value in config.items() if key not in without})
         for config in (old, new)
     )
-    for values in (was, now):  # an empty part is none, where the other has keys in it
+    for values in (was, now):  # drop an empty part if the other one has keys
         for key in [key for key, value in values.items() if value == {}]:
             del values[key]
     return [
@@ -118,9 +118,9 @@ def about_run(
 
 
 def domain_code(settings: Settings) -> str:
-    """A digest of the domain's source: its module, or all modules of the package that it is in.
+    """A digest of the domain's source: its module, or all modules of its package.
 
-    "" for the domains of islandgp, whose code is in the tag `code`, and for one without a file.
+    "" for the domains of islandgp, which have the tag `code`, and for a domain without a file.
     """
     module = sys.modules[settings.domain.factory.__module__]
     if module.__name__.startswith("islandgp.") or not getattr(module, "__file__", None):

@@ -1,4 +1,4 @@
-"""One run from settings to summary: wires the parts, and owns every side effect."""
+"""One run from settings to summary: connects the components, and has all side effects."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Pruned(Exception):
 
 
 Judge = Callable[[int, float], None]
-"""Called with a generation and its highest fitness; may raise Pruned."""
+"""(generation, highest fitness) -> None; may raise Pruned to stop the run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +225,7 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot continue; its records are kept.
     """
-    trust(names_in(config))  # the user's own; a launcher may have started this process
+    trust(names_in(config))  # the user's classes; a launcher may have started this process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
@@ -238,7 +238,7 @@ def run(
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.safe_dump(config, sort_keys=False), about)
-        if target.finished():  # by the process that had the folder until now
+        if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
         where = _evolve_tracked(
             settings, plan, cost, target, supervisor, tracker, keep_display, judge
@@ -258,7 +258,7 @@ def _evolve_tracked(
     keep_display: bool,
     judge: Judge | None,
 ) -> str:
-    """Evolves beside the tracker and the page of the run; returns the tracker's last line."""
+    """Evolves, with the run's tracker and page; returns the tracker's last line."""
     status, page = Status.FAILED, PageWriter(target)
     tracker.start(target)
     try:
@@ -284,10 +284,10 @@ def _end(target: RunFolder, *more: str) -> RunResult:
 
 
 def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
-    """A finished run as it is; the tracker sends what is missing of it.
+    """The result of a run that was finished before; the tracker sends missing records.
 
     Raises:
-        RunError: a file of it is damaged.
+        RunError: a file of the run is damaged.
     """
     target.must_be_sound(page=False)
     target.restore()
@@ -348,7 +348,7 @@ def _evolve(
         target.must_be_as_left()
         best = best_robot(settings, target, evaluator)
     finally:
-        steps.close()  # now, and not when the interpreter ends
+        steps.close()  # not only when the interpreter ends
         evaluator.close()
     _finish(settings, plan, target, last, best)
 
@@ -359,7 +359,7 @@ def _keep(
     progress: Progress,
     judge: Judge | None,
 ) -> Step:
-    """Writes down each step while the episodes of the next one run; returns the last."""
+    """Writes each step while the episodes of the next one run; returns the last one."""
     step: Step | None = None
     written: Future[None] = Future()
     written.set_result(None)
@@ -383,7 +383,7 @@ def _write(target: RunFolder, tracker: Tracker, page: PageWriter, step: Step) ->
 
 
 def _finish(settings: Settings, plan: Plan, target: RunFolder, last: Step, best: Best) -> None:
-    """Writes the archive and the summary of a run that has come to its end."""
+    """Writes the archive and the summary of a run at its end."""
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(last.archive, axes, floor=floor)
     archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)

@@ -30,7 +30,7 @@ class StartTrees:
 
 
 def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> StartTrees:
-    """The tree of a file, or the best usable trees of an archive.
+    """Read the tree of a file, or the best usable trees of an archive.
 
     Args:
         start: a file of a tree, a run's folder, or its archive.json.

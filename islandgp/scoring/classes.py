@@ -1,10 +1,9 @@
 """Behaviours, specialist classes and quality tiers: sections 2.3.3 and 2.3.4, Table 4.
 
-A behaviour is a counter that an individual has above 0. Some behaviours compete: an
-individual is a specialist of the one that it does more than `dominance_ratio` times as
-often as any other of them, and the classes exclude each other. The other behaviours are
-labels that any class can carry. (The inequalities of section 2.3.3 did not survive in the
-paper's text.)
+An individual shows a behaviour if its counter is above 0. Some behaviours compete: an individual is
+a specialist of the one that it shows more than `dominance_ratio` times as often as any other of
+them. So the specialist classes are exclusive. The other behaviours are labels that an individual of
+any class can have. (The inequalities of section 2.3.3 are missing in the paper's text.)
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ Name = Annotated[str, StringConstraints(pattern=CLASS_NAME)]
 
 RARE: Final = "rare"  # a behaviour that has almost died out
 INTEGRATION: Final = "integration"  # several behaviours in one tree
-EXPLORATION: Final = "exploration"  # something very different
+EXPLORATION: Final = "exploration"  # a tree that differs from the population
 AIMS: Final = (RARE, INTEGRATION, EXPLORATION)
 """Targets of trees beside single behaviours: rows of Table 7."""
 
@@ -42,17 +41,17 @@ class Specialists(BaseModel, frozen=True, extra="forbid"):
 
     of: tuple[Name, ...] = Field(min_length=1)  # behaviours that compete
     dominance_ratio: float = Field(ge=1)
-    idle: Name  # the class of those that do none of them; all others are working, Eq. (4)
-    mixed: Name  # the class of those in which none dominates
+    idle: Name  # class of individuals that show none; all others are working, Eq. (4)
+    mixed: Name  # class of individuals in which no behaviour dominates
 
 
 class Tier(BaseModel, frozen=True, extra="forbid"):
     """A row of Table 4. Values are those of counters, or of `fitness`."""
 
-    at_least: dict[str, FiniteFloat] = Field(default_factory=dict)  # the least of each
-    above: dict[str, FiniteFloat] = Field(default_factory=dict)  # what each must exceed
-    also: Name | None = None  # a tier that must be reached as well
-    better_than: Name | None = None  # the tier that comes next; None: the place in the table
+    at_least: dict[str, FiniteFloat] = Field(default_factory=dict)  # lower bounds, inclusive
+    above: dict[str, FiniteFloat] = Field(default_factory=dict)  # lower bounds, exclusive
+    also: Name | None = None  # another tier that is required
+    better_than: Name | None = None  # the next lower tier; None: by the order of the table
 
     def values_hold(self, o: Outcome) -> bool:
         """True if an outcome meets the conditions of this row."""
@@ -68,17 +67,17 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     specialists: Specialists
     tiers: dict[Name, Tier] = Field(min_length=1)  # best first
     milestones: tuple[Name, ...] = Field(min_length=1)
-    """Tiers by which runs are compared, the easiest first; their first robots are reported."""
+    """Tiers whose first robots are reported and compared between runs, the easiest first."""
     agent: str = Field(default="Robot", min_length=1, max_length=40)
     """Term for an individual in titles, such as Robot or Lander; its plural has an s."""
     hardest: tuple[Name, ...] = ()
-    """Behaviours, the hardest to find first: supervisors that go by rules decide between equals by
-    it. Behaviours that are not named follow, the last one first."""
+    """Behaviours, the hardest to find first; rule-based supervisors use this order to break ties.
+    Behaviours that are not listed follow in reverse order."""
 
     @field_validator("tiers")
     @classmethod
     def _best_first(cls, tiers: dict[str, Tier]) -> dict[str, Tier]:
-        """The tiers in their order: each with `better_than` right before the tier that it names."""
+        """The tiers, best first; one with `better_than` is right before the tier that it names."""
         order = [name for name, tier in tiers.items() if tier.better_than is None]
         waiting = {name: tier.better_than for name, tier in tiers.items() if tier.better_than}
         for name, other in waiting.items():
@@ -120,7 +119,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         return self
 
     def needed(self, tier: str) -> tuple[str, ...]:
-        """A tier and those that must be reached as well. Raises ValueError for a circle."""
+        """A tier and all tiers that it requires. Raises ValueError if they require each other."""
         chain: list[str] = []
         at: str | None = tier
         while at is not None:
@@ -143,11 +142,11 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
                     yield from unknown(path, measure, known)
 
     def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
-        """The behaviours of an individual: those whose counter is above 0 in any episode."""
+        """The behaviours of an individual: those whose counter is above 0."""
         return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
 
     def tier_title(self, tier: str) -> str:
-        """The name of a tier's individuals: `full_service` is a Full Service Robot."""
+        """The title of a tier's individuals: "Full Service Robot" for `full_service`."""
         return f"{title(tier)} {self.agent}"
 
     @property
@@ -179,7 +178,7 @@ class BehaviourLabels:
 
 
 def specialist(o: Outcome, classes: Classes) -> str:
-    """The one class of an individual (section 2.3.3)."""
+    """The exclusive class of an individual (section 2.3.3)."""
     s = classes.specialists
     counts = sorted(((o.counters[classes.behaviours[name]], name) for name in s.of), reverse=True)
     most, name = counts[0]

@@ -1,9 +1,9 @@
-"""Limits on counters that a robot has to keep, and the order in which they rank individuals.
+"""Constraints: limits on counters, and the ranking of individuals by violation and fitness.
 
-Feasible before fit, by the rules of Deb 2000, "An efficient constraint handling method for
-genetic algorithms", doi 10.1016/S0045-7825(99)00389-8: who keeps all limits comes before who breaks
-one, of two that break some the smaller total violation is better, and of two that keep all the
-higher fitness.
+The rules of Deb 2000, "An efficient constraint handling method for genetic algorithms", doi
+10.1016/S0045-7825(99)00389-8: a feasible individual is better than an infeasible one; of two
+infeasible ones, the one with the smaller total violation is better; of two feasible ones, the one
+with the higher fitness.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Bound(BaseModel, frozen=True, extra="forbid"):
         return self
 
     def violation(self, value: float) -> float:
-        """By how much a value is outside, as a share of the limit (of 1 for smaller limits)."""
+        """The distance of a value from the limits, relative to the limit (at least to 1)."""
         if self.at_least is not None and value < self.at_least:
             return (self.at_least - value) / max(1.0, abs(self.at_least))
         if self.at_most is not None and value > self.at_most:
@@ -50,16 +50,16 @@ NO_CONSTRAINTS: Final[Constraints] = MappingProxyType({})
 NO_COUNTERS: Final[Mapping[str, float]] = MappingProxyType({})
 
 Merit: TypeAlias = tuple[float, float]
-"""Orders individuals, the greater the better: minus the violation, then the fitness."""
+"""Sort key: (minus the violation, fitness); greater is better."""
 
 
 def violation(counters: Mapping[str, float], constraints: Constraints) -> float:
-    """The sum of the violations of all limits, >= 0; 0: all are kept."""
+    """The sum of the violations of all limits, >= 0; 0 if all are kept."""
     return float(total(bound.violation(counters[name]) for name, bound in constraints.items()))
 
 
 def merit(fitness: float, violation: float) -> Merit:
-    """Sort key of individuals: feasible before fit."""
+    """The sort key of an individual with this fitness and violation."""
     return -violation, fitness
 
 
@@ -69,7 +69,7 @@ def limited(counters: Mapping[str, float], constraints: Constraints) -> dict[str
 
 
 def running_mean(before: Mapping[str, float], now: Mapping[str, float], n: int) -> dict[str, float]:
-    """The means of counters over `n` evaluations, from those over the first n - 1 and the last."""
+    """The means of counters over `n` evaluations, from those over n - 1 and the last values."""
     return {name: before[name] + (value - before[name]) / n for name, value in now.items()}
 
 
@@ -81,12 +81,12 @@ def mean_violation(outcomes: Sequence[Outcome], constraints: Constraints) -> flo
 
 
 def feasible_share(outcomes: Sequence[Mapping[str, float]], constraints: Constraints) -> float:
-    """The share of at least one set of counters that keep all limits, in [0, 1]."""
+    """The share of outcomes that keep all limits, in [0, 1]; there must be an outcome."""
     return sum(not violation(counters, constraints) for counters in outcomes) / len(outcomes)
 
 
 def in_words(constraints: Constraints) -> str:
-    """The limits for people, e.g. "collisions at most 3"."""
+    """The limits as text, e.g. "collisions at most 3"."""
     return ", ".join(
         f"{name} {word} {limit:g}"
         for name, bound in constraints.items()
@@ -102,7 +102,7 @@ def faults(constraints: Constraints, schema: Schema) -> Iterator[str]:
 
 
 def recorded_constraints(config: Mapping[str, Any]) -> Constraints:
-    """The constraints of a run, from its configuration. Raises RunError where it is damaged."""
+    """The constraints in a run's configuration. Raises RunError if they are damaged."""
     try:
         limits = dict(config.get("constraints") or {})
         return {str(name): Bound.model_validate(bound) for name, bound in limits.items()}

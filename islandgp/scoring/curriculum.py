@@ -1,4 +1,4 @@
-"""Staged training: which multipliers hold in which generation (section 2.3.1, Table 2)."""
+"""The curriculum: multipliers of the fitness components by stage (section 2.3.1, Table 2)."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ class Stage(BaseModel, frozen=True, extra="forbid"):
     epochs: tuple[int, int]  # first and last epoch, from 1
     multipliers: dict[str, Multiplier]  # by component; 1 for those not named
     world: dict[str, Any] = Field(default_factory=dict)
-    """Settings of the group `world` that are others in this stage, e.g. `{levels: [DoorKey]}`."""
+    """Settings of the group `world` that differ in this stage, e.g. `{levels: [DoorKey]}`."""
 
 
 class Curriculum(BaseModel, frozen=True, extra="forbid"):
     """Table 2."""
 
-    generations_per_epoch: int = Field(ge=1)  # as long as an epoch lasts
+    generations_per_epoch: int = Field(ge=1)
     stages: tuple[Stage, ...] = Field(min_length=1)
-    last_only: bool = False  # every generation belongs to the last stage
+    last_only: bool = False  # True: every generation belongs to the last stage
 
     @model_validator(mode="after")
     def _no_gaps(self) -> Curriculum:
@@ -64,5 +64,5 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
         return len(self.stages) - 1
 
     def multipliers(self, stage: int) -> Mapping[str, float]:
-        """The multipliers of a stage's index, by component."""
+        """The multipliers of the stage with this index, by component."""
         return self.stages[stage].multipliers

@@ -1,4 +1,4 @@
-"""One generation in numbers: diversity, Eq. (3), the working ratio, Eq. (4), and counts."""
+"""Statistics of a generation: diversity, Eq. (3), the working ratio, Eq. (4), and counts."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, vio
 from islandgp.scoring.curriculum import Curriculum
 
 ALIASES: Final = {"behaviour_counts": "doing"}
-"""Fields with another name in a run's records, and that name."""
+"""Names in the records of the fields that have another name there."""
 
 
 @dataclass(frozen=True, slots=True)
 class GenerationStats:
-    """One generation in numbers."""
+    """Statistics of a generation."""
 
     generation: int  # from 0
     epoch: int  # from 1
     stage: int  # index into Table 2, from 0
-    best: float  # fitness of the best individual, points: the highest, without constraints
+    best: float  # fitness of the best individual, points
     mean: float  # mean fitness, points
     sd: float  # its standard deviation over the population, points
     diversity: float  # Eq. (3), over the exclusive classes
@@ -38,7 +38,7 @@ class GenerationStats:
     tiers: dict[str, int]  # individuals by tier of Table 4
     counters: dict[str, float]  # means over the population, by counter of the domain
     size: float  # nodes, mean
-    rate: float  # mutation rate that made this generation
+    rate: float  # mutation rate with which this generation was created
 
 
 def diversity(specialists: Sequence[str]) -> float:
@@ -47,9 +47,9 @@ def diversity(specialists: Sequence[str]) -> float:
 
 
 def overlapping(behaviour_counts: Mapping[str, int]) -> float:
-    """Eq. (3) over categories that overlap: D = 1 - max_b n_b / sum_b n_b; 0 when none is done.
+    """Eq. (3) for overlapping categories: D = 1 - max_b n_b / sum_b n_b; 0 if all counts are 0.
 
-    Table 12 fits the numbers of Table 13 in this reading alone.
+    Only with this reading are the numbers of Table 12 consistent with those of Table 13.
     """
     shown = sum(behaviour_counts.values())
     return 1 - max(behaviour_counts.values()) / shown if shown else 0.0
@@ -66,7 +66,7 @@ def generation_stats(
     rate: float,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> GenerationStats:
-    """Line 5 of Algorithm 1: the numbers of an evaluated population, which `rate` made."""
+    """Line 5 of Algorithm 1: the statistics of an evaluated population, created with `rate`."""
     specialists = [label.specialist for label in labels]
     tier_counts = Counter(tier for label in labels for tier in label.tiers)
     fitness = [o.fitness for o in outcomes]

@@ -12,19 +12,19 @@ from islandgp.domain import Schema
 
 
 class Band(BaseModel, frozen=True, extra="forbid"):
-    """Points of an event whose amount is below a level."""
+    """The points of an event whose amount is below a bound."""
 
-    below: FiniteFloat  # levels under this one
-    points: FiniteFloat  # that they earn
+    below: FiniteFloat  # the bound, exclusive
+    points: FiniteFloat  # of such an event
 
 
 class Reward(BaseModel, frozen=True, extra="forbid"):
-    """A row of Table 3: what one event earns by its amount. Penalties are negative."""
+    """A row of Table 3: the points of an event, by its amount. Penalties are negative."""
 
-    component: str  # of the fitness, to which the points are added
+    component: str  # of the fitness to which the points are added
     base: FiniteFloat = 0  # points per event
     per_unit: FiniteFloat = 0  # points per unit of the amount
-    bands: tuple[Band, ...] = ()  # by rising level; the first that applies replaces the two above
+    bands: tuple[Band, ...] = ()  # by rising bound; the first match replaces base and per_unit
     over: FiniteFloat | None = None  # amounts up to this earn nothing
 
     @model_validator(mode="after")
@@ -65,7 +65,7 @@ class RewardTable(BaseModel, frozen=True, extra="forbid"):
 
 
 def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
-    """A line for a name that the domain does not declare."""
+    """A line if a name is not known, with the nearest name or all of them."""
     if name not in known:
         near = get_close_matches(name, known, 1, 0.7)
         hint = f"; did you mean {near[0]}?" if near else ""
@@ -79,7 +79,7 @@ NOTHING: Final = Reward(component="")
 
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
-    """Points of an event by its amount: a term of Eq. (1)."""
+    """The function of an event's points by its amount: a term of Eq. (1)."""
     shares = table.maxima if table.normalize else {}
     rows = {}
     for event, reward in table.events.items():
@@ -95,7 +95,7 @@ def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
 
 
 def _points(reward: Reward) -> Callable[[float], float]:
-    """`Reward.points` of a row, quicker where it is a straight line."""
+    """`Reward.points` of a row, faster for a linear one."""
     if reward.bands or reward.over is not None:
         return reward.points
     base, per_unit = reward.base, reward.per_unit

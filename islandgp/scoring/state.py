@@ -1,9 +1,7 @@
-"""The population's state that a supervisor sees: Table 5 and the list of section 2.4.5.
+"""The state of the population that a supervisor receives: Table 5, section 2.4.5.
 
-A `GenerationStats` is one generation in numbers. The state is a function of the
-generations so far, so that it can be made again from a run's history.
-
-The emergency override in a crisis is that of Eq. (7) and (8), section 2.4.3.
+The state is a function of the statistics of the generations so far, so it can be recomputed from a
+run's history. `Crisis` is the emergency override of Eq. (7) and (8), section 2.4.3.
 """
 
 from __future__ import annotations
@@ -23,55 +21,55 @@ class Crisis(BaseModel, frozen=True, extra="forbid"):
     """Conditions of a crisis, and the mutation rate that is then enforced."""
 
     diversity_below: float = Field(ge=0, le=1)  # Eq. (7): threshold of Eq. (3)
-    stagnant_epochs_above: float = Field(ge=0)  # Eq. (7): epochs without a better best
+    stagnant_epochs_above: float = Field(ge=0)  # Eq. (7): epochs without a rise of the best
     emergency_rate: float = Field(ge=0, le=1)  # Eq. (8)
 
     def reason(self, diversity: float, stagnant_epochs: float) -> str:
-        """Eq. (7): "diversity" or "stagnation", or "" when there is no crisis."""
+        """Eq. (7): "diversity" or "stagnation", or "" without a crisis."""
         if diversity < self.diversity_below:
             return "diversity"
         return "stagnation" if stagnant_epochs > self.stagnant_epochs_above else ""
 
     def rate(self, wanted: float, reason: str) -> float:
-        """Eq. (8): the emergency rate in a crisis, else what the supervisor wanted."""
+        """Eq. (8): the emergency rate in a crisis, else the rate that the supervisor advised."""
         return self.emergency_rate if reason else wanted
 
 
 class StateSettings(BaseModel, frozen=True, extra="forbid"):
-    """Windows for trends and plateaus of the history."""
+    """Settings of trends and plateaus."""
 
-    window: int = Field(ge=2, le=50)  # generations that a trend looks back
-    improvement: float = Field(ge=0, le=1)  # share by which a best must rise to count as better
-    low_diversity: float = Field(ge=0, le=1)  # a warning, not yet a crisis
+    window: int = Field(ge=2, le=50)  # generations of a trend
+    improvement: float = Field(ge=0, le=1)  # least relative rise of the best that counts
+    low_diversity: float = Field(ge=0, le=1)  # below it there is a warning, not yet a crisis
 
 
 @dataclass(frozen=True, slots=True)
 class PopulationState:
-    """Table 5. Everything a supervisor may base its guidance on.
+    """Table 5: the input of a supervisor's guidance.
 
-    Fitness is compared within a stage of the curriculum alone: other multipliers,
-    another scale. When a stage begins its changes, trends and plateau begin at 0.
+    Fitness is compared within a stage of the curriculum only, as stages have different scales. At
+    the start of a stage its changes, trends and plateau are 0.
     """
 
     now: GenerationStats
     history: tuple[GenerationStats, ...]  # the last generations, oldest first, `now` included
-    best_rose: bool  # the best of the present stage has just risen
-    best_rise: float  # rise of the best over the window, as a share of what it was
-    best_change: float  # points: best now minus the best of the previous generation
+    best_rose: bool  # the best of the stage rose in the last generation
+    best_rise: float  # relative rise of the best over the window
+    best_change: float  # points, against the previous generation
     mean_change: float  # points
-    best_trend: float  # points a generation, least squares over the window
-    mean_trend: float  # points a generation
+    best_trend: float  # points per generation, least squares over the window
+    mean_trend: float  # points per generation
     diversity_change: float  # against the previous generation
-    diversity_trend: float  # a generation
-    stagnant_generations: int  # since the best of the present stage last rose
+    diversity_trend: float  # per generation
+    stagnant_generations: int  # since the best of the stage last rose
     stagnant_epochs: float  # the same in epochs
-    crisis: str  # Eq. (7): "diversity", "stagnation", or "" when there is none
+    crisis: str  # Eq. (7): "diversity", "stagnation", or "" for none
     diversity_warning: bool  # diversity is low
     milestones_reached: dict[str, bool]  # by milestone, the easiest first
     dominant: str  # the largest exclusive class
-    rarest_behaviours: tuple[str, ...]  # behaviours by rising number of individuals that do them
-    targets: tuple[str, ...]  # what a tree can be for (Table 7)
-    mutation_rate: float  # now in force
+    rarest_behaviours: tuple[str, ...]  # by number of individuals, the rarest first
+    targets: tuple[str, ...]  # targets of trees (Table 7)
+    mutation_rate: float  # in force
     crossover_rate: float
     population: int
     generations: int  # of the whole run
@@ -79,12 +77,12 @@ class PopulationState:
 
     @property
     def quality(self) -> int:
-        """Robots of the first milestone that are alive now."""
+        """Number of individuals that reach the first milestone."""
         return self.now.tiers[next(iter(self.milestones_reached))]
 
     @property
     def ever_quality(self) -> bool:
-        """True if a robot of the first milestone has existed."""
+        """True if an individual has ever reached the first milestone."""
         return next(iter(self.milestones_reached.values()))
 
 

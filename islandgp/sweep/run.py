@@ -86,7 +86,7 @@ def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bo
         if (file := sweep.read()) is not None:
             echo(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
     if interrupted:
-        print("islandgp: stopped; the same command goes on from here", file=sys.stderr)
+        print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
     return _report_unfinished(entries) or _report_fallbacks(entries)
 

@@ -39,11 +39,11 @@ class Artifact:
     """One file in MLflow."""
 
     name: str
-    content: Path | Callable[[], str]  # the path of a file, or a function that makes the text
+    content: Path | Callable[[], str]  # the path of a file, or a function that returns its text
 
 
 def artifacts(folder: RunFolder) -> Iterator[Artifact]:
-    """All files of a run that has ended; those that it has not written are left out."""
+    """The files of a run that has ended, as far as they exist."""
     for name in FILES:
         if (file := folder.path / name).exists():
             yield Artifact(name, file)

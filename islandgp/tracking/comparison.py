@@ -1,4 +1,4 @@
-"""Comparisons and MLflow: runs chosen by a filter string, and a report kept as a run."""
+"""Comparisons and MLflow: runs selected by a filter string, and a report stored as a run."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.tracking.store import Place, Store, metric
 
 NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
-"""The artifacts that make a run's folder again."""
+"""The artifacts from which a run's folder is restored."""
 
-MOST: Final = 10_000  # runs that a filter may choose
+MOST: Final = 10_000  # most runs that a filter may select
 
 
 def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
-    """Downloads the run folders that an MLflow filter chooses to `cache`/<run id>.
+    """Downloads the run folders that an MLflow filter selects to `cache`/<run id>.
 
-    Parent runs of sweeps and comparisons are passed over: they hold no records.
+    Parent runs of sweeps and comparisons are skipped, as they have no records.
 
     Raises:
-        StudyError: the filter is wrong, or chooses no run with records.
-        TrackingError: the store cannot be asked.
+        StudyError: the filter is invalid, or selects no run with records.
+        TrackingError: the store does not answer.
     """
     from mlflow.exceptions import MlflowException
 
-    if place.file is not None and not place.file.exists():  # reading must not make one
+    if place.file is not None and not place.file.exists():  # MLflow would create it
         raise TrackingError(f"Expected an MLflow store in {place.file}, found none; give --uri.")
     try:
         store = Store(place)
@@ -75,9 +75,9 @@ def publish(
     metrics: Mapping[str, float],
     note: str,
 ) -> str:
-    """Keeps a report as an MLflow run: its files as artifacts; returns a line for the user.
+    """Stores a report as an MLflow run with its files as artifacts; returns a line for the user.
 
-    A store that is away costs the MLflow run, not the report.
+    If the store is unreachable, the line reports it; the report's files exist anyway.
     """
     from mlflow.entities import Param
 

@@ -41,11 +41,11 @@ class SyncRequest:
     """
 
     folder: str
-    places: tuple[Place, ...]  # one run: its store; else the stores whose credentials are known
-    status: Status | None = None  # of the run; None: `folder` is synchronized with all below it
+    places: tuple[Place, ...]  # the store of one run; for a folder, stores with known credentials
+    status: Status | None = None  # of the run; None: synchronize all runs below `folder`
     retry: bool = True  # True: repeat a failed request until it succeeds
     trusted: frozenset[str] = field(default_factory=trusted)
-    """Names of user code that the process that makes the request trusts."""
+    """Names of user code that the requesting process trusts."""
 
     def to_line(self) -> str:
         """The request as a line of JSON. It holds credentials."""
@@ -53,7 +53,7 @@ class SyncRequest:
 
     @classmethod
     def from_line(cls, line: str) -> Self:
-        """The request that `to_line` wrote."""
+        """Read a request that `to_line` wrote."""
         values = json.loads(line)
         places = tuple(Place(**place) for place in values.pop("places"))
         status = values.pop("status")
@@ -72,7 +72,7 @@ class EventKind(StrEnum):
     PREPARING = "preparing"  # `text`: the slow step, loading MLflow or making a store; "": done
     PROGRESS = "progress"  # records were sent, or a followed folder has nothing new
     TROUBLE = "trouble"  # `text`: why a request failed, or, without a folder, the process ended
-    DONE = "done"  # the last request for a folder is carried out; `text`: what could not be sent
+    DONE = "done"  # the last request for a folder was executed; `text`: what could not be sent
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,14 +91,14 @@ OnEvent = Callable[[SyncEvent], None]
 
 
 class Follower:
-    """Carries out requests, in turn; a followed run again every PERIOD."""
+    """Executes requests in turn; followed runs every PERIOD."""
 
     def __init__(self, on_event: OnEvent) -> None:
         self._on_event = on_event
         self._uploaders: dict[str, RunUploader] = {}
 
     def run(self, requests: Queue[SyncRequest | None]) -> None:
-        """Carry out the requests of a queue until it yields None."""
+        """Execute the requests of a queue until it yields None."""
         open_requests: dict[str, SyncRequest] = {}
         while True:
             with suppress(Empty):
@@ -112,7 +112,7 @@ class Follower:
                     del open_requests[request.folder]
 
     def _carry_out(self, request: SyncRequest) -> bool:
-        """Carry out a request once; return True unless it failed."""
+        """Execute a request once; return True unless it failed."""
         trust(request.trusted)
         try:
             text = self._sync(request) if request.status is None else self._send(request)

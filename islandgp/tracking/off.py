@@ -1,4 +1,4 @@
-"""No tracker: the run's folder is all there is."""
+"""No tracking: the run's folder has all records."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from islandgp.records.folder import RunFolder, Status
 
 
 class OffSettings(BaseModel, frozen=True, extra="forbid"):
-    """Nothing to choose."""
+    """There are no settings."""
 
 
 class Off:
-    """Follows nothing."""
+    """Does nothing."""
 
     Settings = OffSettings
 

@@ -18,7 +18,7 @@ from islandgp.tracking.store import ARM, POINTS, Store, metric
 from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
 from islandgp.tracking.sync_state import LOCK, SyncState, read_state, write_state
 
-LONGEST: Final = 180  # characters of an arm's name in a metric's; MLflow takes 250 for the whole
+LONGEST: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
@@ -49,7 +49,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         state = _parent(sweep, file, store)
         if status is Status.RUNNING or state.done == f"{status} {key}":
             return state.run
-        if state.identity not in ("", key):  # its curves are of other jobs, and can't be taken back
+        if state.identity not in ("", key):  # its curves are of other jobs, and cannot be deleted
             store.client.delete_run(state.run)
             state = _create(sweep, file, store)
             write_state(sweep.path, state)

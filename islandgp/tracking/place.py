@@ -34,7 +34,7 @@ def place_from(uri: str, experiment: str) -> Place:
 
 
 def place_of(folder: RunFolder) -> Place | None:
-    """The store in a run's configuration; None without tracking.
+    """The store named by a run's configuration; None without tracking.
 
     Raises:
         RunError, TrackingError: the folder is damaged.
@@ -58,7 +58,7 @@ def place_of(folder: RunFolder) -> Place | None:
 
 
 def place_of_latest(runs: Path) -> Place:
-    """The store of the run that was started last. Raises TrackingError where there is none."""
+    """The store of the run that was started last. Raises TrackingError if there is none."""
 
     def started(folder: RunFolder) -> tuple[float, Path]:
         return (folder.path / "about.json").stat().st_mtime, folder.path

@@ -92,7 +92,7 @@ class Place:
 
     @classmethod
     def of(cls, settings: MLflowSettings, home: Path) -> Place:
-        """The place by settings; relative paths are resolved from `home`."""
+        """The place for these settings; relative paths are relative to `home`."""
         if not settings.uri.startswith(SQLITE):
             uri = CREDENTIALS.sub("", settings.uri).rstrip("/")
             match = CREDENTIALS.search(settings.uri)
@@ -280,13 +280,13 @@ def _client(place: Place, preparing: Preparing) -> MlflowClient:
 ACCOUNT: Final = ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD")
 
 _user_values: Final[dict[str, str | None]] = {}
-"""The user's own values of these variables, while those of an address take their place."""
+"""The user's values of these variables while those of an address replace them."""
 
 
 def _authenticate(place: Place) -> None:
-    """Hands MLflow the name and password of the address by the environment, where it looks.
+    """Passes the name and password of an address to MLflow by environment variables.
 
-    A place without them gets what the user has set there, and never those of another address.
+    A place without them gets the user's own variables, never those of another address.
     """
     name, _, password = place.credentials.partition(":")
     if name not in ("", HIDDEN):  # hidden where the address was read from a run's folder
@@ -303,7 +303,7 @@ def _authenticate(place: Place) -> None:
 
 
 def _make(file: Path) -> bool:
-    """Makes the SQLite file if there is none: whole, and by one process. Whether it did."""
+    """Creates the SQLite file atomically if it is missing; returns True if it did."""
     file.parent.mkdir(parents=True, exist_ok=True)
     if has_data(file):
         return False

@@ -1,4 +1,4 @@
-"""`islandgp sync`: sends the records of runs and sweeps that their store has not got yet."""
+"""`islandgp sync`: sends records of runs and sweeps that are missing in their store."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from islandgp.tracking.upload import RunUploader, must_be_sendable
 
 @dataclass(slots=True)
 class Synced:
-    """Result of sending the folders."""
+    """Result of a synchronization."""
 
     sent: list[Path] = field(default_factory=list)
     known: list[Path] = field(default_factory=list)  # the store had all of them
@@ -34,11 +34,17 @@ def sync(
     alive: Callable[[], None] = lambda: None,
     preparing: Preparing = lambda _: None,
 ) -> Synced:
-    """Sends what is missing of all runs and sweeps below `root`, to `place` if it is given.
+    """Sends the missing records of all runs and sweeps in a folder.
 
-    A store that is away, or a folder that cannot be sent, is in the result. `places` are
-    those whose credentials are known: the folders hold none. `alive` is called whenever
-    something has arrived, or was there; `preparing` as `Store` does.
+    Args:
+        root: the folder.
+        place: the store to send to; None: that of each run's configuration.
+        places: stores with credentials, which the folders lack.
+        alive: called when records were sent, or were in the store already.
+        preparing: as for `Store`.
+
+    Returns:
+        The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
     done = Synced()
     known = {place: place for place in places}
@@ -74,7 +80,7 @@ def sync(
 
 
 def _store(stores: dict[Place, Any], place: Place, preparing: Preparing) -> Store:
-    """The place's store; a place that was away once is not asked again."""
+    """The store of a place; a place that was unreachable once is not tried again."""
     if place not in stores:
         try:
             stores[place] = Store(place, preparing)

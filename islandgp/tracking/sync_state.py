@@ -21,11 +21,11 @@ class SyncState:
 
     uri: str
     experiment: str
-    identity: str  # of the configuration that is the MLflow run's parameters
+    identity: str  # digest of the configuration in the MLflow run's parameters
     run: str  # MLflow's id
-    begun: bool = False  # whether it has parameters and configuration
-    generations: int = 0  # whose metrics it has, >= 0
-    done: str = ""  # status and generations, when all of these were sent; "" before
+    begun: bool = False  # True: it has parameters and configuration
+    generations: int = 0  # number of generations whose metrics it has, >= 0
+    done: str = ""  # status and number of generations when everything was sent; "" before
 
     def is_in(self, place: Place, identity: str) -> bool:
         """True if the MLflow run is in that place, with that configuration."""

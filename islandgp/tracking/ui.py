@@ -65,7 +65,7 @@ def _milestones(store: Store) -> list[str]:
 
 
 def _view(tiers: list[str], *tags: str) -> dict[str, Any]:
-    """A view as MLflow's pages write it, with the runs grouped by tags.
+    """A view in the format of MLflow's pages, with the runs grouped by tags.
 
     `arms_view.json` has what is the same in each. After its first two charts comes one for each
     milestone, and after its columns, in MLflow's spelling, the generation of the first such robot.
@@ -99,7 +99,7 @@ class Pages:
 
 @contextmanager
 def served(place: Place, port: int) -> Iterator[Pages]:
-    """A server of the store while the context lasts; a tracking server is there already.
+    """Context with a running server of the store; a tracking server runs already.
 
     Raises:
         TrackingError: there is no such file, the port is taken, or the server does not start.
@@ -167,7 +167,7 @@ def server_command(place: Place, port: int) -> list[str]:
 
 
 def _must_have_server() -> None:
-    """Raises TrackingError where only MLflow's client is installed, mlflow-skinny."""
+    """Raises TrackingError if only MLflow's client (mlflow-skinny) is installed."""
     try:
         distribution("mlflow")
     except PackageNotFoundError:
@@ -198,7 +198,7 @@ def _wait(process: subprocess.Popen[bytes], address: str) -> None:
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:
-    """Ends the server with the processes that it started: at once where Ctrl-C comes again."""
+    """Ends the server and its child processes; immediately at a second Ctrl-C."""
     if process.poll() is not None:
         return
     try:

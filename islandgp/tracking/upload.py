@@ -67,12 +67,12 @@ class RunUploader:
     def __init__(
         self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
     ) -> None:
-        """Opens nothing.
+        """Does not open the store.
 
         Args:
             folder: of the run.
             store: to send it to.
-            alive: called each time when records have arrived.
+            alive: called whenever records were sent.
 
         Raises:
             TrackingError: no run was started in the folder.

@@ -101,7 +101,7 @@ def _result(view: RunView) -> str:
         return f"After {done:,} of {total:,} generations, {spent.partition(' and ')[2]}, {best}."
     if view.status is Status.FAILED:
         return f"The run failed after {spent}: {view.folder.reason()} Until then {best}."
-    return f"The run was stopped after {spent}; its command goes on. Until then {best}."
+    return f"The run was stopped after {spent}; the same command continues it. Until then {best}."
 
 
 def _best_robot(view: RunView) -> str:

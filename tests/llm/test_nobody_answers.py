@@ -179,7 +179,7 @@ def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[st
     assert (
         "Language model: 0% of the answers, 12 requests, 0 tokens in, 0 out, $0.0000\n" in said.out
     )
-    assert "this is a run of the fallback" in said.err
+    assert "found that the fallback gave more" in said.err
     assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
 
 

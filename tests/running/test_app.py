@@ -243,7 +243,7 @@ def test_a_generation_that_cannot_be_written_down_ends_the_run(
     before = Lines.append
     with monkeypatch.context() as full:
         full.setattr(Lines, "append", append)
-        assert f"found: {os.strerror(reason)}; mend that" in in_a_line(capsys, *INSTANT)
+        assert f"found: {os.strerror(reason)}; correct that" in in_a_line(capsys, *INSTANT)
     (name,) = leaf(here)
     folder = RunFolder(here / "runs/default" / name)
     assert folder.completed_generations() == generation
@@ -400,7 +400,7 @@ def test_ctrl_c_in_a_sweep_stops_it(here: Path, capsys: pytest.CaptureFixture[st
     """Exit code 130; the job after it was not started."""
     words = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]
     assert main([*words, "seed=0,1", "-m"]) == 130
-    assert "the same command goes on from here" in capsys.readouterr().err
+    assert "the same command continues the run" in capsys.readouterr().err
     assert len(leaf(here)) == 1
 
 

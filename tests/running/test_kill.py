@@ -188,7 +188,7 @@ def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
     process.terminate()
     code, said = finish(process, 60)
     assert code == 130, said
-    assert "the same command goes on from here" in said
+    assert "the same command continues the run" in said
     assert_all_end(process.pid)
 
 

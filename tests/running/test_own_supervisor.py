@@ -66,8 +66,8 @@ def test_an_error_of_a_custom_class_names_the_class(
     assert "mysup.py" in output or "takes 2" in error  # who calls it wrongly is not in the file
     last = output.splitlines()[-1]
     assert last.startswith(f"islandgp: mysup:Mine failed ({error}")
-    assert "this is a fault of that class, not of the program" in last
-    assert "a fault of the program" not in output
+    assert "this is a bug in that class, not in islandgp" in last
+    assert "a bug in islandgp" not in output
 
 
 def test_settings_that_are_no_pydantic_model(
@@ -117,9 +117,9 @@ def test_a_module_may_stand_for_a_class(here: Path, capsys: pytest.CaptureFixtur
 def test_a_supervisor_of_ours_is_not_blamed_on_the_user(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 1 and a fault of the program, as for all that is ours."""
+    """An error in the package's own code has exit code 1 and is reported as a bug."""
     monkeypatch.setattr("islandgp.supervision.fixed.Guidance", None)
     words = ["supervisor=fixed", "name=ours"]
     assert main([*TINY, "tracking=off", *fake("Instant"), *words]) == 1
-    assert "this is a fault of the program" in capsys.readouterr().err.splitlines()[-1]
+    assert "this is a bug in islandgp" in capsys.readouterr().err.splitlines()[-1]
     assert (here / "runs" / "ours").exists()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.evolution.loop import combine
+from islandgp.evolution.loop import mean_outcome
 from tests.made import NOTHING, outcome
 
 
@@ -25,12 +25,12 @@ def test_measure() -> None:
 def test_combine_one() -> None:
     """One episode's outcome is itself."""
     one = outcome(fitness=3.0)
-    assert combine([one]) is one
+    assert mean_outcome([one]) is one
 
 
 def test_combine_is_the_mean() -> None:
     """Several episodes give the mean of each number, and all endings."""
-    found = combine(
+    found = mean_outcome(
         [
             outcome(components={"garbage": 6.0, "idle": 4.0}, pickups=1, seconds=420),
             outcome(components={"garbage": 31.0, "idle": -1.0}, seconds=60, endings=("shutdown",)),

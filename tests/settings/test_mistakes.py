@@ -414,10 +414,10 @@ FILES = [
     # text of a world's file, overrides besides it, the line
     (b"side: [1\nx: {", [],
      "Expected YAML in {file}, found a mistake in line 2, column 2: expected ',' or ']', but got"
-     " ':'; mend it there."),
+     " ':'; correct it there."),
     (b"side: \x07", [],
      "Expected YAML, found: unacceptable character #x0007: special characters are not allowed in"
-     ' "{file}", position 6; mend it there.'),
+     ' "{file}", position 6; correct it there.'),
     (b"side: 3\xff", [],
      "Expected UTF-8 text in {file}, found the byte 0xff at position 7; save it as UTF-8."),
     (b"defaults: [island]\nside: ${foo}", [],
@@ -572,7 +572,7 @@ def test_a_key_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
     """Quotes would not help there."""
     (found,) = errors(capsys, "gp:population=3")
     assert found == (
-        "gp:population=3: expected KEY=VALUE, found a key that cannot be read; mend the key"
+        "gp:population=3: expected KEY=VALUE, found a key that cannot be read; correct the key"
     )
 
 

@@ -101,5 +101,5 @@ def test_links_of_pages_are_made_to_fit() -> None:
     assert pages.rewritten(text, "README.md", places) == (
         "[a](study/results.md#x) b (`pyproject.toml`) `[c](docs/running.md)`"
     )
-    with pytest.raises(SystemExit, match="none; mend the link"):
+    with pytest.raises(SystemExit, match="none; correct the link"):
         pages.rewritten("[a](nowhere.md)", "README.md", places)

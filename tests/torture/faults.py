@@ -19,7 +19,7 @@ class Fault:
     lost: str = "nothing"
 
 
-REFUSED: Final = "exit code 2, the reason in words; the same command goes on"
+REFUSED: Final = "exit code 2, the reason in words; the same command continues the run"
 FAULTS: Final = {
     "disk full": Fault(disks.full_disk, REFUSED),
     "disk full, with MLflow's store on it": Fault(
@@ -44,21 +44,22 @@ FAULTS: Final = {
         " a child process may show a traceback",
     ),
     "INT, TERM, HUP": Fault(
-        stops.stopping_signals, "exit code 130 and a line; the same command goes on"
+        stops.stopping_signals, "exit code 130 and a line; the same command continues the run"
     ),
     "KILL, QUIT, USR1, USR2, ALRM": Fault(
-        stops.ending_signals, "the process ends at once, its workers too; the same command goes on"
+        stops.ending_signals,
+        "the process ends at once, its workers too; the same command continues the run",
     ),
     "PIPE, WINCH, TSTP, STOP and CONT": Fault(stops.harmless_signals, "the run goes on"),
-    "everything killed at once": Fault(stops.lost_machine, "the same command goes on"),
+    "everything killed at once": Fault(stops.lost_machine, "the same command continues the run"),
     "TERM at any moment, 20 times (Slurm's requeue)": Fault(
-        stops.requeued, "exit code 130; the same command goes on"
+        stops.requeued, "exit code 130; the same command continues the run"
     ),
     "worker killed": Fault(stops.killed_workers, "it is replaced, its episodes run again"),
     "worker or simulator that does not answer": Fault(
         stops.silent_worker,
         "after `episode_timeout` exit code 2, with tree and world, and the action where it is the"
-        " simulator; the same command goes on",
+        " simulator; the same command continues the run",
     ),
     "the same command eight times at once, two sweeps": Fault(
         stops.two_commands, "one does the work, the others end with exit code 2"
@@ -92,6 +93,7 @@ FAULTS: Final = {
     ),
     "Ray's workers killed": Fault(clusters.lost_workers, "Ray runs their episodes again"),
     "Ray's head or node killed": Fault(
-        clusters.lost_head, "exit code 2 and a line within a minute; the same command goes on"
+        clusters.lost_head,
+        "exit code 2 and a line within a minute; the same command continues the run",
     ),
 }

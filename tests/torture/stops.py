@@ -27,7 +27,7 @@ def stopping_signals(lab: Lab) -> None:
             process.send_signal(number)
             done = lab.end(process)
             assert done.code == 130, (number, done)
-            assert "stopped; the same command goes on from here" in done.said
+            assert "stopped; the same command continues the run" in done.said
             assert "Traceback" not in done.said, done.said
             lab.assert_finishes(home, words)
 

@@ -180,7 +180,7 @@ def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli)
     said = islandgp("sync", home / "runs", home / "others")
     assert said.code == 2
     assert "1 sent, 0 were there already" in said.out
-    assert "mend what each line names" in said.err
+    assert "correct what each line names" in said.err
     assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
     assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in said.err
     assert "Traceback" not in said.err
