@@ -79,7 +79,10 @@ def generalisation(results: Sequence[Generalisation], study: Comparison) -> draw
         right.set(xlim=(low, high), ylim=(bottom, top))
         drawing.legend(figure, right, 2)
 
-    return drawing.picture("generalisation", draw, height=4.2)
+    entries = len(study.arms) + sum(g.seed is None for g in results)
+    legend = 0.21 * max(0, -(-entries // 2) - 3)
+    names = 0 if len(study.arms) <= drawing.ACROSS else 1
+    return drawing.picture("generalisation", draw, height=4.2 + legend + names)
 
 
 def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
@@ -110,7 +113,7 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
     axes.set_xticks(range(len(names)), names, rotation=20 if len(names) <= drawing.ACROSS else 90)
     axes.set_xlim(-0.6, len(study.arms) - 0.4)
     axes.grid(visible=False, axis="x")
-    axes.set(title="(a) By arm", ylabel="Mean fitness in unseen worlds (points)")
+    axes.set(title="(a) By arm", ylabel="Mean in unseen worlds (points)")
 
 
 def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
