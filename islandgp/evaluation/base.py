@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
@@ -168,6 +168,18 @@ class Evaluator(Protocol):
         ...
 
 
+@runtime_checkable
+class EarlyEvaluator(Protocol):
+    """An evaluator that can run episodes before `evaluate` is called for them."""
+
+    def start(self, job: Job) -> None:
+        """Starts an episode, whose outcome the next `evaluate` returns if the job is in it.
+
+        It raises nothing: an episode that fails is reported by `evaluate`.
+        """
+        ...
+
+
 def evaluated(
     evaluator: Evaluator, trees: Sequence[str | Node], stage: int, worlds: Sequence[int]
 ) -> list[list[Outcome]]:
@@ -247,6 +259,11 @@ class Cached:
     def simulated(self) -> int:
         """Number of episodes simulated so far, without those from the cache."""
         return self.inner.simulated
+
+    def start(self, job: Job) -> None:
+        """See `EarlyEvaluator`."""
+        if job not in self._known and isinstance(self.inner, EarlyEvaluator):
+            self.inner.start(job)
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""

@@ -121,6 +121,7 @@ class Processes:
         self.workers = workers
         self.episode_timeout = episode_timeout
         self.simulated = 0
+        self._early: dict[Job, Future[Outcome]] = {}  # started before `evaluate` is called
         self._pool = self._new_pool()
 
     def _new_pool(self) -> ProcessPoolExecutor:
@@ -132,11 +133,18 @@ class Processes:
             self.workers, context, _start, (self.problem, self.episode_timeout)
         )
 
+    def start(self, job: Job) -> None:
+        """See `EarlyEvaluator`."""
+        if job not in self._early:
+            with suppress(BrokenProcessPool):  # `evaluate` submits the job again
+                self._early[job] = self._submitted(job)
+
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
+        early, self._early = self._early, {}
         try:
-            futures = self._submitted(jobs)
+            futures = [early.get(job) or self._submitted(job) for job in jobs]
         except BrokenProcessPool:  # a worker died between two calls
             return self._one_by_one(jobs, {})
         done: dict[Job, Outcome] = {}
@@ -145,10 +153,10 @@ class Processes:
         except BrokenProcessPool:
             return self._one_by_one(jobs, done)
 
-    def _submitted(self, jobs: Sequence[Job]) -> list[Future[Outcome]]:
+    def _submitted(self, job: Job) -> Future[Outcome]:
         """Raises BrokenProcessPool, also where workers cannot be started."""
         try:
-            return [self._pool.submit(_run, job) for job in jobs]
+            return self._pool.submit(_run, job)
         except (EOFError, OSError) as error:  # the process that starts them was killed
             raise BrokenProcessPool(str(error)) from error
 
@@ -175,7 +183,7 @@ class Processes:
         for job in (job for job in jobs if job not in done):
             for last in (False, True):
                 try:
-                    self._result(job, self._submitted([job])[0], done)
+                    self._result(job, self._submitted(job), done)
                     break
                 except BrokenProcessPool:
                     self._renew()

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import Node, depth, keys_in, size, walk, within
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.node import size
 from islandgp.domain import Outcome, total
-from islandgp.errors import RunError
-from islandgp.evaluation.base import Evaluator, Job, evaluated
+from islandgp.evaluation.base import EarlyEvaluator, Evaluator, Job, evaluated
 from islandgp.evolution.edit_trials import compare_with_parents
+from islandgp.evolution.search_calls import asked_of, restored, updated_search
 from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual
@@ -32,8 +32,6 @@ from islandgp.gp.record import (
     to_record,
     updated_champion,
 )
-from islandgp.plain import from_json, to_json
-from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.classes import classify
 from islandgp.scoring.constraints import violation
 from islandgp.scoring.generation_stats import GenerationStats, generation_stats
@@ -53,6 +51,20 @@ def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     return tuple(seed_of(seed, Stream.WORLD, generation=day, slot=i) for i in range(n))
 
 
+def jobs_of(
+    plan: Plan,
+    generation: int,
+    slot: int,
+    individual: Individual,
+    text: str,
+    worlds: Sequence[int],
+) -> list[Job]:
+    """The episodes of the individual in a slot; `text` is its canonical text."""
+    n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
+    first = 0 if plan.gp.shared_seed else slot * n
+    return [Job(text, stage, world, individual.tree) for world in worlds[first : first + n]]
+
+
 def evaluate(
     plan: Plan,
     generation: int,
@@ -62,11 +74,11 @@ def evaluate(
     evaluator: Evaluator,
 ) -> tuple[Evaluated, ...]:
     """Evaluates individuals in the worlds; `texts` are their canonical texts."""
-    n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
+    n = plan.gp.episodes
     jobs = [
-        Job(text, stage, worlds[e if plan.gp.shared_seed else i * n + e], individual.tree)
-        for i, (individual, text) in enumerate(zip(population, texts, strict=True))
-        for e in range(n)
+        job
+        for slot, (individual, text) in enumerate(zip(population, texts, strict=True))
+        for job in jobs_of(plan, generation, slot, individual, text, worlds)
     ]
     outcomes = evaluator.evaluate(jobs)
     results = []
@@ -212,10 +224,8 @@ def _generation(
     plan, evaluator, g = parts.plan, parts.evaluator, state.generation
     before, began = evaluator.simulated, perf_counter()
     search_state = SearchState(g, state.memory, state.advice)
-    individuals = asked_of(parts.search, search_state, parts.streams, plan)
-    texts = [to_text(i.tree) for i in individuals]
     worlds = training_seeds(plan, parts.streams.seed, g)
-    started = perf_counter()
+    individuals, texts, started = newcomers(parts, search_state, worlds)
     population = evaluate(plan, g, individuals, texts, worlds, evaluator)
     archive = archived(parts, state.archive, population, texts, worlds, g)
     stage = plan.curriculum.stage(g)
@@ -290,6 +300,27 @@ def _generation(
     return Step(record, following, champion, cost, stopped, archive.elites)
 
 
+def newcomers(
+    parts: _Parts, state: SearchState, worlds: Sequence[int]
+) -> tuple[list[Individual], list[str], float]:
+    """The individuals of a generation, their texts, and when their first episode can have started.
+
+    Episodes start while the search makes the next individuals, if the evaluator supports it.
+    """
+    plan, evaluator, g = parts.plan, parts.evaluator, state.generation
+    individuals: list[Individual] = []
+    texts: list[str] = []
+    started = inf
+    for slot, individual in enumerate(asked_of(parts.search, state, parts.streams, plan)):
+        individuals.append(individual)
+        texts.append(to_text(individual.tree))
+        if isinstance(evaluator, EarlyEvaluator):
+            started = min(started, perf_counter())
+            for job in jobs_of(plan, g, slot, individual, texts[-1], worlds):
+                evaluator.start(job)
+    return individuals, texts, min(started, perf_counter())
+
+
 def archived(
     parts: _Parts,
     before: Sequence[Elite],
@@ -320,85 +351,3 @@ def archived(
         ),
         constraints=plan.constraints,
     )
-
-
-def asked_of(
-    search: Search, state: SearchState, streams: Streams, plan: Plan
-) -> tuple[Individual, ...]:
-    """Calls `ask` and checks the individuals. Raises PartError if one cannot be evaluated."""
-    with plugin_errors(path_of(type(search))):
-        individuals = tuple(search.ask(state, streams))
-        if not 1 <= len(individuals) <= plan.gp.population:
-            raise ValueError(
-                f"expected ask to return 1 to gp.population={plan.gp.population} individuals,"
-                f" found {len(individuals)}"
-            )
-        for slot, individual in enumerate(individuals):
-            _must_be_individual(individual, f"{state.generation}.{slot}", plan)
-    return individuals
-
-
-def _must_be_individual(value: object, name: str, plan: Plan) -> None:
-    """Raises TypeError or ValueError unless it is an individual within the run's limits."""
-    if not isinstance(value, Individual):
-        raise TypeError(f"expected ask to return individuals, found {type(value).__name__}")
-    tree = value.tree
-    if not isinstance(tree, Node):
-        raise TypeError(f"expected a tree (Node) in {name}, found {type(tree).__name__}")
-    if value.id != name:
-        raise ValueError(f"expected the id {name!r}, GENERATION.SLOT, found {value.id!r}")
-    if not within(tree, plan.gp.limits):
-        raise ValueError(
-            f"expected at most gp.max_nodes={plan.gp.max_nodes} nodes and"
-            f" gp.max_depth={plan.gp.max_depth} levels in {name},"
-            f" found {size(tree)} and {depth(tree)}"
-        )
-    words = {node.action for node in walk(tree) if node.action}
-    for used, known in (
-        (words, plan.vocabulary.actions),
-        ({*keys_in(tree)}, plan.vocabulary.keys),
-    ):
-        if strange := sorted(used - known.keys()):
-            raise ValueError(
-                f"expected actions and keys of the domain in {name}, found {strange[0]!r}"
-            )
-
-
-def updated_search(
-    search: Search,
-    state: SearchState,
-    population: Sequence[Evaluated],
-    advice: Advice,
-    vocabulary: Vocabulary,
-) -> SearchState:
-    """Calls `tell` and checks the state. Raises PartError if a checkpoint cannot store it."""
-    path = path_of(type(search))
-    with plugin_errors(path):
-        new = search.tell(state, population, advice)
-        if not isinstance(new, SearchState) or new.generation != state.generation + 1:
-            raise ValueError(
-                f"expected tell to return SearchState({state.generation + 1}, ...), found {new!r}"
-            )
-        if not (path.startswith("islandgp.") or new.memory is None):
-            again = from_json(search.Memory, to_json(new.memory), vocabulary)
-            if state.generation == 0 and again != new.memory:
-                raise ValueError("expected a Memory that is the same after a checkpoint")
-    return new
-
-
-def restored(state: RunState, search: Search, vocabulary: Vocabulary) -> RunState:
-    """A checkpoint's state, with its trees in the vocabulary and its search's memory as `Memory`.
-
-    Raises:
-        RunError: the memory is of another search.
-    """
-    state = replace(state, advice=from_json(Advice, to_json(state.advice), vocabulary))
-    if state.memory is None or isinstance(state.memory, search.Memory):
-        return state
-    try:
-        return replace(state, memory=from_json(search.Memory, state.memory, vocabulary))
-    except ValueError as error:
-        raise RunError(
-            f"Expected a checkpoint of the search {type(search).__name__}, found other contents"
-            f" ({error}); use resume=never for a new folder beside this one."
-        ) from error

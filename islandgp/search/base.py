@@ -13,9 +13,9 @@ records depend neither on the number of workers nor on whether a run was resumed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final, Protocol, runtime_checkable
 
 from pydantic import BaseModel
 
@@ -95,6 +95,18 @@ class Search(Protocol):
         Returns:
             The state of the next generation, `state.generation + 1`.
         """
+        ...
+
+
+@runtime_checkable
+class SteadySearch(Protocol):
+    """A search that can also yield the individuals of `ask` one by one.
+
+    The loop evaluates each of them while the search makes the next one.
+    """
+
+    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+        """Yields the individuals that `ask` returns, in the same order."""
         ...
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
@@ -144,8 +144,8 @@ class Brood:
 
 def new_generation(
     plan: Plan, streams: Streams, state: SearchState, brood: Brood, how: Breeding
-) -> tuple[Individual, ...]:
-    """The individuals of a generation, `gp.population` of them, in slot order.
+) -> Iterator[Individual]:
+    """Yields the individuals of a generation, `gp.population` of them, in slot order.
 
     The order: written trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
     Trees evaluated again leave at least two slots to the others.
@@ -167,11 +167,11 @@ def new_generation(
         kept.append((advice.tree, Origin.INJECTED, ()))
     individuals = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(kept)]
     individuals += edited_individuals(advice.edited, g, len(individuals))
+    yield from individuals
     tried = {*brood.tried, *(digest(i.tree) for i in individuals)}
     for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        individuals.append(_new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried))
-    return tuple(individuals)
+        yield _new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried)
 
 
 def _new_individual(
@@ -233,6 +233,10 @@ class BreedingSearch(ABC, Generic[S]):
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
         """See `Search`."""
+        return tuple(self.ask_each(state, streams))
+
+    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+        """See `SteadySearch`."""
         brood = self.first(streams) if state.memory is None else self.brood(state)
         return new_generation(self.plan, streams, state, brood, self.settings.breeding)
 

@@ -117,6 +117,38 @@ def test_a_job_that_cannot_be_run_is_named(evaluator: Evaluator) -> None:
     assert evaluator.evaluate(JOBS[:2]) == list(expected()[:2])
 
 
+@pytest.mark.parametrize("name", ["two processes", "cached"])
+def test_early_episodes_have_the_same_outcomes(name: str) -> None:
+    """Episodes started early, twice or for nothing; the others start in `evaluate`."""
+    pool = Processes(setting(), 2)
+    evaluator = pool if name == "two processes" else Cached(pool)
+    try:
+        for job in (*JOBS[:5], JOBS[0], Job("NoSuchAction", 0, 77)):
+            evaluator.start(job)
+        assert tuple(evaluator.evaluate(JOBS[1:])) == expected()[1:]
+        assert tuple(evaluator.evaluate(JOBS)) == expected()
+    finally:
+        evaluator.close()
+
+
+def test_early_episodes_of_workers_that_die_are_run_again() -> None:
+    """Whether they die before an early start or after it."""
+    pool = Processes(setting(), 2)
+    try:
+        for started in (0, 4):
+            pool.evaluate(JOBS[:4])
+            for job in JOBS[:started]:
+                pool.start(job)
+            for process in multiprocessing.active_children():
+                process.kill()
+                process.join()
+            for job in JOBS[started:]:
+                pool.start(job)
+            assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
 DEADLY = 666  # a stage in which these tests make a worker die
 
 

@@ -22,7 +22,7 @@ def ends(node: Node, context: NodeContext) -> Ends:
     kind = kind_of(node)
     if kind.opaque:
         return frozenset({FAILURE, SUCCESS})
-    each = [ends(child, child_context(node, context, i)) for i, child in enumerate(node.children)]
+    each = [child_ends(node, context, index) for index in range(len(node.children))]
     if kind.decorates:
         statuses = frozenset(kind.ends[end] for end in each[0])
         return statuses | _FAILS if node.guard or kind.may_fail else statuses
@@ -37,6 +37,13 @@ def ends(node: Node, context: NodeContext) -> Ends:
     return reached
 
 
+def child_ends(node: Node, context: NodeContext, index: int) -> Ends:
+    """The statuses with which a child can end, or more; `context` is the parent's."""
+    child = node.children[index]
+    # What a leaf returns does not depend on its place, whose context takes time to make.
+    return ends(child, context if child.action else child_context(node, context, index))
+
+
 def advance_status(node: Node) -> int:
     """The status of a child after which a selector or sequence starts the next one."""
     status = kind_of(node).advance_status
@@ -49,8 +56,9 @@ def dead_end(node: Node, context: NodeContext) -> int | None:
 
     The last child does not count.
     """
-    for index, child in enumerate(node.children[:-1]):
-        if advance_status(node) not in ends(child, child_context(node, context, index)):
+    advance = advance_status(node)
+    for index in range(len(node.children) - 1):
+        if advance not in child_ends(node, context, index):
             return index
     return None
 
@@ -74,13 +82,17 @@ def idle(node: Node, context: NodeContext) -> int | None:
         if never(node.guard, context):
             # The guarded child never starts, so its guards are never observed.
             return FAILURE
-        return (
-            FAILURE if idle(node.children[0], child_context(node, context, 0)) == FAILURE else None
-        )
-    end = idle(node.children[0], child_context(node, context, 0))
+        return FAILURE if child_idle(node, context, 0) == FAILURE else None
+    end = child_idle(node, context, 0)
     if end is None or end == kind.counts or kind.delayed or (kind.may_fail and end != FAILURE):
         return None
     return kind.ends[end]
+
+
+def child_idle(node: Node, context: NodeContext, index: int) -> int | None:
+    """`idle` of a child; `context` is the parent's."""
+    child = node.children[index]
+    return idle(child, child_context(node, context, index)) if kind_of(child).decorates else None
 
 
 def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.outcomes import advance_status, dead_end, ends, idle
+from islandgp.bt.analysis.outcomes import advance_status, child_ends, child_idle, dead_end
 from islandgp.bt.analysis.truth import (
     Conditions,
     NodeContext,
@@ -61,10 +61,11 @@ def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
 
 def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     # The next branch starts in the same tick, and the guards never become true.
+    advance = advance_status(node)
     busy: list[Node] = []
     idling: list[Node] = []
     for index, child in enumerate(node.children):
-        idles = idle(child, child_context(node, context, index)) == advance_status(node)
+        idles = child_idle(node, context, index) == advance
         (idling if idles else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
@@ -125,7 +126,7 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
     if count_of(node) == 1:
         return child, head(node)
     counted = kind_of(node).counts
-    if counted not in ends(child, child_context(node, context, 0)):
+    if counted not in child_ends(node, context, 0):
         word = "fails" if counted == FAILURE else "succeeds"
         return child, f"{head(child)} never {word}, so it is never repeated"
     return None
@@ -149,7 +150,7 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
     if kind.inverts or kind.forces:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
-    if ends(child, child_context(node, context, 0)) <= {end}:
+    if child_ends(node, context, 0) <= {end}:
         word = "succeeds" if end == SUCCESS else "fails"
         return child, f"{head(child)} {word} whenever it ends"
     return None
