@@ -44,7 +44,7 @@ FEWER = ("compose",)  # searches that may ask for fewer than gp.population indiv
 REFUSED = {  # by search: the start of a word of configuration, and what it is answered
     "compose": {
         "gp.max_nodes=": "expected branches that fit",
-        "gp.founders=": "expected the library's branches alone",
+        "gp.founders=": "expected only the library's branches",
     }
 }
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
