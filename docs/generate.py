@@ -113,7 +113,11 @@ def tables() -> dict[str, str]:
                 ("nodes of a tree, each `use` expanded", f"{MAX_NODES:,}"),
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),
                 ("files that a file includes; their characters count as its own", f"{MAX_FILES:,}"),
-                ("different arguments with which subtrees are used", f"{MAX_INSTANCES:,}"),
+                (
+                    "different arguments with which subtrees are used; actions and subtrees count"
+                    " at each place",
+                    f"{MAX_INSTANCES:,}",
+                ),
                 ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
                 (
                     "levels of a condition: each `and`, `or`, `not` and `(` adds one",
@@ -224,13 +228,13 @@ def textmate() -> str:
                 "2": {"name": "entity.name.namespace"},
             },
         },
-        _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
+        _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^(:)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
         _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
         _rule(rf"\b({'|'.join([*COUNTED, *TIMED])})\s+({_A_NAME})", "keyword.control", _OTHER),
         _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
         _rule(rf"\b(when)\s+(?!not\b)({_A_NAME})", "keyword.control", _KEY),
         _rule(rf"\b(and|or|not)\s+(?!not\b)({_A_NAME})", "keyword.operator.logical", _KEY),
-        _rule(rf"\(\s*(?!not\b)({_A_NAME})(?!\w|\s*:)", _KEY),
+        _rule(rf"\(\s*(?!(?:not|use)\b)({_A_NAME})(?!\w|\s*[:(])", _KEY),
         _rule(rf"\b({_A_NAME})\s*:\s*({_A_NAME})", "variable.parameter", "constant.language"),
         _rule(rf"\b({_A_NAME})\s*:", "variable.parameter"),
         {"name": "keyword.control", "match": _any_of(INNER)},

@@ -75,7 +75,7 @@ def test_constants_and_parameters_are_values() -> None:
         "MoveTo(speed: 0.2)\n",
         "MoveTo(speed: 0.2, loud: yes)\n",
     ]
-    with pytest.raises(TreeError, match="'v' is not a value of speed"):
+    with pytest.raises(TreeError, match="'3' is not a value of speed"):
         read("subtree go(v) = MoveTo(speed: v) use go(3)")
 
 

@@ -65,6 +65,8 @@ TREES: Final = (
     b"constant a = 3 subtree s(x, y) = when lap < x and not (foundGarbage or lap > y)"
     b" { repeater 2 { SeekCharger } } selector { use s(a, 2) when not lap < a or foundGarbage"
     b" abort lower { PatrolWaypoint } PatrolWaypoint }",
+    b"subtree s(k, v, go) = when k < v { go } subtree t(x) = selector { x use s(lap, 2, x) }"
+    b" use t(use s(batteryLevel, lap, use t(SeekCharger)))",
     b"domain island subtree r = sequence { SeekCharger ExecuteCharge } parallel success one"
     b" failure all { when batteryLevel < 20 abort lower { use r } inverter { PatrolWaypoint } }",
 )

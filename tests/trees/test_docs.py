@@ -19,7 +19,7 @@ import pytest
 from click.shell_completion import ShellComplete
 
 from islandgp.bt.core.kinds import KINDS
-from islandgp.bt.core.language import parse, words
+from islandgp.bt.core.language import parse, to_text, words
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.render import to_svg
 from islandgp.cli import COMMANDS
@@ -55,6 +55,13 @@ def test_language_is_up_to_date() -> None:
         *(kind for kind in KINDS if kind != "action"),
     ):
         assert name in text
+
+
+def test_parameters_are_as_documented() -> None:
+    """The two files of docs/language.md are equal trees in canonical form."""
+    found = generate.files(generate.LANGUAGE.read_text(encoding="utf-8"))
+    assert format_text(found["fetch.bt"]) == found["fetch.bt"]
+    assert to_text(parse(found["fetch.bt"])) == found["fetch_expanded.bt"]
 
 
 def test_the_drawing_of_a_tree_is_up_to_date() -> None:
@@ -103,6 +110,15 @@ def test_highlighting(file: Path) -> None:
     found = [pair for line in text.splitlines() for pair in scopes(line, rules)]
     coloured = {word for word, _ in found}
     assert {str(word) for word in words(text)} - {"{", "}"} <= coloured
+
+
+def test_highlighting_of_arguments() -> None:
+    """What is passed to a subtree has the colours of its own place."""
+    rules = json.loads(generate.textmate())["patterns"]
+    found = dict(scopes("use go(use far(near), Go(to: dock), 3) use it(a, b)", rules))
+    assert (found["go"], found["far"]) == ("entity.name.function", "entity.name.function")
+    assert (found["Go"], found["to"]) == ("support.function", "variable.parameter")
+    assert found["3"] == "constant.numeric"
 
 
 def test_highlighting_goes_by_place() -> None:

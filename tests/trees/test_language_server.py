@@ -47,6 +47,13 @@ KEYS = {*VOCABULARY.keys}
         ("constant low = 20 when batteryLevel < ", {"low", "lap", "robotCurrentExtraCapacity"}),
         ("constant low = 2 repeater ", {"low"}),
         ("subtree go(times) = repeater ", {"times"}),
+        ("subtree go(key, work) = when ", KEYS | {"not", "key", "work"}),
+        ("subtree go(key, work) = inverter { ", NODES | ACTIONS | {"key", "work"}),
+        ("subtree go(x) = inverter { x } use go(", KEYS | ACTIONS | {"use"}),
+        (
+            "constant n = 2 subtree go(x) = x subtree h(y) = use go(",
+            KEYS | ACTIONS | {"use", "n", "y"},
+        ),
         ("parallel ", {"success", "failure"}),
         ("parallel success ", {"one", "all"}),
         ("subtree a = SeekCharger subtree b = use ", {"a"}),
@@ -81,6 +88,7 @@ def test_every_completed_action_parses() -> None:
         ("when foundGarbage { x }", "foundGarbage", "`when foundGarbage`"),
         ("when a abort lower { x }", "lower", "later branches are stopped"),
         ("subtree go(n) = repeater n { x } use go(2)", "go", "subtree go(n) = repeater n { x }"),
+        ("subtree go(lap) = when lap < 3 { x }", "lap", "a parameter of go"),
         ("constant low = 20 # percent\nwhen a < low { x }", "low", "`low = 20`"),
     ],
 )
@@ -190,6 +198,35 @@ def test_names_that_are_taken(name: str, new: str) -> None:
     """A constant keeps away from parameters, which would hide it."""
     with pytest.raises(TreeError, match=f"found {new}, which already names a"):
         renamed(NUMBERS, re.search(rf"\b{name}\b", NUMBERS).start(), new, Path())  # type: ignore[union-attr]
+
+
+NAMES = """constant low = 20
+subtree go(key, work, n) = when key < n { sequence { work use far(work, Go(key: n)) } }
+use go(key, use go(low, work, low), low)
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "columns"),
+    [
+        (2, "key", [(2, 11), (2, 32)]),
+        (2, "work", [(2, 16), (2, 53), (2, 66)]),
+        (2, "n", [(2, 22), (2, 38), (2, 80)]),
+        (1, "low", [(1, 9), (3, 19), (3, 30), (3, 36)]),
+        (3, "go", [(2, 8), (3, 4), (3, 16)]),
+    ],
+)
+def test_parameters_of_any_kind_have_references(
+    line: int, name: str, columns: list[tuple[int, int]]
+) -> None:
+    """Keys, actions and values are references; an action's argument of the same name is not."""
+    begin = sum(map(len, NAMES.splitlines(keepends=True)[: line - 1]))
+    word = re.compile(rf"\b{name}\b").search(NAMES, begin)
+    assert word is not None
+    found = symbol_at(NAMES, word.start())
+    assert found is not None
+    starts = [NAMES[: each.start] for each in references(NAMES, found.symbol)]
+    assert [(each.count("\n") + 1, len(each) - each.rfind("\n") - 1) for each in starts] == columns
 
 
 def test_definitions_reach_to_their_end() -> None:

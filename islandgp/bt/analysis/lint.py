@@ -29,6 +29,7 @@ from islandgp.bt.core.language import parse_placed, plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.source import Source
+from islandgp.bt.core.templates import NUMBER, name_places
 from islandgp.bt.core.vocabulary import Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
@@ -129,11 +130,11 @@ def _unused(file: Any) -> Iterator[LintWarning]:
         name, *parameters, body = subtree.children
         if name not in used:
             yield _never_used("subtree", name)
-        numbers = _words_behind_the_first(body)
+        names = {str(token) for token, _ in name_places(body, {})}
         for parameter in (each for part in parameters for each in part.children):
-            if parameter not in numbers:
+            if parameter not in names:
                 yield _never_used("parameter", parameter)
-    numbers = _words_behind_the_first(file)
+    numbers = {str(token) for token, fitting in name_places(file, {}) if fitting & NUMBER}
     for constant in file.find_data("constant"):
         if constant.children[0] not in numbers:
             yield _never_used("constant", constant.children[0])
@@ -142,17 +143,6 @@ def _unused(file: Any) -> Iterator[LintWarning]:
 def _never_used(kind: str, name: Any) -> LintWarning:
     message = f"{kind} {str(name)!r} is never used"
     return LintWarning(name.line, name.column, message, f"unused-{kind}")
-
-
-def _words_behind_the_first(tree: Any) -> set[str]:
-    """The names in a parse tree, except those that begin a part: numbers and words."""
-    words = (token for part in tree.iter_subtrees() for token in part.children[_first(part) :])
-    return {str(word) for word in words if not hasattr(word, "children") and word.type == "NAME"}
-
-
-def _first(part: Any) -> int:
-    """0 if the first word of a part can be a number (arguments of a `use`, a policy), else 1."""
-    return int(part.data not in ("arguments", "success", "failure"))
 
 
 def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:

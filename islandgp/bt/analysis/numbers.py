@@ -48,13 +48,14 @@ def numbers_of(
     """
     parts = files_of(text, vocabulary, name=name, folder=folder)
     built(Builder(parts[-1].source, vocabulary), parts)
-    taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
+    reader = _SlotReader(vocabulary)
     slots: list[_Slot] = []
     for part in parts:  # the text itself is the last
-        slots = [slot for tree in part.tree.children for slot in _slots(tree, taken, vocabulary)]
+        slots = [slot for tree in part.tree.children for slot in reader.slots(tree)]
     of_constants: dict[str, Purposes] = {}
     numbers: list[Number] = []
     for label, purposes, word, constant in reversed(slots):  # defined before it is used
+        purposes = reader.resolved(purposes)
         if constant:
             purposes = of_constants.get(constant, _NONE)
         if word.type == "NAME":
@@ -90,45 +91,92 @@ class _Slot(NamedTuple):
     constant: str = ""  # the constant whose value it is
 
 
-def _slots(tree: Any, taken: dict[str, dict[str, Purposes]], words: Vocabulary) -> Iterator[_Slot]:
-    """The slots in a lark.Tree, in order, except for those of a subtree's parameters.
+class _SlotReader:
+    """Finds the slots of definitions and of the tree, in the order of the text.
 
-    The purposes of the parameters are added to `taken`.
+    A purpose can be a key parameter, `subtree(parameter`, whose keys are known after all uses.
     """
-    match str(tree.data), tree.children:
-        case "subtree", [name, *parameters, body]:
-            parameter_values = {str(word): _NONE for each in parameters for word in each.children}
-            for slot in list(_slots(body, taken, words)):
-                if slot.word in parameter_values:
-                    parameter_values[str(slot.word)] |= slot.purposes
-                else:
-                    yield slot
-            taken[str(name)] = parameter_values
-        case "constant", [name, word]:
-            yield _Slot(f"constant {name} =", _NONE, word, str(name))
-        case "comparison", [key, operator, word]:
-            if words.keys[str(key)].words:
-                return
-            equal = {EQUAL} if operator in ("==", "!=") else set()
-            yield _Slot(f"{key} {operator}", frozenset({str(key), *equal}), word)
-        case "use", [name, given]:
-            for (parameter, purposes), word in zip(
-                taken[name].items(), given.children, strict=True
-            ):
-                yield _Slot(f"use {name}: {parameter} =", purposes, word)
-        case "action", [name, values]:
-            arguments = words.action(str(name)).arguments
-            for key, word in (each.children for each in values.children):
-                if arguments[str(key)].numeric:
-                    purpose = argument_purpose(str(name), str(key))
-                    yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
-        case kind, [_, word, *children] if kind in COUNTED or kind in TIMED:
-            yield _Slot(kind, frozenset({COUNT if kind in COUNTED else SECONDS}), word)
-            for child in children:
-                yield from _slots(child, taken, words)
-        case "success" | "failure" as policy, [word] if word.type in ("NAME", "NUMBER"):
-            yield _Slot(policy, frozenset({COUNT}), word)
-        case _, parts:
-            for part in parts:
-                if hasattr(part, "children"):  # no word
-                    yield from _slots(part, taken, words)
+
+    def __init__(self, vocabulary: Vocabulary) -> None:
+        self._words = vocabulary
+        self._taken: dict[str, dict[str, Purposes]] = {}  # by subtree and parameter
+        self._keys: dict[str, set[str]] = {}  # by key parameter, what is passed for it
+        self._subtree = ""  # that is being read
+        self._parameters: set[str] = set()  # of it
+
+    def resolved(self, purposes: Purposes) -> Purposes:
+        """The purposes, with the keys that are passed in place of key parameters."""
+        found: set[str] = set()
+        waiting = [*purposes]
+        while waiting:
+            purpose = waiting.pop()
+            if purpose not in found:
+                found.add(purpose)
+                waiting += self._keys.get(purpose, ())
+        return frozenset(purpose for purpose in found if "(" not in purpose)
+
+    def slots(self, tree: Any) -> Iterator[_Slot]:
+        """The slots in a lark.Tree, in order, except for those of a subtree's parameters."""
+        match str(tree.data), tree.children:
+            case "subtree", [name, *parameters, body]:
+                yield from self._definition(str(name), parameters, body)
+            case "constant", [name, word]:
+                yield _Slot(f"constant {name} =", _NONE, word, str(name))
+            case "comparison", [key, operator, word]:
+                yield from self._comparison(str(key), operator, word)
+            case "use", [name, given]:
+                yield from self._use(str(name), given.children)
+            case "action", [name, values]:
+                arguments = self._words.action(str(name)).arguments
+                for key, word in (each.children for each in values.children):
+                    if arguments[str(key)].numeric:
+                        purpose = argument_purpose(str(name), str(key))
+                        yield _Slot(f"{name}: {key}", frozenset({purpose}), word)
+            case kind, [_, word, *children] if kind in COUNTED or kind in TIMED:
+                yield _Slot(kind, frozenset({COUNT if kind in COUNTED else SECONDS}), word)
+                for child in children:
+                    yield from self.slots(child)
+            case "success" | "failure" as policy, [word] if word.type in ("NAME", "NUMBER"):
+                yield _Slot(policy, frozenset({COUNT}), word)
+            case _, parts:
+                for part in parts:
+                    if hasattr(part, "children"):  # no word
+                        yield from self.slots(part)
+
+    def _definition(self, name: str, parameters: Sequence[Any], body: Any) -> Iterator[_Slot]:
+        own = {str(word): _NONE for each in parameters for word in each.children}
+        self._subtree, self._parameters = name, {*own}
+        for slot in list(self.slots(body)):
+            if slot.word in own:
+                own[str(slot.word)] |= slot.purposes
+            else:
+                yield slot
+        self._subtree, self._parameters = "", set()
+        self._taken[name] = own
+
+    def _comparison(self, key: str, operator: str, word: Any) -> Iterator[_Slot]:
+        purpose = self._key(key)
+        if key not in self._parameters and self._words.keys[key].words:
+            return
+        equal = {EQUAL} if operator in ("==", "!=") else set()
+        yield _Slot(f"{key} {operator}", frozenset({purpose, *equal}), word)
+
+    def _use(self, name: str, arguments: Sequence[Any]) -> Iterator[_Slot]:
+        taken = self._taken[name]
+        passed = {
+            f"{name}({parameter}": self._key(str(argument))
+            for parameter, argument in zip(taken, arguments, strict=True)
+            if getattr(argument, "type", "") == "NAME"
+        }
+        for key_parameter, key in passed.items():
+            self._keys.setdefault(key_parameter, set()).add(key)
+        for (parameter, purposes), argument in zip(taken.items(), arguments, strict=True):
+            if hasattr(argument, "children"):
+                yield from self.slots(argument)
+            else:
+                here = frozenset(passed.get(purpose, purpose) for purpose in purposes)
+                yield _Slot(f"use {name}: {parameter} =", here, argument)
+
+    def _key(self, name: str) -> str:
+        """The purpose of a number that is compared with a key or a key parameter."""
+        return f"{self._subtree}({name}" if name in self._parameters else name

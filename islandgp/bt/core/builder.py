@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Hashable, Iterator, Sequence
+from dataclasses import replace
 from textwrap import shorten
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.condition_builder import built_condition
-from islandgp.bt.core.diagnosis import unknown_argument, unknown_node
 from islandgp.bt.core.includes import ParsedFile
-from islandgp.bt.core.kinds import KINDS, Argument, Sort
-from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value, as_subtree, commented, sequence
-from islandgp.bt.core.parameters import fits, value_range
-from islandgp.bt.core.printer import use_text
-from islandgp.bt.core.scope import Scope
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.node import Node, as_subtree, commented, leaf, names_of, sequence
+from islandgp.bt.core.node_builder import built_head, built_leaf, written_node
+from islandgp.bt.core.printer import head, number_text, use_text
+from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
+from islandgp.bt.core.templates import (
+    ANYTHING,
+    NODE,
+    BuiltSubtree,
+    Fitting,
+    Template,
+    check_form,
+    check_name,
+    fitting_of,
+)
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
@@ -31,9 +40,6 @@ _Token: TypeAlias = Any
 NO_TREE: Final = sequence()
 """Result for a file that only has definitions: a sequence without children."""
 
-_Places: TypeAlias = list[Any]
-"""Places of nodes, in document order: a word, or (a subtree, its use)."""
-
 
 class NodePlace(NamedTuple):
     """The place of a node in its file."""
@@ -41,24 +47,6 @@ class NodePlace(NamedTuple):
     line: int  # from 1
     column: int
     origin: int  # the same for all uses of a node of a subtree
-
-
-@dataclass(frozen=True, slots=True)
-class _BuiltSubtree:
-    node: Node
-    nodes: int  # expanded
-    levels: int  # expanded
-    places: _Places
-    source: Source
-
-
-@dataclass(frozen=True, slots=True)
-class _Template:
-    """The definition of a subtree. With parameters it is built for each set of arguments."""
-
-    parameters: tuple[str, ...]
-    body: _Tree
-    whole: _BuiltSubtree  # with 1 for each parameter
 
 
 class Builder:
@@ -93,13 +81,12 @@ class Builder:
         self._later: set[str] = set()  # subtrees whose definition is not finished
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
-        self._templates: dict[str, _Template] = {}
-        self._instances: dict[tuple[str, tuple[float, ...]], _BuiltSubtree] = {}
-        self._defining = False  # whether each parameter has the value 1 until the subtree is used
-        self._open = 0  # subtrees with parameters that are being built
+        self._templates: dict[str, Template] = {}
+        self._instances: dict[tuple[Hashable, ...], BuiltSubtree] = {}
+        self._open = 0  # subtrees with parameters, and arguments, that are being built
         self._base = 1  # level of the root of what is being built
         self._name = ""  # of the subtree that is being built
-        self._places: _Places = []  # of the tree that is being built
+        self._places: list[Any] = []  # of the tree that is being built
 
     def build(self, parts: Sequence[ParsedFile]) -> Node:
         """The root of the last part's tree. Raises TreeError for any error in the text."""
@@ -135,65 +122,102 @@ class Builder:
             )
         *before, body = parts
         parameters = before[0].children if before else []
-        for index, parameter in enumerate(parameters):
-            if parameter in parameters[:index]:
+        names: set[str] = set()
+        for parameter in parameters:
+            if parameter in names:
                 raise self._scope.source.error_at(
                     parameter,
                     f"parameter {shown(parameter)} is defined twice",
                     expected="a new name",
                 )
-        # Built once with numbers that are valid everywhere, to find errors in the definition.
-        outside = self._scope
-        self._scope = replace(outside, values=dict.fromkeys(map(str, parameters), 1.0))
-        self._defining = True
+            names.add(str(parameter))
+        # Built once with open parameters, to find errors in the definition.
+        outside, source = self._scope, self._scope.source
+        fitting = fitting_of(parameters, body, self._templates, source)
+        self._scope = replace(outside, values={str(p): _open(p, source) for p in parameters})
         whole = self._finished(self._whole(body, name))
-        self._defining = False
-        self._templates[str(name)] = _Template(tuple(self._scope.values), body, whole)
+        self._templates[str(name)] = Template(fitting, body, whole)
         self._scope = outside
         self._later.discard(str(name))
 
-    def _instance(self, name: _Token, arguments: Sequence[_Token], level: int) -> _BuiltSubtree:
+    def _instance(self, name: _Token, arguments: Sequence[Any], level: int) -> BuiltSubtree:
         """The subtree with these arguments; each is built once."""
         template = self._templates[str(name)]
-        if arguments and not template.parameters:
-            raise self._scope.source.error_at(
-                name, f"subtree {shown(name)} takes no numbers", expected=f"`use {name}`"
-            )
-        if len(arguments) != len(template.parameters):
-            raise self._scope.source.error_at(
-                name,
-                f"subtree {name} takes {_numbers(template.parameters)}, found {len(arguments)}",
-                expected=f"`use {name}({', '.join(template.parameters)})`",
-            )
+        self._check_arguments(name, arguments, template)
         if not arguments:
             return template.whole
-        values = tuple(map(self._scope.number, arguments))
-        key = (str(name), values)
-        if key in self._instances:
-            return self._instances[key]
-        if len(self._instances) >= MAX_INSTANCES or self._open >= MAX_LEVELS:
-            raise self._scope.source.error_at(
-                name,
-                "subtrees are used with too many arguments",
-                expected=f"at most {MAX_INSTANCES} different ones, {MAX_LEVELS} in each other",
-                kind=LimitError,
-            )
-        kept = self._scope, self._name, self._base
-        outside = self.nodes, self.levels, self._places
-        kept_defining, self._defining = self._defining, False
-        own_values = dict(zip(template.parameters, values, strict=True))
-        self._scope = replace(self._scope, source=template.whole.source, values=own_values)
-        self._open += 1
-        node = self._whole(template.body, str(name), self._base + level - 1)
-        self._open -= 1
-        subtree = self._instances[key] = self._finished(node)
-        self._defining = kept_defining
-        self._scope, self._name, self._base = kept
-        self.nodes, self.levels, self._places = outside
-        return subtree
+        values: dict[str, ScopedWord] = {}
+        pairs = zip(template.parameters.items(), arguments, strict=True)
+        for (parameter, fitting), argument in pairs:
+            value = self._passed(argument, fitting, f"{parameter} of {name}", level)
+            values[parameter] = value
+            if fitting == ANYTHING and value.part:  # it counts, although it is left out
+                self._count(value.token, nodes=value.part.nodes, deepest=level)
+        key = (str(name), *map(_identity, values.values()))
+        if key not in self._instances:
+            if len(self._instances) >= MAX_INSTANCES:
+                raise self._too_many(name)
+            outside = self._scope
+            self._scope = replace(outside, source=template.whole.source, values=values)
+            self._instances[key] = self._inner(template.body, name, str(name), level)
+            self._scope = outside
+        return self._instances[key]
 
-    def _finished(self, node: Node) -> _BuiltSubtree:
-        return _BuiltSubtree(node, self.nodes, self.levels, self._places, self._scope.source)
+    def _check_arguments(self, name: _Token, arguments: Sequence[Any], template: Template) -> None:
+        """Raises TreeError unless there is an argument for each parameter."""
+        source, parameters = self._scope.source, template.parameters
+        if arguments and not parameters:
+            raise source.error_at(
+                name, f"subtree {shown(name)} takes no arguments", expected=f"`use {name}`"
+            )
+        if len(arguments) != len(parameters):
+            count = f"{len(parameters)} argument{'s' * (len(parameters) != 1)}"
+            raise source.error_at(
+                name,
+                f"subtree {name} takes {count}, found {len(arguments)}",
+                expected=f"`use {name}({', '.join(parameters)})`",
+            )
+
+    def _passed(self, argument: Any, fitting: Fitting, parameter: str, level: int) -> ScopedWord:
+        """The argument that is passed for a parameter; `parameter`: as messages call it."""
+        if hasattr(argument, "data"):  # an action with arguments, or a use
+            word = ScopedWord(argument.children[0], self._scope.source, parameter=parameter)
+            check_form(word, "node", fitting, self._vocabulary)
+            return replace(word, part=self._inner(argument, word.token, self._name, level))
+        if argument in self._scope.values:
+            return self._scope.values[argument]
+        word = replace(self._scope.word(argument), parameter=parameter)
+        if argument.type != "NAME":
+            form = "number" if argument.type == "NUMBER" else "text"
+            check_form(word, form, fitting, self._vocabulary)
+            return replace(word, number=self._scope.number(argument)) if form == "number" else word
+        check_name(word, fitting, self._scope, self._vocabulary, self._templates)
+        if fitting != NODE:
+            return word
+        node = built_leaf(argument, (), self._scope, self._vocabulary, self._templates)
+        return replace(word, part=BuiltSubtree(node, 1, 1, [argument], self._scope.source))
+
+    def _inner(self, tree: _Tree, word: _Token, name: str, level: int) -> BuiltSubtree:
+        """A tree that is built inside of the one that is being built, on a level of it."""
+        if self._open >= MAX_LEVELS:
+            raise self._too_many(word)
+        outside = self._name, self._base, self.nodes, self.levels, self._places
+        self._open += 1
+        built = self._finished(self._whole(tree, name, self._base + level - 1))
+        self._open -= 1
+        self._name, self._base, self.nodes, self.levels, self._places = outside
+        return built
+
+    def _too_many(self, word: _Token) -> TreeError:
+        return self._scope.source.error_at(
+            word,
+            "subtrees are used with too many arguments",
+            expected=f"at most {MAX_INSTANCES} different ones, {MAX_LEVELS} in each other",
+            kind=LimitError,
+        )
+
+    def _finished(self, node: Node) -> BuiltSubtree:
+        return BuiltSubtree(node, self.nodes, self.levels, self._places, self._scope.source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
         """A tree whose root is on the level `base` of all that is being built."""
@@ -228,6 +252,8 @@ class Builder:
         try:
             if kind == "use":
                 return self._use(tree, parts[0], parts[1].children if parts[1:] else [], level)
+            if kind == "action" and parts[0] in self._scope.values:
+                return self._placed(tree, *parts, level=level)
             self._count(parts[0], nodes=1, deepest=level)
             self._places.append(parts[0])
             node, subtrees = self._head(tree)
@@ -240,96 +266,25 @@ class Builder:
         return commented(node, self._scope.source.comments_at(parts[0])) if self._marked else node
 
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
-        """A node without its children, and the trees of these."""
-        kind, parts = str(tree.data), tree.children
-        if kind == "action":
-            arguments = parts[1].children if parts[1:] else []
-            return self._leaf(parts[0], [each.children for each in arguments]), ()
-        values: list[Any] = []
-        rest = list(parts[1:])
-        for argument in KINDS[kind].arguments:
-            is_given = argument.default is None or _is(rest[0], argument.name)
-            values.append(
-                self._argument(kind, argument, rest.pop(0)) if is_given else argument.default
-            )
-        return Node(kind, KINDS[kind].make_args(values)), rest
+        return built_head(tree, self._scope, self._vocabulary, self._templates)
 
-    def _leaf(self, name: _Token, arguments: Sequence[tuple[_Token, _Token]]) -> Node:
-        """A leaf from the names and values of its arguments."""
-        words, values = self._vocabulary, dict[str, Value]()
-        if words is not None and name not in words.actions:
-            raise unknown_node(self._scope.source, name, self._templates, words)
-        for key, value in arguments:
-            if key in values:
-                raise self._scope.source.error_at(
-                    key, f"argument {shown(key)} is given twice", expected="each argument once"
-                )
-            values[str(key)] = self._value(name, key, value)
-        if words is None or self._scope.named:
-            return Node("action", ActionArgs(str(name), tuple(values.items())))
-        return words.leaf(str(name), values)
+    def written(self, tree: _Tree, parameters: Sequence[_Token]) -> Node:
+        """`written_node` of what has been built, in a subtree with these parameters."""
+        source = self._scope.source
+        own = {str(each): ScopedWord(each, source, 1.0) for each in parameters}
+        return written_node(tree, replace(self._scope, named=True, values=own))
 
-    def _value(self, action: _Token, key: _Token, token: _Token) -> Value:
-        """The value of an argument; without a vocabulary any word is one."""
-        words, known = self._vocabulary, self._scope.knows(token)
-        written = str(token).strip('"')
-        if words is None:
-            numeric = token.type == "NUMBER" or (token.type == "NAME" and known)
-            return self._scope.number(token) if numeric else written
-        parameters = words.actions[action].arguments
-        if key not in parameters:
-            raise unknown_argument(self._scope.source, key, action, parameters)
-        parameter = parameters[key]
-        value = self._scope.number(token) if parameter.numeric else written
-        if parameter.numeric and self._defining and token in self._scope.values:
-            return value  # checked where the subtree is used
-        if not fits(parameter, value):
+    def _placed(self, tree: _Tree, name: _Token, *values: _Tree, level: int) -> Node:
+        """The action or subtree that is passed for a parameter, in the parameter's place."""
+        if values:
             raise self._scope.source.error_at(
-                token,
-                f"{shown(token)} is not a value of {key}",
-                expected=value_range(parameter),
-                guess=closest(token, parameter.words),
+                name, f"parameter {shown(name)} takes no arguments", expected=f"`{name}` alone"
             )
-        return value
-
-    def _argument(self, kind: str, argument: Argument, tree: _Tree) -> ConditionExpr | float | str:
-        """The value of an argument from its parse tree."""
-        if argument.sort is Sort.CONDITION:
-            return self.condition(tree)
-        if argument.sort is Sort.SECONDS:
-            return self._scope.seconds(kind, argument, tree)
-        if argument.sort is Sort.COUNT:
-            return self._scope.count_of(argument, tree, f"a {kind} can't repeat {{}} times")
-        word = tree.children[0]
-        if word.type == "NAME" and not self._scope.knows(word):
-            raise self._scope.source.error_at(
-                word,
-                f"unexpected {shown(word)}",
-                expected=f"one of: {' '.join(sorted(argument.words))}, or a whole number",
-                guess=closest(word, argument.words),
-                kind=UnknownNameError,
-            )
-        if word.type in ("NAME", "NUMBER"):
-            return self._scope.count_of(
-                argument, word, f"{{}} is not a number of children for {argument.name}"
-            )
-        return str(word)
-
-    def written(self, tree: _Tree, parameters: Sequence[str]) -> Node:
-        """A tree of what has been built, as it is written, in a subtree with these parameters.
-
-        The number of a constant or a parameter is a `Named`, and a `use` is a node of the kind
-        "use" with the subtree's name and numbers.
-        """
-        self._scope = replace(self._scope, named=True, values=dict.fromkeys(parameters, 1.0))
-        if tree.data != "use":
-            node, subtrees = self._head(tree)
-            return node._replace(
-                children=tuple([self.written(each, parameters) for each in subtrees])
-            )
-        name, *arguments = tree.children
-        numbers = [self._scope.number(each) for part in arguments for each in part.children]
-        return Node("use", UseArgs(str(name), tuple(numbers)))
+        part = self._scope.values[name].part
+        self._count(name, nodes=part.nodes, deepest=level + part.levels - 1)
+        self._places.append((part, tree))
+        comments = self._scope.source.comments_at(name) if self._marked else ()
+        return commented(part.node, comments)
 
     def _use(self, tree: _Tree, name: _Token, arguments: Sequence[_Token], level: int) -> Node:
         if name not in self._templates:
@@ -339,8 +294,20 @@ class Builder:
         self._places.append((subtree, tree))
         if not self._marked:
             return subtree.node
-        text = use_text(str(name), [self._scope.number(each) for each in arguments])
+        text = use_text(str(name), [self._argument_text(each) for each in arguments])
         return commented(as_subtree(subtree.node, text), self._scope.source.comments_at(name))
+
+    def _argument_text(self, argument: Any) -> str:
+        """An argument in the name of a subtree; of a subtree that is passed, its name alone."""
+        if hasattr(argument, "data"):
+            name = argument.children[0]
+            return f"use {name}" if argument.data == "use" else head(self._head(argument)[0])
+        word = self._scope.word(argument)
+        if word.part:
+            (text,) = names_of(word.part.node)[:1] or (head(word.part.node),)
+            return text.partition("(")[0]
+        is_number = word.number is not None or argument.type == "NUMBER"
+        return number_text(self._scope.number(argument)) if is_number else word.text
 
     def _count(self, token: _Token, *, nodes: int, deepest: int) -> None:
         self.nodes += nodes
@@ -366,6 +333,9 @@ class Builder:
         guess = closest(name, names)
         if not guess and self._vocabulary is not None and name in self._vocabulary.actions:
             guess = f"{name}, without use"
+        if name in self._scope.values:
+            message = f"{shown(name)} is a parameter"
+            guess = f"{name}, without use"
         return self._scope.source.error_at(
             name,
             message,
@@ -379,5 +349,18 @@ def _is(tree: _Tree, *rules: str) -> bool:
     return getattr(tree, "data", "") in rules
 
 
-def _numbers(parameters: Sequence[str]) -> str:
-    return f"{len(parameters)} number{'s' * (len(parameters) != 1)}"
+def _open(parameter: _Token, source: Source) -> ScopedWord:
+    """A parameter of the subtree that is being defined, with a number that fits everywhere."""
+    part = BuiltSubtree(leaf(str(parameter)), 1, 1, [parameter], source)
+    return ScopedWord(parameter, source, 1.0, open=True, part=part)
+
+
+def _identity(argument: ScopedWord) -> Hashable:
+    """Equal for arguments with which a subtree is the same, its places too."""
+    if argument.open:
+        return None
+    if argument.part is not None:
+        # A subtree is kept as long as its identity is needed, a leaf is not.
+        used = [id(each[0]) for each in argument.part.places if isinstance(each, tuple)]
+        return id(argument.token), *(used or [argument.part.node])
+    return argument.number, argument.token.type == "NUMBER" or str(argument.token)

@@ -6,7 +6,7 @@ from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.diagnosis import unknown_key, unknown_word
-from islandgp.bt.core.scope import Scope
+from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError
@@ -38,11 +38,11 @@ class _ConditionBuilder:
         if form in ("comparison", "flag"):
             self._terms += 1
             self._bounded(parts[0], level)
-            if self._vocabulary is not None:
-                self._check_key(parts[0], compared=form == "comparison", words=self._vocabulary)
+            name, *compared = parts
+            key = self._key(self._scope.word(name), compared=bool(compared))
             if form == "flag":
-                return Condition(str(parts[0]), "is", 0.0)
-            return self._comparison(*parts)
+                return Condition(self._scope.word(name).text, "is", 0.0)
+            return self._comparison(self._scope.word(name), key, *compared)
         self._bounded(_first_word(tree), level)
         inside = [self.expression(part, level + 1) for part in parts]
         if form == "negation":
@@ -51,55 +51,57 @@ class _ConditionBuilder:
             return inside[0]
         return combine("and" if form == "conjunction" else "or", inside)
 
-    def _comparison(self, name: _Token, operator: _Token, right: _Token) -> Condition:
-        key = None if self._vocabulary is None else self._vocabulary.keys[name]
+    def _comparison(
+        self, name: ScopedWord, key: Key | None, operator: _Token, right: _Token
+    ) -> Condition:
         if key is not None and operator not in key.operators:
-            raise self._scope.source.error_at(
-                operator,
-                f"{name} is {key.kind} and can't be compared by {shown(operator)}",
-                expected=f"one of: {' '.join(key.operators)}",
-            )
-        if key is not None and right in key.words:
-            return Condition(str(name), str(operator), key.number_of(right))
-        known = self._scope.knows(right)
-        if right.type == "NAME" and (not known or (key is not None and key.words)):
-            self._check_other(name, key, right)
-            return Condition(str(name), str(operator), 0.0, str(right))
+            message = f"{name.text} is {key.kind} and can't be compared by {shown(operator)}"
+            at = name if name.parameter else ScopedWord(operator, self._scope.source)
+            raise at.error(message, expected=f"one of: {' '.join(key.operators)}")
+        word = self._scope.word(right)
+        if word.open:
+            return Condition(name.text, str(operator), 0.0, word.text)
+        if key is not None and word.text in key.words:
+            return Condition(name.text, str(operator), key.number_of(word.text))
+        is_name = word.token.type == "NAME"
+        if is_name and (word.number is None or (key is not None and key.words)):
+            self._check_other(name, key, word)
+            return Condition(name.text, str(operator), 0.0, word.text)
         if key is not None and key.words:
-            raise unknown_word(self._scope.source, right, name, key, self._comparable(name))
+            raise unknown_word(word, name.text, key, self._comparable(name.text))
         value = self._scope.number(right)
         if key is not None and key.whole and value != int(value):
-            raise self._scope.source.error_at(
-                right,
-                f"{name} is a whole number and can't be compared with {shown(right)}",
+            raise word.error(
+                f"{name.text} is a whole number and can't be compared with {shown(word.token)}",
                 expected="a number without decimals",
             )
-        return Condition(str(name), str(operator), value)
+        return Condition(name.text, str(operator), value)
 
     def _comparable(self, name: str) -> list[str]:
-        return [] if self._vocabulary is None else self._vocabulary.comparable(name)
+        known = self._vocabulary is not None and name in self._vocabulary.keys
+        return self._vocabulary.comparable(name) if self._vocabulary and known else []
 
-    def _check_other(self, name: _Token, key: Key | None, right: _Token) -> None:
+    def _check_other(self, name: ScopedWord, key: Key | None, right: ScopedWord) -> None:
         """Raises TreeError unless a key can be compared with the word on the right, a key."""
-        if right == name:
-            raise self._scope.source.error_at(
-                right, f"{name} is compared with itself", expected="another key, or a value"
+        if right.text == name.text:
+            raise right.error(
+                f"{name.text} is compared with itself", expected="another key, or a value"
             )
         if key is None or self._vocabulary is None:
             return
         keys = self._vocabulary.keys
-        alike = self._comparable(name)
-        if right in alike:
+        alike = self._comparable(name.text)
+        if right.text in alike:
             return
-        if right in keys:
-            raise self._scope.source.error_at(
-                right,
-                f"{name} is {key.kind} and {right} is {keys[right].kind}; they can't be compared",
+        if right.text in keys:
+            raise right.error(
+                f"{name.text} is {key.kind} and {right.text} is {keys[right.text].kind}; they can't"
+                " be compared",
                 expected=key.kind
                 + f", or a key of the same kind: {', '.join(alike)}" * bool(alike),
             )
         if key.words:
-            raise unknown_word(self._scope.source, right, name, key, alike)
+            raise unknown_word(right, name.text, key, alike)
         raise self._scope.unknown_number(right, alike)
 
     def _bounded(self, at: _Token, level: int) -> None:
@@ -111,22 +113,25 @@ class _ConditionBuilder:
                 kind=LimitError,
             )
 
-    def _check_key(self, name: _Token, *, compared: bool, words: Vocabulary) -> None:
-        key = words.keys.get(name)
+    def _key(self, name: ScopedWord, *, compared: bool) -> Key | None:
+        """The key of a name; None if it can be any. Raises TreeError for a wrong one."""
+        words = self._vocabulary
+        if words is None or name.open:
+            return None
+        key = words.keys.get(name.text)
         if key is None:
-            raise unknown_key(self._scope.source, name, words)
+            raise unknown_key(name, words, self._scope.values)
         if key.flag and compared:
-            raise self._scope.source.error_at(
-                name,
-                f"{name} is a flag and can't be compared with a number",
-                expected=f"`when {name}` or `when not {name}`",
+            raise name.error(
+                f"{name.text} is a flag and can't be compared with a number",
+                expected=f"`when {name.text}` or `when not {name.text}`",
             )
         if not key.flag and not compared:
-            raise self._scope.source.error_at(
-                name,
-                f"{name} is {key.kind} and must be compared with one",
-                expected=f"`when {key.example(name)}`, with one of {' '.join(key.operators)}",
+            raise name.error(
+                f"{name.text} is {key.kind} and must be compared with one",
+                expected=f"`when {key.example(name.text)}`, with one of {' '.join(key.operators)}",
             )
+        return key
 
 
 def _first_word(tree: _Tree) -> _Token:

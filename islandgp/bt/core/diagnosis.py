@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
 from islandgp.bt.core.parameters import Parameter, value_range
+from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
 from islandgp.bt.core.vocabulary import NOTHING, Key, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
@@ -47,6 +48,9 @@ _TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!="}
 
 _BLANK = _SIGNS[";"]
 
+_PASSED = "an argument: a number, a key, a word, a text in quotes, an action or a `use`"
+"""What can be passed to a subtree."""
+
 # What the parser's terminals look like in a text.
 _SPELLING = {
     "NUMBER": "a number",
@@ -62,29 +66,26 @@ _SPELLING = {
 }
 
 
-def unknown_key(source: Source, token: Token, words: Vocabulary) -> TreeError:
-    """The error for a `when` with an unknown key."""
-    return source.error_at(
-        token,
+def unknown_key(word: ScopedWord, words: Vocabulary, parameters: Collection[str] = ()) -> TreeError:
+    """The error for a `when` with an unknown key; `parameters` of its subtree are known, too."""
+    token = word.token
+    return word.error(
         f"unknown blackboard key {shown(token)}",
         expected=f"a key: {', '.join(words.keys)}",
         guess=f"sequence {{ {token} ... }}"
         if token in words.actions
-        else closest(token, words.keys),
+        else closest(token, [*words.keys, *([] if word.parameter else parameters)]),
         kind=UnknownNameError,
     )
 
 
-def unknown_word(
-    source: Source, token: Token, name: str, key: Key, keys: Sequence[str]
-) -> TreeError:
+def unknown_word(word: ScopedWord, name: str, key: Key, keys: Sequence[str]) -> TreeError:
     """The error for an unknown word of a key; `keys` have the same words."""
     others = f", or a key of the same words: {', '.join(keys)}" if keys else ""
-    return source.error_at(
-        token,
-        f"unknown word {shown(token)} of {name}",
+    return word.error(
+        f"unknown word {shown(word.token)} of {name}",
         expected=f"{key.kind}{others}",
-        guess=closest(token, [*key.words, *keys]),
+        guess=closest(word.token, [*key.words, *keys]),
         kind=UnknownNameError,
     )
 
@@ -111,10 +112,14 @@ def unknown_argument(
 
 
 def unknown_node(
-    source: Source, token: Token, subtrees: Collection[str], words: Vocabulary
+    word: ScopedWord,
+    subtrees: Collection[str],
+    words: Vocabulary,
+    parameters: Collection[str] = (),
 ) -> TreeError:
     """The error for a word that is not a node, where a node is expected."""
-    rest = source.text[token.end_pos :].lstrip()
+    token = word.token
+    rest = word.source.text[token.end_pos :].lstrip()
     if rest.startswith("="):
         guess = f"constant {token}"
     elif token in subtrees and closest(token, subtrees):
@@ -122,10 +127,11 @@ def unknown_node(
     elif token in words.keys:
         guess = f"when {words.keys[token].example(token)} {{ ... }}"
     else:
-        guess = _WORDS.get(token.lower()) or closest(token, (*_NODE_WORDS, *words.actions))
+        guess = _WORDS.get(token.lower()) or closest(
+            token, (*_NODE_WORDS, *words.actions, *parameters)
+        )
     kind = "node" if rest.startswith("{") else "action"
-    return source.error_at(
-        token,
+    return word.error(
         f"unknown {kind} {shown(token)}",
         expected="a node or an action" if guess else _node_words(words),
         guess=guess,
@@ -152,16 +158,19 @@ def syntax_error(
     before = _words_before(tokens, error)
     numbers = _names_of_numbers(before)
     subtrees = {str(word) for previous, word in pairwise(before) if previous == "subtree"}
+    parameters = _parameters(before)
     for at, (previous, word) in enumerate(zip(["", *before], before, strict=False)):
         # An unknown name is reported first, as it is the likelier cause: the parser of
         # `slector { ... }` only fails at the brace.
         if word.type != "NAME" or previous in _NAMING or vocabulary is None or at in numbers:
             continue
+        if word in parameters:
+            continue
         is_key = previous in (*GUARDS, "not", "and", "or", "(")
         if is_key and word not in vocabulary.keys:
-            return unknown_key(source, word, vocabulary)
+            return unknown_key(ScopedWord(word, source), vocabulary)
         if not is_key and word not in vocabulary.actions:
-            return unknown_node(source, word, subtrees, vocabulary)
+            return unknown_node(ScopedWord(word, source), subtrees, vocabulary)
     words = vocabulary or NOTHING
     if not isinstance(error, UnexpectedToken):
         rest = source.text[error.pos_in_stream or 0 :]
@@ -179,10 +188,19 @@ def syntax_error(
         return _unexpected_end(source, before, accepted, words)
     if vocabulary is not None and before and before[-1] in words.keys:
         accepted -= {"OPERATOR"} if words.keys[before[-1]].flag else accepted - {"OPERATOR"}
-    parameters = words.action(_called(before)).arguments
-    if accepted == {"COLON"} and parameters and before[-1] not in parameters:
-        return unknown_argument(source, before[-1], _called(before), parameters)
+    arguments = words.action(_called(before)).arguments
+    if accepted == {"COLON"} and arguments and before[-1] not in arguments:
+        return unknown_argument(source, before[-1], _called(before), arguments)
     return _unexpected_word(source, error.token, before, accepted, words)
+
+
+def _parameters(words: Sequence[Token]) -> set[str]:
+    """The names of the parameters of all subtrees."""
+    names: set[str] = set()
+    for at, word in enumerate(words):
+        if word == "subtree" and [*map(str, words[at + 2 : at + 3])] == ["("]:
+            names.update(takewhile(lambda each: each != ")", words[at + 3 :]))
+    return names - {","}
 
 
 def _called(words: Sequence[Token]) -> str:
@@ -292,6 +310,8 @@ def _unexpected_word(
     previous = str(before[-1]) if before else ""
     expected, spelled = _expected(accepted, before, words)
     message = f"unexpected {shown(token)}"
+    if "USE" in accepted and "NUMBER" in accepted and token in INNER:
+        message += "; name this node as a subtree above, and pass `use` and its name"
     only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
     if only == {"RBRACE"}:
         takes = "two children" if _parent(source, before) == "recovery" else "one child"
@@ -351,6 +371,8 @@ def _expected(
         arguments = vocabulary.action(_called(before)).arguments
         if previous == ":" and (argument := arguments.get(str(before[-2]))):
             return value_range(argument), argument.words
+        if "USE" in accepted:
+            return _PASSED, ()
         key = vocabulary.keys.get(str(before[-2])) if previous in OPERATORS else None
         if key and key.words:
             return key.kind, key.words

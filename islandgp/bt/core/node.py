@@ -100,7 +100,7 @@ class UseArgs(NamedTuple):
     """Arguments of a `use` as it is written; an expanded tree has no such node."""
 
     name: str  # of the subtree
-    numbers: tuple[float, ...] = ()
+    arguments: tuple[str, ...] = ()  # as they are written
 
 
 Args: TypeAlias = (

@@ -95,9 +95,9 @@ def number_text(value: float) -> str:
     return format(Decimal(repr(float(value))), "f")
 
 
-def use_text(name: str, numbers: Sequence[float]) -> str:
+def use_text(name: str, arguments: Sequence[str]) -> str:
     """The text after `use`: `recharge`, `recharge(20, 3)`."""
-    return f"{name}({', '.join(map(number_text, numbers))})" if numbers else name
+    return f"{name}({', '.join(arguments)})" if arguments else name
 
 
 def head(node: Node) -> str:

@@ -1,4 +1,4 @@
-"""The numbers of a text of trees: digits, constants and parameters of subtrees."""
+"""The words of a text of trees: numbers, constants and parameters of subtrees."""
 
 from __future__ import annotations
 
@@ -21,36 +21,72 @@ _NUMBER: Final = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 
 @dataclass(frozen=True, slots=True)
+class ScopedWord:
+    """A word with its meaning in its place; in place of a parameter, the argument passed for it."""
+
+    token: _Token  # an argument has the place of its `use`
+    source: Source
+    number: float | None = None  # of a constant, or of an argument that is a number
+    parameter: str = ""  # that it is passed for: `level of recharge`; "": it is no argument
+    open: bool = False  # a parameter of the subtree that is being defined; any argument fits
+    part: Any = None  # of an action or a subtree that is passed: the BuiltSubtree
+
+    @property
+    def text(self) -> str:
+        """The word as it is written, a text without its quotes."""
+        return str(self.token).strip('"')
+
+    def error(
+        self,
+        message: str,
+        *,
+        expected: str = "",
+        guess: str = "",
+        kind: type[TreeError] = TreeError,
+    ) -> TreeError:
+        """The error for the word; that of an argument names the parameter."""
+        if self.parameter:
+            message = f"{message} (parameter {self.parameter})"
+        return self.source.error_at(self.token, message, expected=expected, guess=guess, kind=kind)
+
+
+@dataclass(frozen=True, slots=True)
 class Scope:
-    """The names of numbers that are known at a place of a text."""
+    """The names that are known at a place of a text."""
 
     source: Source
     constants: dict[str, float] = field(default_factory=dict)  # that are defined so far
-    values: dict[str, float] = field(default_factory=dict)  # of the subtree's parameters
+    values: dict[str, ScopedWord] = field(default_factory=dict)  # of the subtree's parameters
     named: bool = False  # True: the numbers of constants and parameters are `Named`
 
-    def knows(self, name: str) -> bool:
-        """True if the name is one of a constant or a parameter."""
-        return name in self.values or name in self.constants
+    def word(self, token: _Token) -> ScopedWord:
+        """The word of a token."""
+        if token.type != "NAME":
+            return ScopedWord(token, self.source)
+        if token in self.values:
+            return self.values[token]
+        return ScopedWord(token, self.source, self.constants.get(token))
 
     def number(self, token: _Token) -> float:
         """A number, or the value of the constant or parameter of that name."""
-        if token.type == "NAME":
-            value = self.values.get(token, self.constants.get(token))
-            if value is None:
-                raise self.unknown_number(token)
-            return Named(str(token), value) if self.named else value
-        if not _NUMBER.fullmatch(token):
-            raise self.source.error_at(
-                token,
-                f"{shown(token)} is not a plain number",
+        word = self.word(token)
+        value = word.number
+        if value is None:
+            value = self._written_number(word)
+        return Named(str(token), value) if self.named and token.type == "NAME" else value
+
+    def _written_number(self, word: ScopedWord) -> float:
+        if word.token.type == "NAME":
+            raise self.unknown_number(word)
+        if not _NUMBER.fullmatch(word.token):
+            raise word.error(
+                f"{shown(word.token)} is not a plain number",
                 expected="digits with an optional decimal point and no unit: 25, 12.5 or -3",
             )
-        value = float(token) + 0.0  # turns -0.0 into 0.0
+        value = float(word.token) + 0.0  # turns -0.0 into 0.0
         if abs(value) > MAX_NUMBER:
-            raise self.source.error_at(
-                token,
-                f"{shown(token)} is out of range",
+            raise word.error(
+                f"{shown(word.token)} is out of range",
                 expected=f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
             )
         return value
@@ -60,9 +96,9 @@ class Scope:
         least, most = argument.range
         seconds = self.number(token)
         if not least <= seconds <= most:
-            raise self.source.error_at(
-                token,
-                f"a {kind} can't last {shown(token)} seconds",
+            word = self.word(token)
+            raise word.error(
+                f"a {kind} can't last {shown(word.token)} seconds",
                 expected=f"seconds from {least:g} to {most:,}",
             )
         return seconds
@@ -76,23 +112,22 @@ class Scope:
         elif token.isdecimal() and len(token) < 10:
             count = int(token)
         if count != int(count) or not fewest <= count <= most:
-            raise self.source.error_at(
-                token,
-                message.format(shown(token)),
+            word = self.word(token)
+            raise word.error(
+                message.format(shown(word.token)),
                 expected=f"a whole number from {fewest} to {most}",
             )
         return count if isinstance(count, Named) else int(count)
 
-    def unknown_number(self, name: _Token, keys: Sequence[str] = ()) -> TreeError:
+    def unknown_number(self, word: ScopedWord, keys: Sequence[str] = ()) -> TreeError:
         """The error of an unknown name; `keys`: the keys that could be in its place."""
-        names = {**self.values, **self.constants}
+        names = self.constants if word.parameter else {**self.values, **self.constants}
         known = shorten(", ".join(names), 200, placeholder=" ...")
         others = f"; or a key: {', '.join(keys)}" if keys else ""
-        return self.source.error_at(
-            name,
-            f"unknown constant {'or key ' * bool(keys)}{shown(name)}",
+        return word.error(
+            f"unknown constant {'or key ' * bool(keys)}{shown(word.token)}",
             expected=f"a number, or a constant that is defined above: {known or 'none so far'}"
             f"{others}",
-            guess=closest(name, [*names, *keys]),
+            guess=closest(word.token, [*names, *keys]),
             kind=UnknownNameError,
         )

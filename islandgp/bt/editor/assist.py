@@ -98,31 +98,35 @@ def _names(
 ) -> list[Offer]:
     """The names that can follow these words."""
     last = code[-1] if code else ""
+    own = _parameters(before, folder)
+    parameters = [Offer(name, "number", detail) for name, detail in own.items()]
     if last == "use":
-        own = _unfinished(code)
+        unfinished = _unfinished(code)
         trees = subtrees(before, folder).items()
-        return [Offer(name, "subtree", lead) for name, lead in trees if name != own]
+        return [Offer(name, "subtree", lead) for name, lead in trees if name != unfinished]
     if arguments := _arguments(code, vocabulary):
         if last != ":":
             about = {key: f"{each.meaning}: {value_range(each)}" for key, each in arguments.items()}
             return [Offer(key, "key", detail) for key, detail in about.items()]
         key = code[-2]
         if key in arguments and (words := arguments[key].words):
-            return [Offer(word, "word", f"a value of {key}") for word in words]
+            return [*(Offer(word, "word", f"a value of {key}") for word in words), *parameters]
     if last == "domain":
         return [Offer(name, "word", "a domain") for name in domains]
+    actions = [Offer(name, "action", each.meaning) for name, each in vocabulary.actions.items()]
+    keys = [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
     if "NUMBER" in accepted:
         numbers = _numbers(before, folder).items()
         compared = code[-2] if len(code) > 1 and last in OPERATORS else ""
         return [
             *_values_of(compared, vocabulary),
             *(Offer(name, "number", detail) for name, detail in numbers),
+            *((*keys, *actions) if "USE" in accepted else ()),
         ]
     if "SELECTOR" in accepted:
-        actions = vocabulary.actions.items()
-        return [Offer(name, "action", action.meaning) for name, action in actions]
+        return [*actions, *parameters]
     if "NOT" in accepted:
-        return [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
+        return [*keys, *parameters]
     return []  # a new name
 
 
@@ -159,6 +163,8 @@ def meaning(
     if previous in ("use", "subtree"):
         lead = subtrees(text, folder).get(name)
         return (f"```\n{lead}\n```", word) if lead else None
+    if name in (own := _parameters(text[: word.end], folder)):
+        return f"`{name}`: {own[name]}", word
     if name in vocabulary.actions:
         return _about_action(name, vocabulary.actions[name]), word
     if name in vocabulary.keys:
@@ -201,14 +207,17 @@ def subtrees(text: str, folder: Path) -> dict[str, str]:
 def _numbers(text: str, folder: Path) -> dict[str, str]:
     """The constants of a text and of what it includes, and parameters of the subtree at its end."""
     numbers = {name: f"constant {lead}" for name, lead in _defined("constant", text, folder)}
+    return numbers | _parameters(text, folder)
+
+
+def _parameters(text: str, folder: Path) -> dict[str, str]:
+    """The parameters of the subtree at the end of a text."""
     code = [word.text for word in words_of(text) if word.text[0] != "#"]
     own = _unfinished(code)
-    if own:
-        lead = dict(_defined("subtree", text, folder, own=True)).get(own, "")
-        inside = re.search(r"\(([^)]*)\)", lead.partition("=")[0])
-        names = inside[1].split(",") if inside else []
-        numbers |= {name.strip(): f"a parameter of {own}" for name in names}
-    return numbers
+    lead = dict(_defined("subtree", text, folder, own=True)).get(own, "") if own else ""
+    inside = re.search(r"\(([^)]*)\)", lead.partition("=")[0])
+    names = inside[1].split(",") if inside else []
+    return {name.strip(): f"a parameter of {own}" for name in names}
 
 
 def _unfinished(code: Sequence[str]) -> str:
@@ -222,7 +231,7 @@ def _unfinished(code: Sequence[str]) -> str:
         level += (word == "{") - (word == "}")
         if word == "}" and level == 0:
             return ""
-    leaf = bool(body) and body[0] not in KINDS
+    leaf = bool(body) and body[0] not in KINDS and body.count("(") <= body.count(")")
     return "" if leaf and len(body) > (2 if body[0] == "use" else 1) and body[-1] != ")" else name
 
 

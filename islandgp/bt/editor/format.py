@@ -114,7 +114,7 @@ class _Formatter:
         """The lines of a statement, a definition or the tree."""
         if tree.data == "subtree":
             name, *more, body = tree.children
-            parameters = [str(token) for each in more for token in each.children]
+            parameters = [token for each in more for token in each.children]
             parameter_list = f"({', '.join(parameters)})" if parameters else ""
             node = self._builder.written(body, parameters)
             yield from self._node(tree, node, "", f"subtree {name}{parameter_list} = ")

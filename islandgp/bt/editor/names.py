@@ -57,9 +57,14 @@ def occurrences(text: str) -> Iterator[Occurrence]:
     """All names of subtrees, constants and parameters in a text, which may be wrong anywhere."""
     words = code_words(text)
     owner, parameters, body_end = "", set[str](), -1
+    of_uses: list[bool] = []  # of each open bracket, whether it follows a `use` and its name
     at = 0
     while at < len(words):
         word, previous = words[at], words[at - 1].text if at else ""
+        if word.text == "(":
+            of_uses.append(at > 1 and words[at - 2].text == "use")
+        elif word.text in (")", "{"):
+            of_uses = of_uses[:-1] if word.text == ")" else []
         if at > body_end:
             owner, parameters = "", set()
         if NAME.fullmatch(word.text) and previous in ("subtree", "constant"):
@@ -79,19 +84,15 @@ def occurrences(text: str) -> Iterator[Occurrence]:
                 continue
         elif previous == "use" and NAME.fullmatch(word.text):
             yield Occurrence(Symbol("subtree", word.text), word)
-            for each in words[at + 1 : _closed(words, at + 1)]:
-                if NAME.fullmatch(each.text):
-                    yield Occurrence(_number(each.text, owner, parameters), each)
-        elif NAME.fullmatch(word.text) and _stands_for_number(words, at):
-            yield Occurrence(_number(word.text, owner, parameters), word)
+        elif NAME.fullmatch(word.text) and [each.text for each in words[at + 1 : at + 2]] != [":"]:
+            if word.text in parameters:
+                yield Occurrence(Symbol("parameter", word.text, owner), word)
+            elif previous == ":" or of_uses[-1:] == [True] or _is_number(words, at):
+                yield Occurrence(Symbol("constant", word.text), word)
         at += 1
 
 
-def _number(name: str, owner: str, parameters: set[str]) -> Symbol:
-    return Symbol("parameter", name, owner) if name in parameters else Symbol("constant", name)
-
-
-def _stands_for_number(words: Sequence[Word], at: int) -> bool:
+def _is_number(words: Sequence[Word], at: int) -> bool:
     """True behind an operator, a count or a time, and as the value of a constant."""
     if not at or words[at].text in RESERVED:
         return False
@@ -103,7 +104,12 @@ def _closed(words: Sequence[Word], at: int) -> int:
     """The index behind the brackets that open there; `at` if none do."""
     if at >= len(words) or words[at].text != "(":
         return at
-    return next((i + 1 for i in range(at, len(words)) if words[i].text == ")"), len(words))
+    level = 0
+    for i in range(at, len(words)):
+        level += (words[i].text == "(") - (words[i].text == ")")
+        if level == 0:
+            return i + 1
+    return len(words)
 
 
 def _body_end(words: Sequence[Word], at: int) -> int:
