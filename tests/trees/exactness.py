@@ -25,7 +25,7 @@ from islandgp.bt.core.condition import (
     OPERATORS,
     Condition,
     ConditionExpr,
-    mean_outcome,
+    combine,
     negate,
 )
 from islandgp.bt.core.engine import ABORTED
@@ -94,7 +94,7 @@ def random_condition(rng: Random, terms: int) -> ConditionExpr:
     """A comparison, or several of them joined."""
     if terms > 1:
         parts = [random_condition(rng, count) for count in (1, terms - 1)]
-        whole = mean_outcome(rng.choice(["and", "or"]), parts)
+        whole = combine(rng.choice(["and", "or"]), parts)
         return negate(whole) if rng.random() < 0.3 else whole
     key = rng.choice([*VOCABULARY.keys])
     if VOCABULARY.keys[key].flag:
