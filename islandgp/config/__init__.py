@@ -1,1 +1,1 @@
-"""The configuration: composed by Hydra, validated, and its mistakes in one line each."""
+"""The configuration: composed by Hydra, validated, with one-line error messages."""

@@ -1,8 +1,7 @@
-"""An API key that is given as configuration, taken out of sight before anything is written.
+"""Moves an API key from the command line or a configuration file into the environment.
 
-It belongs in the environment. Given on the command line or in a configuration
-file it is moved there, before Hydra sees it: Hydra prints overrides, and writes
-the whole configuration of a sweep into a file.
+This is done before Hydra starts, as Hydra prints overrides and writes a sweep's whole configuration
+into a file.
 """
 
 from __future__ import annotations
@@ -25,10 +24,10 @@ INSIDE: Final = re.compile(
 
 
 def without_key(words: Sequence[str]) -> list[str]:
-    """The words of a command, with a key that is among them moved to the environment.
+    """The arguments of a command without an API key, which is moved to the environment.
 
     Raises:
-        ConfigError: a word has a secret inside its value, where nothing would hide it.
+        ConfigError: an argument has a secret inside its value, where it would not be hidden.
     """
     kept = []
     for word in words:
@@ -43,7 +42,7 @@ def without_key(words: Sequence[str]) -> list[str]:
 
 
 def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:
-    """Moves a key that composed configurations hold, from a file of the user's; whether one did.
+    """Moves a key in composed configurations to the environment; returns True if there was one.
 
     Raises:
         ConfigError: two configurations hold different keys.
@@ -64,7 +63,7 @@ _REMEDY: Final = f"set {VARIABLE} in the environment instead"
 
 
 def _check_free(name: str, value: str) -> None:
-    """Raises ConfigError for a secret among a server's own fields: Hydra shows and keeps words."""
+    """Raises ConfigError for a secret in `extra_body`, as Hydra prints and stores overrides."""
     inside = not FREE.isdisjoint(re.split(r"[.{,:'\"\s]+", value))
     if not inside and FREE.isdisjoint(name.split(".")):
         return
@@ -74,7 +73,7 @@ def _check_free(name: str, value: str) -> None:
     if secret := next((key for key in [*path[at + 1 :], *keys] if names_secret(key)), None):
         raise ConfigError(
             f"{name.lstrip('+~')}: expected no secret on the command line, found {secret}; write it"
-            " into a file of your own, below supervisor.policy.extra_body, and name its folder by"
+            " into a configuration file, at supervisor.policy.extra_body, and name its folder by"
             " --config-dir"
         )
 

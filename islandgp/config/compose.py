@@ -1,4 +1,4 @@
-"""A command line as jobs: what each would run and where, validated before anything starts."""
+"""Composes a command line into jobs, with their settings and folders, and validates them."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from islandgp.errors import ConfigError
 from islandgp.trust import names_in, trust
 
 BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"
-"""Hydra's own sweeper, which runs every combination."""
+"""Hydra's basic sweeper, which runs every combination."""
 
-MOST_JOBS: Final = 1000  # of a command; each is checked before the first one starts
+MOST_JOBS: Final = 1000  # of a command; all are checked before the first one starts
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +42,11 @@ class Planned:
     folder: Path  # absolute, where the run keeps its records
     command: str  # that runs this job alone
     launcher: str  # the class name of Hydra's launcher
-    own_ray: bool = False  # the launcher starts a Ray cluster for this command
+    own_ray: bool = False  # True: the launcher starts a Ray cluster for this command
 
 
 def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
-    """The job of a command with these overrides. Raises ConfigError, also where it is a sweep."""
+    """The job of a command with these overrides. Raises ConfigError, also for a sweep."""
     if options := [word for word in overrides if word.startswith("-")]:
         raise ConfigError(
             f"Expected overrides (KEY=VALUE), found the option {options[0]}; for a sweep make one"
@@ -58,7 +58,7 @@ def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> 
 
 
 def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
-    """The jobs of a command. Raises ConfigError at the first that is wrong."""
+    """The jobs of a command. Raises ConfigError for the first invalid one."""
     flags, source = flags_of(args, words), ConfigSource.of(args)
     for overrides in _jobs(args, source):
         yield _plan(_composed(overrides, source), overrides, flags, home)
@@ -66,19 +66,19 @@ def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Itera
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """A command whose jobs a sweeper chooses while it runs: any but Hydra's own."""
+    """A command whose jobs are chosen by a sweeper while it runs, e.g. Optuna's."""
 
     sweeper: dict[str, Any]  # its configuration
-    sweeps: tuple[Override, ...]  # what it may vary
+    sweeps: tuple[Override, ...]  # the varied keys
     ends: tuple[Planned, ...]  # two jobs: every sweep at its first value, and at its last
     flags: tuple[str, ...]  # of the command of each job
 
 
 def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Searched | None:
-    """The search of the command's sweeper; None for Hydra's sweeper, which runs every combination.
+    """The search of the command's sweeper; None for Hydra's basic sweeper.
 
     Raises:
-        ConfigError: the command is wrong at either end of its sweeps.
+        ConfigError: the command is invalid at an end of its sweeps.
     """
     if not args.multirun or not _may_search(args):
         return None
@@ -97,7 +97,7 @@ def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Sear
 
 
 def _may_search(args: argparse.Namespace) -> bool:
-    """True if the sweeper or its params may differ from Hydra's defaults."""
+    """True if the sweeper or its params can differ from Hydra's defaults."""
     words = [word for word in args.overrides if word.lstrip("+~").startswith("hydra")]
     return bool(words or args.config_dir or args.config_path or args.config_name)
 
@@ -105,7 +105,7 @@ def _may_search(args: argparse.Namespace) -> bool:
 def _sweeper(
     args: argparse.Namespace, source: ConfigSource
 ) -> tuple[dict[str, Any], list[Override]]:
-    """The sweeper's configuration, and the overrides that it gets: its params come first."""
+    """The sweeper's configuration, and its overrides: those of its params come first."""
     loader = source.loader()
     words = parsed(args.overrides, loader)
     settings = _composed([_end(word, False) for word in words], source).hydra.sweeper
@@ -137,14 +137,14 @@ def _end(override: Override, last: bool) -> str:
 def _plan(
     composed: DictConfig, overrides: Sequence[str], flags: Sequence[str], home: Path
 ) -> Planned:
-    """The job of a composed configuration. Raises ConfigError where it is wrong."""
+    """The job of a composed configuration. Raises ConfigError if it is invalid."""
     launcher = _launcher(composed.hydra)
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
     domain = composed.hydra.runtime.choices.get("domain")  # None: the first file names it
     with open_dict(composed):
-        del composed["hydra"]  # what it holds is known only when Hydra runs
+        del composed["hydra"]  # its values are resolved only when Hydra runs
     config, settings = read(composed)
     if domain is not None:
         _must_be_called(str(domain), settings)
@@ -162,7 +162,7 @@ def _plan(
 
 
 def _must_be_called(choice: str, settings: Settings) -> None:
-    """Raises ConfigError where trees would name another domain than the one that is chosen."""
+    """Raises ConfigError if the domain's option and its vocabulary have different names."""
     name = settings.make_domain().schema.vocabulary.domain
     if choice.rpartition("/")[2] != name:
         raise ConfigError(
@@ -187,7 +187,7 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
 
 
 def flags_of(args: argparse.Namespace, words: Sequence[str]) -> list[str]:
-    """The words that are neither overrides nor ask for a sweep: --config-dir and the like."""
+    """The options of a command other than -m, e.g. --config-dir."""
     overrides = set(args.overrides)
     return [w for w in words if w not in overrides and w not in ("-m", "--multirun")]
 
@@ -216,7 +216,7 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
 
 
 def _must_have_values(sweeps: Sequence[Override]) -> None:
-    """Raises ConfigError where there is nothing to sweep over, or more than can be looked at."""
+    """Raises ConfigError for a sweep without values, or with too many jobs."""
     jobs = 1
     for sweep in sweeps:
         if not sweep.is_discrete_sweep():
@@ -235,7 +235,7 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
 
 
 def _values(sweep: Override) -> int:
-    """Number of values of a sweep, without making them. Raises ConfigError if there are none."""
+    """Number of values of a sweep, without a list of them. Raises ConfigError if there are none."""
     sweep_values = sweep.value()
     if isinstance(sweep_values, RangeSweep):
         n = _steps(sweep, sweep_values)
@@ -269,7 +269,7 @@ def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
 
 
 def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> None:
-    """Raises ConfigError for `KEY={}` where there are keys already: Hydra keeps them."""
+    """Raises ConfigError for `KEY={}` if KEY has keys, as Hydra keeps them."""
     for override in overrides:
         key, _, value = override.partition("=")
         if value.replace(" ", "") == "{}" and OmegaConf.select(composed, key_of(override)):
@@ -290,7 +290,7 @@ def _launcher(hydra: DictConfig) -> str:
 
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:
-    """Raises ConfigError for callbacks, as Hydra would run any code that a command names there."""
+    """Raises ConfigError for callbacks, as they would run any code."""
     others = {k: v for k, v in (hydra.callbacks or {}).items() if (k, v) not in CALLBACKS.items()}
     if others:
         first = f"hydra.callbacks.{next(iter(others))}"
@@ -301,7 +301,7 @@ def _must_have_no_callbacks(hydra: DictConfig) -> None:
 
 
 CALLBACKS: Final = {"forget": {"_target_": "islandgp.sweep.job.Forget"}}
-"""Hydra's callbacks, as conf/config.yaml has them."""
+"""Hydra's callbacks in conf/config.yaml."""
 
 FIXED_SETTINGS: Final = {
     "run.dir": ".",
@@ -310,11 +310,11 @@ FIXED_SETTINGS: Final = {
     "output_subdir": None,
     "job.chdir": False,
 }
-"""Hydra's settings for the folders of its jobs, as conf/config.yaml has them."""
+"""Hydra's settings of job folders in conf/config.yaml."""
 
 
 def _must_leave_folders(hydra: DictConfig) -> None:
-    """Raises ConfigError where a command chooses folders by Hydra's keys."""
+    """Raises ConfigError if a command sets folders by Hydra's keys."""
     for key, fixed in FIXED_SETTINGS.items():
         settings = OmegaConf.to_container(hydra, resolve=False)
         for part in key.split("."):

@@ -1,4 +1,4 @@
-"""Errors of pydantic as lines of the form KEY: expected ..., found ..."""
+"""Errors of pydantic as lines of the form `KEY: expected ..., found ...`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ IN_WORDS: Final = {
     NAME: "letters, digits and . _ -, beginning with a letter or a digit",
     CLASS_NAME: "small letters, digits and _, beginning with a letter",
 }
-"""By pattern: what it matches, in words."""
+"""Descriptions of patterns."""
 
 
 def setting_at(settings: Any, key: int | str) -> Any:
@@ -47,12 +47,12 @@ def error_lines(
     *,
     at: tuple[str, ...] = (),
 ) -> Iterator[str]:
-    """A line for each error of a `model` made from `config`; `at` is its path."""
+    """A line for each error of validating `config` with `model`; `at` is the path of `config`."""
     details = error.errors()
     inside = {e["loc"][:n] for e in details for n in range(len(e["loc"]))}
     for e in details:
         if e["type"] == "too_short" and e["loc"] in inside:
-            continue  # what is wrong in an item is not counted
+            continue  # errors within items are reported only once
         if e["loc"][0:1] == ("tags",) and e["loc"][-1] != "[key]":
             name = f"tags.{e['loc'][1]}" if e["loc"][1:] else "tags"
             assignment = f"{name}={e['input']!r}"
@@ -76,7 +76,7 @@ def error_lines(
 def keys_at(
     config: Mapping[str, Any], path: Sequence[int | str], model: type[BaseModel]
 ) -> list[str]:
-    """The keys that may be at a path below `model`: a model's fields, else those of `config`."""
+    """The valid keys at a path: the fields of the model there, else the keys of `config`."""
     kind: Any = model
     section: Any = config
     for part in path:
@@ -89,7 +89,7 @@ def keys_at(
 
 
 def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
-    """The type at a key of a type; None where it is not known."""
+    """The type of a key of a type; None if it is unknown."""
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         if part in ("world", "rewards") and "domain" in kind.model_fields:
             return getattr(_factory(setting_at(config, "domain")), str(part).capitalize(), None)
@@ -106,7 +106,7 @@ def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
 
 
 def _factory(part: Any) -> Any:
-    """The class that a group names; None where there is none."""
+    """The class that a group names; None if there is none."""
     try:
         return imported(str(setting_at(part, "factory")))
     except (ValidationError, IslandError):
@@ -114,7 +114,7 @@ def _factory(part: Any) -> Any:
 
 
 def unknown_key(path: str, known: list[str]) -> str:
-    """The line for a key that does not exist, with its new name or the nearest one that does."""
+    """The line for an unknown key, with its new name or the nearest known key."""
     if path in RENAMED:
         return f"{path}: unknown key; its name is {RENAMED[path]} since version 0.3"
     parent, _, key = path.rpartition(".")

@@ -1,4 +1,4 @@
-"""Errors of Hydra, OmegaConf and YAML as one line each: expected, found, remedy."""
+"""Errors of Hydra, OmegaConf and YAML as one-line messages: expected, found, remedy."""
 
 from __future__ import annotations
 
@@ -34,15 +34,15 @@ MISTAKES: Final = (
     OSError,
     RecursionError,
 )
-"""Exceptions of composing for a user's error."""
+"""Exceptions of Hydra and OmegaConf for a user's error."""
 
-LEVELS: Final = 50  # of brackets in a value
-LONGEST: Final = 200  # characters of a key, which Hydra takes for the name of a file
-DIGITS: Final = 1000  # of a number
+LEVELS: Final = 50  # most levels of brackets in a value
+LONGEST: Final = 200  # most characters of a key, as Hydra uses it as a file name
+DIGITS: Final = 1000  # most digits of a number
 
 
 def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
-    """The overrides as Hydra understands them. Raises ConfigError at the first that it cannot."""
+    """The overrides parsed by Hydra. Raises ConfigError for the first invalid one."""
     parser = OverridesParser.create(config_loader=loader)
     overrides_read: list[Override] = []
     for override in overrides:
@@ -57,7 +57,7 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
 
 
 def _must_be_readable(override: str) -> None:
-    """Raises ConfigError for a value that Hydra's parser, or Python, gives up on."""
+    """Raises ConfigError for a value that Hydra's parser or Python cannot process."""
     key, _, value = override.partition("=")
     if len(key) > LONGEST:
         raise ConfigError(
@@ -112,7 +112,7 @@ class Mistake(NamedTuple):
 
 
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for an error that composing these overrides has raised."""
+    """The message for an error of composing these overrides."""
     mistake, text = Mistake(error, overrides, source), str(error)
     if isinstance(error, yaml.YAMLError):
         return _yaml(error)
@@ -195,12 +195,12 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
     (r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", _no_such_option),
     (r"\AError merging override ([\s\S]*)", _cannot_merge),
 )
-"""What Hydra's messages contain, and ours in their place: a template, or a function; "" keeps
-Hydra's first line."""
+"""Patterns in Hydra's messages, with the replacement: a template, or a function. "" keeps Hydra's
+first line."""
 
 
 GLOBAL: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
-"""The line by which Hydra reads a group's file as one of the whole configuration."""
+"""The line with which Hydra applies a group's file to the whole configuration."""
 
 
 def check_packages(composed: DictConfig, source: ConfigSource) -> None:
@@ -241,7 +241,7 @@ def _yaml(error: yaml.YAMLError) -> str:
 
 
 def _no_text(source: ConfigSource) -> str:
-    """The message for the first file of the user's that is not UTF-8; "" if all are."""
+    """The message for the user's first file that is not UTF-8, or ""."""
     for file in _files(source):
         try:
             decoded(file.read_bytes(), str(file))
@@ -251,11 +251,11 @@ def _no_text(source: ConfigSource) -> str:
 
 
 def _no_mapping(source: ConfigSource) -> str:
-    """The message for the first file of the user's that holds a list or the like; "" if none."""
+    """The message for the user's first file whose content is not a mapping, or ""."""
     for file in _files(source):
         try:
             content = yaml.safe_load(file.read_bytes())
-        except yaml.YAMLError:  # the command has not chosen it: else this would be its error
+        except yaml.YAMLError:  # not a file of this command, or its error would be reported before
             continue
         if content is not None and not isinstance(content, dict):
             return (
@@ -270,7 +270,7 @@ def _files(source: ConfigSource) -> list[Path]:
 
 
 def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for a group that is given a list, a number or null; "" if none is."""
+    """The message for a group that is set to a list, a number or null, or ""."""
     for override in parsed(overrides, source.loader()):
         key, value = override.key_or_group, override.value()
         known = source.options(key)
@@ -290,7 +290,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
 
 
 def _unknown(path: str, config: Any) -> str:
-    """The message for a key that is not in the configuration: at the part that is wrong."""
+    """The message for a key that is not in the configuration, about its first unknown part."""
     parts = path.split(".")
     known = keys_at(config, parts[:-1], Settings)
     if len(parts) > 1 and parts[-1] in known:
@@ -317,7 +317,7 @@ def _keys(config: dict[str, Any]) -> list[str]:
 
 
 def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
-    """The configuration of the chosen options, before any value is changed; not resolved."""
+    """The unresolved configuration of the chosen options, without overrides of values."""
     loader = source.loader()
     groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]
     chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
@@ -325,7 +325,7 @@ def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
 
 
 def _short(error: Exception) -> str:
-    """The first line of a message that is not blank; also the next one if it ends in a colon."""
+    """The first line of a message that is not blank; with the next one if it ends in a colon."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     if len(lines) > 1 and lines[0].endswith(":"):
         return f"{lines[0]} {lines[1]}"

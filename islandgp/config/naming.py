@@ -1,4 +1,4 @@
-"""Names that follow from a job's overrides: its folder, its arm and its command."""
+"""Names derived from a job's overrides: its folder, its arm and its command."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
     "supervisor",
     "supervisor.policy.base_url",
 }
-"""Keys and groups without a part of their own in the name of a run's folder."""
+"""Keys and groups that are not appended to the name of a run's folder."""
 
-LONGEST: Final = 180  # characters of a folder's name; file systems take 255 bytes
+LONGEST: Final = 180  # most characters of a folder's name; file systems allow 255 bytes
 
 
 def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
     """The folder of a run: <runs>/<name>/<supervisor>-seed<n>[-<overrides>].
 
-    Characters that could trouble a shell or a file system become `_`. A name that lost some,
-    or was cut, ends in a digest of the whole, so that different overrides have different names.
+    Characters with a meaning in shells or file systems are replaced by `_`. A changed or shortened
+    name ends with a digest of the full one, so different overrides have different names.
     """
     last = {key_of(override): override for override in overrides}  # Hydra takes the last of a key
     words = [
@@ -48,7 +48,7 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
 
 
 def _safe(name: str) -> str:
-    """The name as a folder's name; see `run_folder`."""
+    """The name as a valid folder name; see `run_folder`."""
     safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
     if safe == name and len(name) <= LONGEST:
         return name
@@ -62,7 +62,7 @@ def is_choice(override: str) -> bool:
 
 
 def command_line(words: Sequence[str]) -> str:
-    """The command for a shell, secrets hidden."""
+    """The command for a shell, with secrets hidden."""
     shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in words]
     return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
 

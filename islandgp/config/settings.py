@@ -1,8 +1,7 @@
 """The whole configuration as one frozen value, validated before anything starts.
 
-Each group's model is defined beside the code that uses it; this module composes
-them and checks what concerns several of them. Nothing below it sees Hydra's
-config object.
+The model of each group is defined next to the code that uses it. This module combines them and
+checks conflicts between groups. No other module uses Hydra's configuration object.
 """
 
 from __future__ import annotations
@@ -48,15 +47,15 @@ from islandgp.supervision.library import LibrarySettings
 OWN_TAGS: Final = frozenset(
     {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
 )
-"""Names of tags that each run has already."""
+"""Names of tags that every run has."""
 
 
 MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
-"""Prefixes of tags that MLflow and the upload need."""
+"""Prefixes of tags that MLflow and the upload use."""
 
 
 class DomainSettings(ImportedClass, frozen=True, extra="forbid"):
-    """The group `domain`: the class of the world that trees live in."""
+    """The group `domain`: the domain's class."""
 
     needs = ("make", "run_episode")
     models = ("World", "Rewards")
@@ -77,8 +76,8 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in tags and tables
     ranking: Literal["evidence", "fitness"] = "evidence"
-    """Which trees race for the best robot: those with the best evidence over all generations, or
-    the fittest of each generation and of each behaviour."""
+    """The candidates for the best robot: the trees with the best evidence over all generations, or
+    the fittest ones of each generation and of each behaviour."""
 
     @field_validator("factory")
     @classmethod
@@ -99,7 +98,7 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
 
 
 PAPERS: Final = {"name": "paper", "factory": "islandgp.search.paper:Paper", "ranking": "fitness"}
-"""The search of configurations that name none: those of versions before 0.3."""
+"""The search of configurations without one, of versions before 0.3."""
 
 
 OLDER_NAMES: Final = {
@@ -147,7 +146,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     stop: Stop = Stop()
     search: SearchSettings = SearchSettings.model_validate(PAPERS)
     archive: ArchiveSettings = ArchiveSettings()
-    perturb: Perturbation | None = None  # worlds a little different: docs/perturbation.md
+    perturb: Perturbation | None = None  # docs/perturbation.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
@@ -173,7 +172,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         return model.model_validate(value)  # its errors become errors of this field
 
     def make_domain(self) -> Domain:
-        """The domain with its world and rewards. Raises ConfigError where they do not fit."""
+        """The domain with its world and rewards. Raises ConfigError if it rejects them."""
         factory = self.domain.factory
         with plugin_errors(path_of(factory)):
             domain: Domain = factory.make(self.world, self.rewards)
@@ -189,8 +188,8 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     def problem(self, *, perturbed: bool | None = None) -> Problem:
         """The problem of the run: the domain, and the worlds of the curriculum's stages.
 
-        `perturbed`: whether episodes run in perturbed worlds, of which there must be some; None:
-        as in training.
+        `perturbed`: True: episodes run in perturbed worlds, which must be configured; None: as in
+        training.
         """
         factory = self.domain.factory
         how = self.perturb
@@ -233,9 +232,9 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
 
 
 def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The configuration with `gp.generations` as `budget.episodes` allows, if that is set.
+    """The configuration with `gp.generations` derived from `budget.episodes`, if that is set.
 
-    A configuration whose values cannot be read is returned as it is: reading it reports them.
+    An invalid configuration is returned unchanged, as `read_settings` reports its errors.
     """
     try:
         budget = Budget(**config["budget"])
@@ -252,7 +251,7 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _conflicts(settings: Settings) -> Iterator[str]:
-    """A line for each value that another setting excludes."""
+    """A line for each value that conflicts with another setting."""
     gp, supervisor = settings.gp, settings.supervisor
     for key, value, most, bound in (
         ("gp.tournament_size", gp.tournament_size, gp.population, "gp.population"),
@@ -307,7 +306,7 @@ def _faults(settings: Settings) -> Iterator[str]:
 
 
 def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
-    """A line for each stage whose world cannot be, or speaks another language."""
+    """A line for each stage with an invalid world, or with another vocabulary or other counters."""
     for i, stage in enumerate(settings.curriculum.stages):
         if not stage.world:
             continue
@@ -331,7 +330,7 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
 
 
 def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
-    """A line for each `true` or `false` that was taken for the number 1 or 0."""
+    """A line for each `true` or `false` at a key for numbers."""
     if isinstance(config, bool):
         if isinstance(settings, int | float) and not isinstance(settings, bool):
             word = str(config).lower()

@@ -1,4 +1,4 @@
-"""The folders of configuration files: the project's and, optionally, one of the user."""
+"""The folders of configuration files: the package's and, optionally, the user's."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ COMPOSING: Final = Lock()  # Hydra composes one configuration at a time in a pro
 
 @dataclass(frozen=True, slots=True)
 class ConfigSource:
-    """The folders of a command, and its first file."""
+    """The folders and the primary file of a command's configuration."""
 
-    folder: Path  # absolute; that of --config-path, else the project's
-    name: str  # of the first file
-    own: Path | None  # absolute; the user's groups, by --config-dir
+    folder: Path  # absolute; of --config-path, else the package's
+    name: str  # of the primary file
+    own: Path | None  # absolute; of --config-dir
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Self:
-        """The source by the command's options. Raises ConfigError if a folder does not exist."""
+        """The source for a command's options. Raises ConfigError if a folder does not exist."""
         folder = Path(args.config_path or resource("conf")).resolve()
         user_folder = Path(args.config_dir).resolve() if args.config_dir else None
         for option, path in (("--config-path", folder), ("--config-dir", user_folder)):
@@ -50,10 +50,10 @@ class ConfigSource:
         return cls(folder, args.config_name or "config", user_folder)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
-        """The configuration, with Hydra's own part. Raises what Hydra raises."""
+        """The configuration, including Hydra's part. Raises Hydra's exceptions."""
         first, other = self.folder, self.own
         if other is not None and not (first / f"{self.name}.yaml").exists():
-            first, other = other, first  # Hydra looks for the first file in one folder only
+            first, other = other, first  # Hydra looks for the primary file in one folder only
         search = [f"hydra.searchpath=[file://{other}]"] if other else []
         with _alone(), initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
@@ -66,17 +66,17 @@ class ConfigSource:
         return ConfigLoaderImpl(path)
 
     def options(self, group: str) -> list[str]:
-        """The names of a group's files; none where there is no such group."""
+        """The options of a group: the names of its files."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
 
     def files(self, option: str) -> list[Path]:
-        """The files of an option such as `domain/island` that there are."""
+        """The existing files of an option such as `domain/island`."""
         folders = [self.folder, *([self.own] if self.own else [])]
         return [file for folder in folders if (file := folder / f"{option}.yaml").is_file()]
 
 
 def _must_hide_nothing(own: Path, folder: Path) -> None:
-    """Raises ConfigError for a file of the user's that has the name of one that is read first."""
+    """Raises ConfigError if a file of the user is hidden by one of the package with its name."""
     for path in sorted(folder.rglob("*.yaml")):
         name = path.relative_to(folder)
         if (own / name).exists():
@@ -89,7 +89,7 @@ def _must_hide_nothing(own: Path, folder: Path) -> None:
 
 @contextmanager
 def _alone() -> Iterator[None]:
-    """Hydra for this thread, also where another part of the program has initialised it."""
+    """Context with its own Hydra instance, also if Hydra is initialised already."""
     with COMPOSING:
         others = GlobalHydra.instance().hydra
         GlobalHydra.instance().clear()

@@ -32,7 +32,7 @@ class Job:
     tree: str  # canonical text
     stage: int  # index into Table 2
     seed: int  # of the world
-    node: Node | None = field(default=None, compare=False, repr=False)  # of `tree`, if at hand
+    node: Node | None = field(default=None, compare=False, repr=False)  # `tree`, if parsed
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class Problem:
 
         Raises:
             RunError: the configuration is of version 0.1, or damaged.
-            UntrustedError: it names a domain that the user's own configuration does not name.
+            UntrustedError: it names a domain that the user's configuration does not name.
         """
         check_version(config)
         must_trust_domain(config)
@@ -233,7 +233,7 @@ MOST_POINTS: Final = 1e100  # of an episode, so that their squares in statistics
 
 
 def blame(job: Job, fault: str) -> str:
-    """The message of an error that names its job."""
+    """The message of an error in a job, with its tree and world seed."""
     return (
         f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {fault}."
         f"{KEPT}{job.tree}"
@@ -241,15 +241,15 @@ def blame(job: Job, fault: str) -> str:
 
 
 KEPT: Final = " The run keeps what it has; this is the tree:\n"
-"""Before the tree in the message of an error that names its job."""
+"""Text before the tree in this message."""
 
 
 MOST_KEPT: Final = 2000
-"""Outcomes that `Cached` keeps: those of a usual run."""
+"""Number of outcomes in the cache, enough for a typical run."""
 
 
 class Cached:
-    """Evaluator that keeps the outcomes of the last episodes, and runs none of these again."""
+    """An evaluator with a cache of the last outcomes."""
 
     def __init__(self, inner: Evaluator) -> None:
         self.inner = inner
@@ -257,7 +257,7 @@ class Cached:
 
     @property
     def simulated(self) -> int:
-        """Number of episodes simulated so far, without those from the cache."""
+        """Number of episodes simulated so far, excluding those from the cache."""
         return self.inner.simulated
 
     def start(self, job: Job) -> None:

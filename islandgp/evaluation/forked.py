@@ -1,7 +1,7 @@
-"""Preloaded by the server that forks workers, and imported nowhere else.
+"""Preloaded by the forkserver, and imported nowhere else.
 
-A run that is stopped while a worker starts takes the worker's queues away from it. The worker
-ends then, as it should; here it is kept from printing a traceback about it.
+If a run is stopped while a worker starts, the worker finds its queues closed and ends. This module
+suppresses the traceback that it would print.
 """
 
 import sys

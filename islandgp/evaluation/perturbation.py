@@ -1,4 +1,4 @@
-"""Perturbed worlds: settings drawn from ranges, noisy and late sensors.
+"""Perturbed worlds: settings drawn from ranges, noisy and delayed sensors.
 
 A tree is robust if it earns as much in slightly different worlds. The perturbation of a world is a
 function of the world's seed alone.
@@ -22,7 +22,7 @@ from islandgp.seeding import Stream, stream
 from islandgp.sensors import SensorFaults
 
 MOST_RANGES: Final = 100
-KEPT: Final = 64  # domains of perturbed worlds that a process keeps
+KEPT: Final = 64  # size of a process's cache of perturbed domains
 
 Span: TypeAlias = tuple[float, float]
 
@@ -33,9 +33,9 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
     world: dict[str, Span] = Field(default_factory=dict)
     """Least and greatest value of settings of the group `world`, nested or by dotted name. Whole
     numbers stay whole."""
-    noise: float = Field(default=0.0, ge=0, le=100)  # multiple of the noise that keys declare
-    delay: int = Field(default=0, ge=0, le=MOST_DELAY)  # ticks that sensors are late, at most
-    training: bool = False  # a run trains and validates in perturbed worlds
+    noise: float = Field(default=0.0, ge=0, le=100)  # multiple of the keys' declared noise
+    delay: int = Field(default=0, ge=0, le=MOST_DELAY)  # most ticks of delay of the sensors
+    training: bool = False  # True: training and validation are in perturbed worlds
 
     @field_validator("world", mode="before")
     @classmethod
@@ -49,7 +49,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         return settings
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """The changed settings of a seed's perturbed world, as plain values."""
+        """The changed settings of the perturbed world with this seed, as plain values."""
         rng = stream(seed, Stream.PERTURBATION)
         values: dict[str, float] = {}
         for name, (least, most) in sorted(self.world.items()):
@@ -60,18 +60,18 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         return _nested(values)
 
     def sensors(self) -> SensorFaults | None:
-        """The sensors' faults; None: they have none."""
+        """The faults of the sensors; None: they have none."""
         return SensorFaults(self.noise, self.delay) if self.noise or self.delay else None
 
     def in_words(self) -> str:
-        """The perturbation for people."""
+        """The perturbation as text."""
         ranges = (f"{name} {low:g} to {high:g}" for name, (low, high) in self.world.items())
         noise = [f"noise {self.noise:g}"] if self.noise else []
         delay = [f"delay 0 to {self.delay} ticks"] if self.delay else []
         return ", ".join([*ranges, *noise, *delay])
 
     def faults(self, factory: Any, world: BaseModel, rewards: Any, schema: Schema) -> Iterator[str]:
-        """A line for each thing that the domain or its world cannot have."""
+        """A line for each part of the perturbation that the domain does not support."""
         if not (self.world or self.noise or self.delay):
             yield "perturb: expected world, noise or delay, found nothing to perturb; give one"
         plain = world.model_dump()
@@ -110,7 +110,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
     def _wrong_ends(
         self, factory: Any, world: BaseModel, rewards: Any, plain: Mapping[str, Any]
     ) -> Iterator[str]:
-        """A line where the world cannot have all the least values, or all the greatest ones."""
+        """A line if the world does not accept all lower ends, or all upper ends, of the ranges."""
         for end, word in enumerate(("least", "greatest")):
             values = {
                 name: int(span[end]) if _is_whole(_setting(plain, name)) else span[end]
@@ -131,7 +131,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
 
 @dataclass(frozen=True)
 class PerturbedWorlds:
-    """Makes the domain of each perturbed world; equal arguments give equal domains."""
+    """Creates the domain of each perturbed world; equal arguments give equal domains."""
 
     how: Perturbation
     factory: Any  # the domain's class
@@ -160,7 +160,7 @@ def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
 
 
 def _flat(world: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Span]]:
-    """The ranges by dotted name. Raises ValueError for what is no range."""
+    """The ranges by dotted name. Raises ValueError for an invalid range."""
     for key, value in world.items():
         name = f"{path}{key}"
         if isinstance(value, Mapping):

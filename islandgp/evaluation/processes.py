@@ -1,9 +1,9 @@
 """Episodes in a persistent pool of processes on this machine.
 
-Results do not depend on the number of workers: an episode is a function of its
-job. A worker that dies is replaced, and the unfinished jobs are run again one
-at a time; a job that kills its worker twice is named and ends the run. Closing takes a few
-seconds at most: a worker that does not end by itself is killed.
+Results do not depend on the number of workers, as an episode is a function of its job. If a worker
+dies, it is replaced, and the unfinished jobs are run again one at a time; a job whose worker dies
+twice is reported and ends the run. Closing takes a few seconds at most, as workers that do not end
+by themselves are killed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem, blame, simulate
 from islandgp.time_limit import SLICES
 
-PERIOD: Final = 0.5  # s between two looks for the parent
+PERIOD: Final = 0.5  # s between two checks of the parent
 PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
 
 
@@ -47,9 +47,9 @@ def end_with_parent(parent: int) -> None:
 
 
 def killed_with_parent() -> None:
-    """Asks Linux to kill this process when the thread that started it has ended."""
+    """Asks Linux to kill this process when the thread that started it ends."""
     if sys.platform == "linux":
-        import ctypes  # which other processes need not load
+        import ctypes  # imported only where it is needed
 
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
@@ -60,12 +60,12 @@ def _watch(parent: int) -> None:
     os._exit(1)
 
 
-ENDING: Final = 1.0  # s that workers may take to end by themselves
+ENDING: Final = 1.0  # s for workers to end by themselves
 
-GRACE: Final = 2.0  # s that a worker has to report an episode that takes too long
+GRACE: Final = 2.0  # s for a worker to report an episode that exceeds the limit
 
-_problem: Problem | None = None  # a worker's own copy
-_limit = 0.0  # s that an episode of a worker may take; 0: any time
+_problem: Problem | None = None  # in a worker
+_limit = 0.0  # time limit of an episode in a worker, s; 0: none
 
 
 def cores() -> int:
@@ -83,7 +83,7 @@ def _start(problem: Problem, limit: float) -> None:
 
 
 def _end_with_parent() -> None:
-    """Ends this worker when its parent is gone, killed perhaps, and can't do so itself."""
+    """Ends this worker when its parent has died."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])
@@ -161,9 +161,9 @@ class Processes:
             raise BrokenProcessPool(str(error)) from error
 
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
-        """Waits for a job. Those before it have ended, so it is at work from now on at least.
+        """Waits for a job. All jobs before it have ended, so it runs at the latest from now on.
 
-        A worker ends an episode that takes too long by itself, unless it cannot.
+        A worker enforces the time limit itself, unless it hangs; then it is replaced.
         """
         if self.episode_timeout and not _ends(future, self.episode_timeout + GRACE):
             self._renew()
@@ -178,7 +178,7 @@ class Processes:
         return done[job]
 
     def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
-        """Finishes the jobs after a worker died, finding out which one kills workers."""
+        """Finishes the jobs after a worker died; finds the one that kills its worker."""
         self._renew()
         for job in (job for job in jobs if job not in done):
             for last in (False, True):
@@ -201,17 +201,17 @@ class Processes:
 
 
 def _ends(future: Future[Outcome], seconds: float) -> bool:
-    """True if it ends in time. A suspension of this process counts as a tenth of it at most."""
+    """True if the future ends in time. A suspension of this process counts as a tenth at most."""
     return any(wait_for([future], seconds / SLICES).done for _ in range(SLICES))
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
-    """Shuts the pool down; kills its workers where they are at work, stopped or stuck."""
+    """Shuts the pool down; kills workers that are busy, suspended or stuck."""
     # Python has a public `kill_workers` from 3.14 on.
     workers = list((pool._processes or {}).values())
     if getattr(pool, "_executor_manager_thread", None) is None:
-        # Its start was interrupted. It would forget those that it has started already, and the
-        # interpreter would wait for them at its end.
+        # Its start was interrupted: it does not know the workers that were started already, and
+        # the interpreter would wait for them at its exit.
         for worker in workers:
             worker.kill()
     closing = Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)

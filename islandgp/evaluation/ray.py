@@ -1,9 +1,9 @@
-"""Episodes on a Ray cluster: on this machine, or on one that is running already.
+"""Episodes on a Ray cluster: a local one, or one that is running already.
 
-Results do not depend on the cluster: an episode is a function of its job. A task has as many
-episodes as take BATCH_S seconds together, so that the price of a task is small. Ray runs a task
-again when its worker or its machine dies; then its episodes run one by one, and one that kills
-its worker each time is named and ends the run.
+Results do not depend on the cluster, as an episode is a function of its job. A task has as many
+episodes as take BATCH_S seconds together, so the overhead of a task is small. Ray runs a task again
+if its worker or machine dies; if it fails again, its episodes run one by one, and an episode whose
+worker dies each time is reported and ends the run.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 QUIET: Final = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.ERROR}
 
-LOOK: Final = 5.0  # s of waiting for an episode between two looks whether the cluster is there
-BATCH_S: Final = 0.25  # s that the episodes of a task take together
-SHARES: Final = 3  # tasks for each worker at least, so that all end at about the same time
-GONE: Final = 20.0  # s that its head may be away; Ray ends the process without a word after 60
+LOOK: Final = 5.0  # s between two checks of the cluster while waiting for an episode
+BATCH_S: Final = 0.25  # target duration of a task, s
+SHARES: Final = 3  # least tasks per worker, so that all end at about the same time
+GONE: Final = 20.0  # s without the head node until the run ends; Ray exits silently after 60
 
 
 class RaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -92,7 +92,7 @@ class Ray:
         self._limit = settings.episode_timeout
         self._looked = monotonic()
         self._ray, self._ours = _connect(settings)
-        remote = settings.address.startswith("ray://")  # whose own address is another network's
+        remote = settings.address.startswith("ray://")  # its own address is in another network
         self._head = settings.address if remote else self._ray.get_runtime_context().gcs_address
         self._node = "" if remote else _own_node(self._ray)
         options = {"num_cpus": settings.cpus, "max_retries": settings.retries}
@@ -105,7 +105,7 @@ class Ray:
         """See `Evaluator`."""
         self.simulated += len(jobs)
         if monotonic() > self._looked + LOOK:
-            self._must_be_there()  # tasks go on for a minute without the head; then Ray ends us
+            self._must_be_there()  # without the head, Ray ends this process after a minute
             self._looked = monotonic()
         n = batch_size(self._episode_s, len(jobs), self._workers())
         batches = [jobs[i : i + n] for i in range(0, len(jobs), n)]
@@ -136,7 +136,7 @@ class Ray:
                 result: Batch = self._ray.get(future, timeout=LOOK)
             except GetTimeoutError:
                 self._must_be_there()
-            except RayTaskError as error:  # `simulate` named the job already
+            except RayTaskError as error:  # its message names the job
                 raise EvaluationError(str(error.cause)) from error
             except RayError as error:
                 if len(batch) == 1:
@@ -148,7 +148,7 @@ class Ray:
                 return result
 
     def _must_be_there(self) -> None:
-        """Raises EvaluationError where the cluster is gone; its head may be away for a while."""
+        """Raises EvaluationError if the cluster has ended; waits GONE s for its head node."""
         end = monotonic() + GONE
         while True:
             try:
@@ -170,7 +170,7 @@ class Ray:
 
 
 def _connect(settings: RaySettings) -> tuple[Any, bool]:
-    """Ray, and whether this connection is ours to close."""
+    """Connect; return the module `ray`, and whether this evaluator must close the connection."""
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # Ray's own new default
     try:
         import ray
@@ -204,17 +204,17 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
 
 
 def _own_node(ray: Any) -> str:
-    """The address of this machine's part of the cluster."""
+    """The address of the cluster's node on this machine."""
     node_id = ray.get_runtime_context().get_node_id()
     (node,) = (node for node in ray.nodes() if node["NodeID"] == node_id)
     return f"{node['NodeManagerAddress']}:{node['NodeManagerPort']}"
 
 
 def own_token() -> None:
-    """Gives a token to the cluster that Ray will start for this process alone.
+    """Sets a token for a cluster that Ray starts for this process only.
 
-    Ray would write one into the home folder, after which `ray start --head` asks for it and
-    `ray start --address` does not send it. A token that the user has stays in use.
+    Otherwise Ray writes a token into the home folder, and later `ray start --head` requires it but
+    `ray start --address` does not send it. A user's own token is kept.
     """
     chosen = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"} & os.environ.keys()
     if not chosen and not (Path.home() / ".ray" / "auth_token").exists():
@@ -237,7 +237,7 @@ def _refused(address: str, error: Exception) -> EvaluationError:
 
 
 def _reach(address: str) -> None:
-    """Raises OSError where no server listens: Ray would wait for minutes, or end the process."""
+    """Raises OSError if no server listens, as Ray would wait for minutes or end the process."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if port.isdigit():
         socket.create_connection((host, int(port)), timeout=10).close()

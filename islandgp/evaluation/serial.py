@@ -1,4 +1,4 @@
-"""Episodes one after the other in this process."""
+"""Episodes in this process, one after another."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class SerialSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class Serial:
-    """The evaluator without workers."""
+    """The evaluator without worker processes."""
 
     Settings = SerialSettings
 

@@ -1,4 +1,4 @@
-"""The settings of a world with changes: those of a curriculum's stage, or of a perturbed world."""
+"""World settings with the changes of a curriculum's stage or of a perturbed world."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 
 def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
-    """The world with changes. Raises pydantic.ValidationError where they do not fit."""
+    """The settings with changes. Raises pydantic.ValidationError if they are invalid."""
     return type(world).model_validate(_merged(world.model_dump(), changes)) if changes else world
 
 

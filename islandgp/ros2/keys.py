@@ -21,7 +21,7 @@ class RosKey:
         self._at = 0.0  # s, monotonic; when the value came
 
     def take(self, message: Any) -> None:
-        """A message came. NaN is no value: sensors say so what they have not measured."""
+        """Handle a message. NaN is not used as a value, as sensors send it for a missing one."""
         value = value_of(message, self.entry.field)
         self._value = None if isinstance(value, float) and not isfinite(value) else value
         self._at = monotonic()
@@ -41,7 +41,7 @@ class RosKey:
             )
 
     def read(self) -> Any:
-        """The value now; None: there is none, or it is too old."""
+        """The present value; None if there is none or it is too old."""
         if self._value is None:
             return self.entry.default
         if self.entry.max_age is not None and monotonic() - self._at > self.entry.max_age:

@@ -85,7 +85,7 @@ class RosLeaves:
                         result = handle.get_result_async()
                     if result is not None and result.done():
                         status = result.result().status
-                    else:  # the topic of statuses knows it as well, where an answer is lost
+                    else:  # the status topic has the result, too, if the answer is lost
                         status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
                     ended = status in _ENDS
                     available = handle is not None and client.server_is_ready()
@@ -109,7 +109,7 @@ class RosLeaves:
         return run
 
     def _cancel(self, canceller: Any, request: Any) -> None:
-        """Cancels a goal by its id: the answer that accepts it may be lost, and it runs."""
+        """Cancels a goal by its id, as it may run although the answer that accepts it was lost."""
         waiting = [future for future in self.cancelling if not future.done()]
         self.cancelling = [*waiting, canceller.call_async(request)]
 
@@ -166,7 +166,7 @@ class _Clock:
         self._start = self._seen = monotonic()
 
     def seen(self) -> None:
-        """The server is there now."""
+        """Record that the server is available now."""
         self._seen = monotonic()
 
     def late(self, *, server_is_there: bool) -> str:

@@ -62,9 +62,9 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
 
 
 def _converted(value: Any, default: Any) -> Any:
-    """A value of a map or a tree in the type of a field.
+    """A value of a map or a tree, converted to the type of a field.
 
-    A tree that has no vocabulary writes `5` for a number and `yes` for a flag.
+    A tree without a vocabulary has `5` for a number and `yes` for a flag.
 
     Raises:
         TypeError: a flag for a number.
@@ -81,7 +81,7 @@ def _converted(value: Any, default: Any) -> Any:
 
 
 def must_have(message: Any, field: str, place: str) -> None:
-    """Raises ConfigError if a message has no such field; elements of lists may come later."""
+    """Raises ConfigError if a message has no such field; lists may have no elements yet."""
     for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
         if not hasattr(message, "get_fields_and_field_types") or not hasattr(message, name):
             known: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()

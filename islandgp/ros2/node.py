@@ -1,4 +1,4 @@
-"""The node of ROS 2 that ticks a tree, publishes its state and loads it again when it changes."""
+"""The ROS 2 node that ticks a tree, publishes its state, and reloads the tree when it changes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from islandgp.ros2.keys import ros_keys
 from islandgp.ros2.leaves import RosLeaves
 from islandgp.ros2.robot_map import RobotMap
 
-RELOAD_S: Final = 0.5  # between two looks at the files
-STOP_S: Final = 0.1  # between two looks at whether to stop, at most
-CANCEL_S: Final = 2.0  # that the end waits for answers to cancellations, at most
+RELOAD_S: Final = 0.5  # between two checks of the files
+STOP_S: Final = 0.1  # most s between two checks whether to stop
+CANCEL_S: Final = 2.0  # most s of waiting for answers to cancellations at the end
 
 
 class TreeNode:
-    """A tree at work in a node of ROS 2."""
+    """A tree in a ROS 2 node."""
 
     def __init__(
         self,
@@ -42,8 +42,8 @@ class TreeNode:
         `vocabulary` and `step_s` are those of `load_tree` and `Tree.bind`.
 
         Raises:
-            ConfigError: the map names an interface or a field that there is not.
-            TreeError, DomainError: the file is no tree, or the map lacks an action or a key.
+            ConfigError: the map names an interface or a field that does not exist.
+            TreeError, DomainError: the file is not a tree, or the map lacks an action or a key.
         """
         from std_msgs.msg import String
 
@@ -68,10 +68,10 @@ class TreeNode:
         return any(not future.done() for future in self._actions.cancelling)
 
     def tick(self) -> NodeStatus | None:
-        """Ticks the tree once, unless a key has no value: then all is stopped, and None returned.
+        """Ticks the tree once. If a key has no value, stops all actions and returns None.
 
         Raises:
-            DomainError: a key is no number.
+            DomainError: the value of a key is not a number.
         """
         self._reload()
         tree = self.robot_tree.tree
@@ -89,7 +89,7 @@ class TreeNode:
         return status
 
     def stop(self) -> None:
-        """Cancels all goals, and publishes that."""
+        """Cancels all goals and publishes the state."""
         self.robot_tree.stop()
         self._publish(self.robot_tree.tree, None)
 
@@ -104,7 +104,7 @@ class TreeNode:
         )
 
     def _reload(self) -> None:
-        """Loads the tree again where a file has changed; a file with errors changes nothing."""
+        """Reloads the tree if a file has changed; keeps the old tree if the file has errors."""
         if monotonic() - self._looked < RELOAD_S:
             return
         self._looked = monotonic()
@@ -147,9 +147,9 @@ def holds(read: Callable[[], object], **_: object) -> bool:
 
 @contextmanager
 def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
-    """A node, and a function that lets its callbacks run for some seconds.
+    """Creates a node, and a function that runs its callbacks for a number of seconds.
 
-    Ctrl-C stays Python's, so that goals can still be cancelled when it comes.
+    Python keeps handling Ctrl-C, so goals can be cancelled before the end.
     """
     import rclpy
     from rclpy.executors import SingleThreadedExecutor
@@ -183,12 +183,12 @@ def run(
     *,
     once: bool = False,
 ) -> NodeStatus | None:
-    """Ticks a tree at a rate, in Hz, until `stopping()`; `once`: until it succeeds or fails.
+    """Ticks a tree at a rate (Hz) until `stopping()` or, with `once`, until it has ended.
 
-    All goals are cancelled at the end, also that by an exception. `spin`: of `ros_node`.
+    All goals are cancelled at the end, also after an exception. `spin`: of `ros_node`.
 
     Returns:
-        How the tree ended; None if it was stopped.
+        The tree's last status; None if it was stopped.
     """
     due = monotonic()
     try:

@@ -36,7 +36,7 @@ class ActionServer(_Entry):
     type: Annotated[str, _type("action")]
     goal: dict[str, Any] = {}  # fields of the goal; the others have their defaults
     timeout: _Seconds | None = None  # s; after that the goal is cancelled and the action fails
-    server_timeout: _Seconds = 5.0  # s that the server may be away before the action fails
+    server_timeout: _Seconds = 5.0  # s without the server until the action fails
 
 
 class ServiceCall(_Entry):
@@ -58,12 +58,12 @@ class TopicKey(_Entry):
     type: Annotated[str, _type("msg")]
     field: Annotated[str, _FIELD]  # e.g. pose.pose.position.x or ranges[0]
     default: _Value | None = None  # before the first message; None: the tree waits for it
-    max_age: _Seconds | None = None  # s; an older message is as none
+    max_age: _Seconds | None = None  # s; an older message is ignored
     reliable: bool = False  # whether to ask the publisher for reliable delivery
 
 
 class ServiceKey(_Entry):
-    """A key that is a field of a service's response, asked again and again."""
+    """A key that is a field of a service's response, requested periodically."""
 
     service: Annotated[str, _NAME]
     type: Annotated[str, _type("srv")]
@@ -71,7 +71,7 @@ class ServiceKey(_Entry):
     field: Annotated[str, _FIELD] = "success"
     every: _Seconds = 1.0  # s between a response and the next request
     default: _Value | None = None  # before the first response
-    max_age: _Seconds | None = None  # s; an older response is as none
+    max_age: _Seconds | None = None  # s; an older response is ignored
 
 
 class RobotMap(_Entry):
@@ -88,7 +88,7 @@ _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
     "keys": {"topic": TopicKey, "service": ServiceKey},
     "conditions": {"topic": TopicKey, "service": ServiceKey},
 }
-"""The class of an entry by the word that it has."""
+"""The class of an entry, by its distinguishing key."""
 
 
 def read_map(file: Path) -> RobotMap:

@@ -107,7 +107,7 @@ class RunContext:
     inject: bool  # False: trees are not used and need not be computed
     edits: int = 0  # most edits per generation; further ones are rejected
     constraints: Constraints = field(default_factory=dict)  # of the individuals; {}: none
-    coming: frozenset[Path] = frozenset()  # folders of runs that the same command does before
+    coming: frozenset[Path] = frozenset()  # folders of earlier runs of the same command
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +118,7 @@ class GenerationView:
     worlds: tuple[int, ...]  # world seeds: one per episode, or one per individual and episode
     multipliers: Mapping[str, float]  # of the curriculum's stage, by component
     individuals: tuple[IndividualRecord, ...]  # in slot order
-    guidance: GuidanceRecord | None  # under which it was bred; None for generation 0
+    guidance: GuidanceRecord | None  # with which it was created; None for generation 0
     archive: tuple[Elite, ...] = ()
     """The run's elites after this generation; edits may refer to them. () with `supervisor.lag`,
     and for the generations that a resumed run repeats from its records."""

@@ -1,7 +1,7 @@
-"""A small policy that `islandgp distill` has read off another supervisor's decisions.
+"""Advises by a small policy that `islandgp distill` fitted to another supervisor's decisions.
 
-It is two decision trees over the population's state, one for the target (Table 7) and one
-for the mutation rate, kept as plain JSON. Phase and pattern are named by the expert's rules.
+The policy is two decision trees over the population's state, one for the target (Table 7) and one
+for the mutation rate, stored as JSON. Phase and pattern are classified by the expert's rules.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from islandgp.supervision.expert import Expert, ExpertSettings
 from islandgp.supervision.state_json import field_meanings, state_json
 
 NAME: Final = "policy.json"
-LARGEST: Final = 5_000_000  # bytes of a policy's file
+LARGEST: Final = 5_000_000  # most bytes of a policy's file
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):

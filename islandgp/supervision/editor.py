@@ -180,7 +180,7 @@ def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -
 
 
 class Editor:
-    """Edits the fittest tree. Deterministic; some of its control arms draw at random."""
+    """Edits the fittest tree by deterministic rules; some control arms draw at random."""
 
     name = "editor"
     Settings: ClassVar[type[EditorSettings]] = EditorSettings

@@ -27,7 +27,7 @@ class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
     shown: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Names of the example trees in each prompt (explore, exploit, poor)."""
     reference_trees: tuple[str, ...] = ()
-    """Reference trees that `islandgp compare` evaluates with the champions in unseen worlds."""
+    """Reference trees that `islandgp compare` evaluates, with the best robots, in unseen worlds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Library:
 
 
 def library_folder(name: str, domain: Domain) -> Path:
-    """Finds a folder of trees beside the domain's module, here, or in the project's `grammar`.
+    """Finds a folder of trees next to the domain's module, here, or in the project's `grammar`.
 
     Raises ConfigError if there is none.
     """

@@ -41,7 +41,7 @@ def field_meanings(
     """
     s = classes.specialists
     sorts: dict[str, dict[str, str]] = {
-        # by <sort> in the name of a field: the names of that sort, with the text for <said>
+        # the names for a placeholder in a field's name, each with its description
         "milestone": {name: classes.tier_title(name) for name in classes.milestones},
         "tier": {name: classes.tier_title(name) for name in classes.tiers},
         "idle": {s.idle: ", ".join(s.of)},

@@ -30,13 +30,13 @@ REPEATED: Final = (
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
-    """The other run."""
+    """The folder and seeds of the other run."""
 
     record: str = Field(min_length=1)  # a run's folder; {seed} is replaced by the other seed
     first: int = Field(ge=0)  # lowest seed of the sweep
     seeds: int = Field(ge=2)  # number of consecutive seeds of the sweep
 
-    def leader(self, seed: int) -> int:
+    def other_seed(self, seed: int) -> int:
         """The seed of the other run: the sweep's next seed, or its first after the last.
 
         Raises:
@@ -50,8 +50,8 @@ class YokedSettings(BaseModel, frozen=True, extra="forbid"):
         return self.first + (seed - self.first + 1) % self.seeds
 
     def folder(self, seed: int) -> Path:
-        """The folder of the other run for a seed. Raises SupervisionError as `leader`."""
-        return Path(self.record.replace("{seed}", str(self.leader(seed))))
+        """The folder of the other run for a seed. Raises SupervisionError as `other_seed`."""
+        return Path(self.record.replace("{seed}", str(self.other_seed(seed))))
 
 
 class Yoked:
@@ -85,7 +85,7 @@ class Yoked:
         if not file.is_file():
             raise SupervisionError(
                 f"Expected the record of another run in {folder}, found none; run it first, with"
-                f" seed={settings.leader(context.seed)}, or set supervisor.policy.record."
+                f" seed={settings.other_seed(context.seed)}, or set supervisor.policy.record."
             )
         lines = file.read_bytes().splitlines()
         if len(lines) < context.generations:

@@ -1,8 +1,8 @@
 """A sweep's folder: the runs of one name, of all commands and launchers.
 
-sweep.json      what was asked for: one entry a job; later commands add to it
+sweep.json      the jobs: one entry each; later commands add to it
 <job>/          each job's run (records.folder)
-tracking.json   the MLflow run that is the parent of all of them
+tracking.json   the MLflow run that is the parent of all jobs
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from islandgp.trust import must_be_no_link
 class SweepJob:
     """One job of a sweep."""
 
-    slot: str  # the folder that its configuration names
+    slot: str  # the folder named by its configuration
     folder: str  # the run's folder inside the sweep's: the slot, or a new one beside it
     supervisor: str
     seed: int
-    choices: tuple[str, ...]  # its overrides but the seed, as key=value
+    choices: tuple[str, ...]  # its overrides except the seed, as key=value
     generations: int
     command: str  # that runs this job alone
-    search: str = ""  # the search whose trial it was last; "" for a job of a plain sweep
-    pruned: int | None = None  # the generation in which a search stopped it
+    search: str = ""  # the optimiser's search of its last trial; "" in a plain sweep
+    pruned: int | None = None  # the generation in which an optimiser stopped it
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,14 +63,14 @@ class SweepFile:
 
 
 class SweepFolder:
-    """Writes and reads one sweep's folder; one sweep at a time works in it."""
+    """Writes and reads the folder of a sweep; one command at a time uses it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = FileLock(path / ".lock")
 
     def open(self, command: str, jobs: Sequence[SweepJob]) -> None:
-        """Takes the folder for this process, and adds the jobs to what was asked for.
+        """Locks the folder for this process, and adds the jobs to sweep.json.
 
         Raises:
             RunError: another sweep is at work here, or the folder cannot be used.
@@ -89,14 +89,14 @@ class SweepFolder:
         write_atomic(self.path / "sweep.json", pretty(asdict(file)))
 
     def enter(self, job: SweepJob) -> None:
-        """Adds a trial of a search, or replaces its entry; any process may."""
+        """Adds a trial of an optimiser, or replaces its entry; called by any process."""
         with usable(self.path), FileLock(self.path / ".entering"):
             file = self.read()
             assert file is not None, "the search has opened the folder"
             self._write(replace(file, jobs=_merged(file.jobs, [job])))
 
     def close(self) -> None:
-        """Gives the folder back."""
+        """Unlocks the folder."""
         self._lock.release()
 
     def read(self) -> SweepFile | None:
@@ -117,7 +117,7 @@ class SweepFolder:
             ) from error
 
     def run(self, job: SweepJob) -> RunFolder:
-        """A job's own folder."""
+        """The folder of a job."""
         return RunFolder(self.path / job.folder)
 
     def at_work(self) -> bool:
@@ -127,7 +127,7 @@ class SweepFolder:
     def status(self, file: SweepFile) -> Status:
         """The common status of all jobs.
 
-        Stopped jobs count for more than failed ones: the sweep is not at its end.
+        Stopped jobs take precedence over failed ones, as the sweep can be continued.
         """
         statuses = {self.run(job).status() for job in file.jobs if job.pruned is None}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
@@ -137,18 +137,18 @@ class SweepFolder:
 
 
 def _merged(old: Sequence[SweepJob], new: Sequence[SweepJob]) -> tuple[SweepJob, ...]:
-    """All jobs, a new one in the place of the old one of its slot."""
+    """All jobs; a new one replaces the old one of the same slot."""
     return tuple({job.slot: job for job in (*old, *new)}.values())
 
 
 def arm_of(folder: Path) -> str:
-    """The arm of a run in its sweep, as far as the sweep's jobs are known; "" for no job."""
+    """The arm of a run in its sweep; "" if the run is not a job of a sweep."""
     file, job = job_of(folder)
     return "" if file is None or job is None else file.arm(job)
 
 
 def job_of(folder: Path) -> tuple[SweepFile | None, SweepJob | None]:
-    """A run's sweep, and its job there; None for what there is not."""
+    """A run's sweep and its job; None for a missing one."""
     file = SweepFolder(folder.parent).read()
     jobs = () if file is None else file.jobs
     return file, next((job for job in jobs if job.folder == folder.name), None)

@@ -1,4 +1,4 @@
-"""One job of a sweep, in the process that a launcher chose."""
+"""One job of a sweep, in the process started by a launcher."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start, job_line, sweep_line
 
 ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
-"""Launchers whose jobs have a terminal, or a log, to themselves."""
+"""Launchers whose jobs have their own terminal or log."""
 
 LASTING: Final = frozenset({"BasicLauncher", "JoblibLauncher"})
-"""Launchers whose processes live on after a job."""
+"""Launchers whose processes run several jobs."""
 
 
 class Forget(Callback):
-    """Drops the configurations of each job, which Hydra keeps until a sweep ends: 0.4 MiB a job."""
+    """Frees the configurations of finished jobs, which Hydra keeps: 0.4 MiB per job."""
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:  # noqa: ARG002 -- as in Hydra
         """See `Callback`."""
@@ -44,8 +44,8 @@ class Forget(Callback):
 def sweep_job(start: Start) -> Callable[[DictConfig], None]:
     """The function that Hydra calls for each job.
 
-    It never raises because a job failed: an exception would end the other jobs
-    with some launchers. The job's folder has its result or its error.
+    It does not raise an exception if a job fails, as some launchers would end the other jobs. The
+    job's folder has its result or its error.
     """
 
     def job(config: DictConfig) -> None:
@@ -62,7 +62,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
                 fitted(settings, hydra.launcher, len(start.jobs)),
             )
             if start.failed(target):
-                return  # it failed in this sweep before a launcher broke down
+                return  # it failed in this sweep before the launcher was restarted
             attempt(target, plain, fitted_settings, home, start.jobs[named].command, lambda: start)
 
     return job
@@ -77,16 +77,16 @@ def attempt(
     start: Callable[[], Start],
     judge: Judge | None = None,
 ) -> None:
-    """Runs a job of a sweep; what becomes of it is in its folder.
+    """Runs a job of a sweep. Its folder has the result or the error.
 
     Args:
-        target: where it runs.
+        target: folder of the job.
         config: resolved, as plain values.
-        settings: read from it, and fitted to the launcher.
-        home: where the command was given.
+        settings: of the configuration, adapted to the launcher.
+        home: working folder of the command.
         command: that runs this job alone.
-        start: the jobs of the sweep so far.
-        judge: gets each generation with its highest fitness, and may raise Pruned.
+        start: state of the sweep at its start.
+        judge: called with each generation and its highest fitness; may raise Pruned.
 
     Raises:
         Pruned: as `judge`.
@@ -104,12 +104,12 @@ def attempt(
             keep_display=False,
             judge=judge,
         )
-    except BusyError as error:  # the folder is the other process's: nothing is written there
+    except BusyError as error:  # another process has the folder, so nothing is written
         print(f"islandgp: {error}", file=sys.stderr)
     except Pruned:
         raise
-    except Exception as error:  # none may end the other jobs
-        if not target.error():  # the run came too short to write it down itself
+    except Exception as error:  # must not end the other jobs
+        if not target.error():  # the run ended before it could write the error
             target.fail(error)
     finally:
         if alone:
@@ -124,7 +124,7 @@ def sweep_entry(
     command: str,
     search: str = "",
 ) -> SweepJob:
-    """A job as the sweep's file has it.
+    """The entry of a job in sweep.json.
 
     `config` and `overrides` are the job's, which name one folder, and it may run in another.
     """
@@ -141,7 +141,7 @@ def sweep_entry(
 
 
 def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settings:
-    """The settings of a job among others; the recorded configuration stays the user's own."""
+    """The settings of a job, adapted to the launcher; the recorded configuration is unchanged."""
     kind = str(launcher["_target_"]).rpartition(".")[2]
     changes: dict[str, Any] = {}
     if settings.resume == "never":
@@ -161,7 +161,7 @@ def _with_policy(part: ComponentConfig, key: str, value: int) -> ComponentConfig
 
 
 def workers_of(launcher: Mapping[str, Any], jobs: int) -> int:
-    """A job's share of this machine's cores under a launcher of parallel jobs; 0: all of them."""
+    """Number of cores for a job with a launcher of parallel jobs; 0: all."""
     kind = str(launcher["_target_"]).rpartition(".")[2]
     if kind == "JoblibLauncher":
         n = launcher["n_jobs"] or 1

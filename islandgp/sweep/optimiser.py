@@ -1,7 +1,7 @@
-"""A sweep whose jobs a sweeper of Hydra's chooses while it runs: `hydra/sweeper=optuna`.
+"""A sweep whose jobs an optimiser chooses while it runs: `hydra/sweeper=optuna`.
 
-Each job enters itself into the sweep's file when it begins, in the process that a
-launcher chose, and returns the values of `objectives`.
+Each job adds itself to sweep.json when it begins, in the process started by a launcher, and returns
+the values of `objectives`.
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
     n_jobs: int = Field(ge=1, le=MOST_JOBS)
     direction: Direction | tuple[Direction, ...]
     params: dict[str, Any]
-    sampler: dict[str, Any]  # which trials are tried: conf/hydra/sweeper/sampler
-    pruner: dict[str, Any] | None = None  # which trials are ended early: conf/hydra/sweeper/pruner
+    sampler: dict[str, Any]  # conf/hydra/sweeper/sampler
+    pruner: dict[str, Any] | None = None  # conf/hydra/sweeper/pruner; None: no pruning
 
 
 @dataclass(frozen=True, slots=True)
 class TrialSearch:
-    """A search at its start; jobs get it wherever they run, so it holds plain values only."""
+    """State of a search at its start. It is sent to the jobs, so it has plain values only."""
 
     id: str
     at: float  # s since 1970
     folder: Path  # the sweep's
     flags: tuple[str, ...]  # of each job's command
-    at_once: int  # jobs that a launcher gets at a time; 1 where that is not known
-    trials: int  # in all; 0 where that is not known
+    at_once: int  # jobs per launch; 1 if unknown
+    trials: int  # total number; 0 if unknown
 
     def start(self) -> Start:
         """The trials that have begun so far."""
@@ -82,7 +82,7 @@ class TrialSearch:
 
 
 def run_search(searched: Searched, command: str, launch: Launch) -> int:
-    """Lets the sweeper choose and launch jobs; returns the exit code, as `run_sweep`.
+    """Runs the sweeper, which chooses and launches jobs; returns the exit code as `run_sweep`.
 
     Raises:
         ConfigError: the sweeper's configuration is wrong.
@@ -152,7 +152,7 @@ def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
 
 
 def check(searched: Searched) -> None:
-    """Raises ConfigError where Optuna could not search; other sweepers check that themselves."""
+    """Raises ConfigError if Optuna cannot search; other sweepers check this themselves."""
     first = searched.ends[0]
     for override in searched.sweeps:
         _must_be_whole(override, first.settings)
@@ -219,7 +219,7 @@ def _must_fit_together(settings: SweeperSettings, first: Planned) -> None:
 
 
 def _must_be_whole(override: Override, settings: Settings) -> None:
-    """Raises ConfigError for an interval of decimals where the key takes whole numbers."""
+    """Raises ConfigError for an interval of decimals if the key's values are whole numbers."""
     values = override.value()
     value: Any = settings
     for part in override.key_or_group.split("."):
@@ -243,8 +243,8 @@ sweeper's process."""
 def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[float, ...] | None]:
     """The function that Hydra calls for each trial.
 
-    It returns the objectives, or None for a trial that was stopped. It never raises because a
-    trial failed: then it returns NaN, and the trial's folder has the error.
+    It returns the objectives, None for a pruned trial, and NaN for a failed one, whose folder has
+    the error.
     """
 
     def job(config: DictConfig) -> float | tuple[float, ...] | None:

@@ -1,7 +1,7 @@
 """A search by Optuna: asks for trials, launches them as jobs, and reports their results.
 
-With a seed in the sampler the same command asks for the same trials: finished runs are
-taken as they are, so a search that was stopped goes on.
+With a seed in the sampler, the same command asks for the same trials, and finished runs are not
+repeated. So the same command continues a search that was stopped.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Words = tuple[str, ...]
 """The overrides of a job."""
 
 Outcome = tuple[float, ...] | None
-"""A job's objectives; () where it failed, None where it was stopped before its end."""
+"""A job's objectives; () if it failed, None if it was pruned."""
 
 Launch = Callable[[Sequence[Sequence[str]], int], Sequence[JobReturn]]
 """Hydra's launcher: the overrides of jobs and the number of the first; what they returned."""
@@ -43,22 +43,22 @@ Launch = Callable[[Sequence[Sequence[str]], int], Sequence[JobReturn]]
 class Axis:
     """One key that is searched."""
 
-    key: str  # as in an override, with its +
+    key: str  # as in an override, including a leading +
     distribution: BaseDistribution
-    texts: tuple[str, ...] = ()  # the values as overrides have them, where they can be counted
+    texts: tuple[str, ...] = ()  # the values as texts in overrides, if they are countable
 
     def override(self, value: Any) -> str:
-        """The override for a value that Optuna has chosen."""
+        """The override for a value chosen by Optuna."""
         if isinstance(self.distribution, IntDistribution) and self.texts:
             value = self.texts[value]
         return f"{self.key}={value}"
 
 
 def axis(sweep: Override) -> Axis:
-    """The values of a sweep as Optuna's distribution.
+    """An axis of the search: Optuna's distribution for the values of a sweep.
 
-    Choices are categories. A range is the place of its values in their order, since its
-    numbers as Hydra spells them are decimals that floats only come near.
+    Choices are a categorical distribution. A range is searched by the index of its values, because
+    Hydra's decimals have no exact floats.
     """
     key, value = sweep.get_key_element(), sweep.value()
     if not isinstance(value, IntervalSweep):

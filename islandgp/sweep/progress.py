@@ -1,4 +1,4 @@
-"""Progress of a sweep in one line, read from its folders and so independent of the launcher."""
+"""Progress of a sweep in one line, read from its folders, with any launcher."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ from islandgp.running.progress import duration
 from islandgp.sweep.folder import SweepJob, job_of
 from islandgp.text import title
 
-PERIOD: Final = 1.0  # s between two looks
+PERIOD: Final = 1.0  # s between two updates
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """A sweep at its start; jobs get it wherever they run, so it holds plain values only."""
+    """State of a sweep at its start. It is sent to the jobs, so it has plain values only."""
 
     at: float  # s since 1970, by this process's clock
-    jobs: dict[Path, SweepJob]  # by the folder that their configuration names
-    before: int  # generations that were there already
-    errors: dict[str, tuple[int, int]]  # the error files that were there already, by path
-    trials: int = 0  # that a search will make; 0: that is not known
-    search: str = ""  # what a search is called; "": the jobs are known
+    jobs: dict[Path, SweepJob]  # by the folder named by their configuration
+    before: int  # generations that existed before
+    errors: dict[str, tuple[int, int]]  # error files that existed before, by path
+    trials: int = 0  # of an optimiser; 0: unknown
+    search: str = ""  # id of the optimiser's search; "": a plain sweep
 
     @classmethod
     def now(cls, jobs: dict[Path, SweepJob]) -> Self:
-        """The sweep starts now."""
+        """The state of a sweep that starts now."""
         start = cls(time(), jobs, 0, {})
         return replace(
             start,
@@ -41,7 +41,7 @@ class Start:
         )
 
     def run(self, named: Path) -> RunFolder:
-        """The folder of the job whose configuration names the folder `named`."""
+        """The folder in which the job whose configuration names `named` runs."""
         return RunFolder(named.with_name(self.jobs[named].folder))
 
     def runs(self) -> Iterator[RunFolder]:
@@ -55,7 +55,7 @@ class Start:
 
 
 def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
-    """Jobs done, running and failed, and the time left.
+    """A line with the numbers of finished, running and failed jobs, and the time left.
 
     The job of the folder `beginning` counts as running, unless it is finished.
     """
@@ -119,7 +119,7 @@ class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
     def __init__(self, look: Callable[[], Start], how: Literal["auto", "plain", "off"]) -> None:
-        """`look` gives the jobs so far.
+        """`look` returns the jobs so far.
 
         `auto`: one live line on a terminal, else a line whenever a job has ended.
         """
@@ -159,7 +159,7 @@ class Watch:
                 live.update(sweep_line(start), refresh=True)
 
     def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
-        """The jobs at each look, and those that have ended since the look before."""
+        """The jobs at each update, and those that have ended since the last one."""
         start = self.look()
         reported = {run.path for run in start.runs() if run.finished()}
         yield start, []

@@ -1,7 +1,7 @@
-"""A sweep: many jobs, by any launcher, and one account of them at the end.
+"""A sweep: runs its jobs with any launcher, and reports their results at the end.
 
-The result of a job is read from its folder: so it is known however the job was
-launched, and also when its process died.
+The result of a job is read from its folder, so it is available with any launcher, and also if its
+process died.
 """
 
 from __future__ import annotations
@@ -39,23 +39,25 @@ Job = Callable[[DictConfig], Any]
 """The function that Hydra calls for each job."""
 
 Launch = Callable[[Job, list[str]], None]
-"""Hands a job function to Hydra, with overrides besides the command's own."""
+"""(job function, further overrides): starts Hydra with the job function."""
 
-ENDING: Final = 10.0  # s that a cluster may take to end a job
-LAUNCHES: Final = 3  # starts of a launcher that breaks down, the first one included
+ENDING: Final = 10.0  # s for a cluster to end a job
+LAUNCHES: Final = 3  # most starts of a launcher that fails
 
 
 Entries = dict[SweepFolder, dict[Path, SweepJob]]
-"""Each sweep's jobs, by the folder that a job's configuration names.
+"""The jobs of each sweep, by the folder named by a job's configuration.
 
-There is more than one sweep where the command sweeps over names.
+A command that sweeps over `name` has several sweeps.
 """
 
 
 def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
-    """Runs the jobs; returns the exit code.
+    """Runs the jobs.
 
-    0: all is done; 1: jobs failed; 3: a fallback gave too many answers; 130: Ctrl-C.
+    Returns:
+        The exit code. 0: all jobs are finished; 1: jobs failed; 3: a fallback gave too many of the
+        answers; 130: Ctrl-C.
 
     Raises:
         ConfigError: two jobs are the same run, or would share a folder.
@@ -102,7 +104,7 @@ def _entries(jobs: Sequence[Planned]) -> Entries:
 
 
 def _must_differ(jobs: Sequence[Planned]) -> None:
-    """Raises ConfigError where two jobs are the same run, or would share a folder."""
+    """Raises ConfigError if two jobs are the same run, or would share a folder."""
     configs: dict[Hashable, Planned] = {}
     folders: dict[Path, Planned] = {}
     for job in jobs:
@@ -123,7 +125,7 @@ def _must_differ(jobs: Sequence[Planned]) -> None:
 
 
 def _frozen(value: Any) -> Hashable:
-    """Plain values as a key to look up: 1 equals 1.0, and None a key that is not there."""
+    """Plain values as a hashable key: 1 equals 1.0, and None equals a missing key."""
     if isinstance(value, Mapping):
         return frozenset((key, _frozen(v)) for key, v in value.items() if v is not None)
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
@@ -139,9 +141,9 @@ def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
 def launched(
     path: Path, first: Planned, look: Callable[[], Start], job: Job, launch: Launch
 ) -> None:
-    """Hands the jobs of the sweep in `path` to its launcher, and shows how far they are.
+    """Launches the jobs of the sweep in `path`, and shows their progress.
 
-    `first` is one of them, and `look` gives the jobs so far.
+    `first` is one of the jobs; `look` returns the jobs so far.
     """
     if first.launcher == "JoblibLauncher":
         tie_joblib_workers()
@@ -153,7 +155,7 @@ def launched(
 
 
 def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
-    """Launches what is not finished, again if the launcher itself breaks down under way.
+    """Launches the unfinished jobs; restarts a launcher that fails.
 
     Raises:
         RunError: the launcher has not started any job.
@@ -173,9 +175,9 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
                     "Expected the launcher to start the jobs, found that it cannot:"
                     f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
                 ) from None
-            print(f"islandgp: the launcher broke down ({brief(error)})", file=sys.stderr)
+            print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
         finally:
-            # Hydra writes the whole command into it, with any secret that it holds.
+            # Hydra writes the whole command into this message, including secrets.
             (first.path / "multirun.yaml").unlink(missing_ok=True)
         if all(run.finished() or start.failed(run) for run in start.runs()):
             break
@@ -188,7 +190,7 @@ def _begun(start: Start) -> list[int]:
 
 
 def end_ray(entries: Entries) -> None:
-    """Ends the jobs that Ray's launcher has started: interrupted, it would leave them at work."""
+    """Ends the jobs of Ray's launcher, which keep running after an interrupt."""
     ray = sys.modules.get("ray")
     if ray is None or not ray.is_initialized():
         return
@@ -201,7 +203,7 @@ def end_ray(entries: Entries) -> None:
 
 
 def _send(entries: Entries, settings: Sequence[Settings]) -> None:
-    """Lets the tracking store know how the jobs and the sweep as a whole ended."""
+    """Sends the final states of the jobs and of the sweep to the tracking store."""
     patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
@@ -249,13 +251,13 @@ def _report_fallbacks(entries: Entries) -> int:
 
 
 def tie_joblib_workers() -> None:
-    """Makes the workers that joblib starts from now on end with this process."""
+    """Makes joblib's future workers end with this process."""
     from joblib import register_parallel_backend  # type: ignore[import-untyped] # as above
     from joblib.parallel import LokyBackend  # type: ignore[import-untyped] # it has no types
 
     class Tied(LokyBackend):  # type: ignore[misc] # joblib has no types
         def configure(self, *args: Any, **options: Any) -> Any:
-            """Gives joblib's executor a function that each worker calls at its start."""
+            """Sets an initializer of joblib's executor, which each worker calls at its start."""
             return super().configure(
                 *args, initializer=partial(end_with_parent, os.getpid()), **options
             )

@@ -1,7 +1,7 @@
 """The lineage of a tree: the chain of its ancestors, from a run's records.
 
-The chain follows the first parent of each individual, whose tree the child's was made of, to an
-individual without parents. Individuals in a row that have one tree are one step of it.
+The chain follows the first parent of each individual, whose tree was changed, to an individual
+without parents. Consecutive individuals with the same tree are one step.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from islandgp.bt.export.render import label
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import generation_lines
 
-MOST_INDIVIDUALS: Final = 5_000  # of a chain that are read
-LARGEST: Final = 300  # nodes of trees that are compared
-MOST_CHANGES: Final = 40  # nodes of a step that are listed
+MOST_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
+LARGEST: Final = 300  # most nodes of trees that are compared
+MOST_CHANGES: Final = 40  # most changed nodes of a step that are listed
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,41 +36,41 @@ class TreeChange:
 
 @dataclass(frozen=True, slots=True)
 class LineageStep:
-    """A tree of the chain."""
+    """A tree in the chain."""
 
-    id: str  # of the first individual that had it
-    generation: int  # of that one
-    until: int  # generation of the last one in the chain
+    id: str  # of the first individual with this tree
+    generation: int  # of the first individual
+    until: int  # generation of the last individual with this tree
     origin: str  # a value of population.Origin
     mutation: str  # operator, or ""
     parents: tuple[tuple[str, float | None], ...]  # ids and fitness; None: not in the records
     tree: str  # canonical text
     nodes: int
-    fitness: float  # points, mean over the individuals in the chain
-    evaluated: int  # individuals in the chain that had it
-    gain: float | None  # points more than the first parent; None: no parent, or another stage
-    same_worlds: bool  # the gain is of one generation's worlds, not of two
+    fitness: float  # points, mean over the individuals with this tree
+    evaluated: int  # number of individuals with this tree
+    gain: float | None  # points above the first parent; None: no parent, or another stage
+    same_worlds: bool  # True: the gain is measured in the same worlds
     changes: tuple[TreeChange, ...]  # to the first parent's tree, MOST_CHANGES at most
-    left_out: int  # changes that are not among these; -1: the trees are too large
-    guidance: Mapping[str, Any] | None  # that gave the tree, if a supervisor injected or edited it
+    left_out: int  # number of changes that are not listed; -1: the trees are too large
+    guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
 
 
 @dataclass(frozen=True, slots=True)
 class Lineage:
-    """The chain, oldest first."""
+    """A chain of ancestors, oldest first."""
 
     steps: tuple[LineageStep, ...]
-    whole: bool  # it begins with an individual without parents
+    whole: bool  # True: it begins with an individual without parents
 
 
 def lineage(folder: RunFolder, name: str) -> Lineage:
-    """The ancestors of the individual of this id, itself included.
+    """The ancestors of the individual with this id, including itself.
 
-    Raises RunError where a record that is needed is damaged.
+    Raises RunError if a record is damaged.
     """
     reader = _Reader(folder)
     steps: list[LineageStep] = []
-    same: list[dict[str, Any]] = []  # the newest first: individuals with one tree
+    same: list[dict[str, Any]] = []  # individuals with one tree, the newest first
     ancestor = reader.individual(name)
     for _ in range(MOST_INDIVIDUALS):
         if ancestor is None:
@@ -81,7 +81,7 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
             steps.append(_step(reader, same, parent))
             same = []
         ancestor = parent
-    if same:  # the chain is longer than what is read
+    if same:  # the chain is longer than MOST_INDIVIDUALS
         steps.append(_step(reader, same, None))
     whole = bool(steps) and not steps[-1].parents
     return Lineage(tuple(reversed(steps)), whole)
@@ -138,7 +138,7 @@ def _step(
 
 
 class _Reader:
-    """Reads single generations of a long file without the others."""
+    """Reads single generations of a long file."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._common = bool(folder.configuration().get("gp", {}).get("shared_seed", True))
@@ -153,7 +153,7 @@ class _Reader:
             at += len(line)
 
     def _record(self, generation: int) -> dict[str, Any] | None:
-        """A generation's record; None where there is none."""
+        """A generation's record; None if there is none."""
         if not 0 <= generation < len(self._starts):
             return None
         with self._lines.path.open("rb") as file:
@@ -161,7 +161,7 @@ class _Reader:
             return self._lines.value(file.readline(), generation)
 
     def individual(self, name: str) -> dict[str, Any] | None:
-        """The individual of that id; None where the records have none."""
+        """The individual with this id; None if the records have none."""
         generation, _, slot = name.partition(".")
         if not (generation.isdecimal() and slot.isdecimal()):
             return None
@@ -172,7 +172,7 @@ class _Reader:
         return next((i for i in (*likely, *everyone) if i["id"] == name), None)
 
     def parent(self, child: Mapping[str, Any]) -> dict[str, Any] | None:
-        """An individual's first parent, of an earlier generation; None for none."""
+        """The first parent of an individual; None if it has none in an earlier generation."""
         for name in child["parents"][:1]:
             ancestor = self.individual(name)
             if ancestor is not None and _generation(ancestor["id"]) < _generation(child["id"]):
@@ -182,13 +182,13 @@ class _Reader:
     def gain(
         self, child: Mapping[str, Any], parent: Mapping[str, Any] | None
     ) -> tuple[float | None, bool]:
-        """Points that a child has above its parent, and whether that is in the same worlds."""
+        """The points of a child above its parent, and whether they are from the same worlds."""
         if parent is None:
             return None, False
         born, before = self.record(_generation(child["id"])), self.record(_generation(parent["id"]))
         assert born is not None
         assert before is not None
-        # The parent's tree may be in the child's generation as well, as an elite.
+        # The parent's tree may also be in the child's generation, as an elite.
         for i in born["individuals"]:
             if i["tree"] == parent["tree"]:
                 return child["fitness"] - i["fitness"], self._common

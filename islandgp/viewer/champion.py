@@ -1,4 +1,4 @@
-"""The episode in which a run's best robot was evaluated first, as a replay."""
+"""The replay of a run's best robot: its first episode."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class EpisodePlace:
 
 
 def first_episode(folder: RunFolder, name: str) -> EpisodePlace:
-    """The first episode of the individual of this id. Raises RunError where there is no record."""
+    """The first episode of the individual with this id. Raises RunError without a record."""
     config = folder.configuration()
     generation, slot = (int(part) for part in name.split("."))
     for recorded in islice(folder.records(generation), 1):

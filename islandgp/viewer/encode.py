@@ -1,4 +1,4 @@
-"""A recording as compact plain values for the page: rounded, and only what changes."""
+"""Encodes a recording as compact JSON values for the page: rounded, and changes only."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def encode(recording: Recording, *, title: str) -> dict[str, Any]:
 
 
 def runs(codes: bytes) -> str:
-    """Codes as letters, each with how often it is repeated: `r3fr` is running thrice, ..."""
+    """Codes as letters with run lengths: `r3fr` is running three times, failed, running."""
     encoded = []
     for code, group in groupby(codes):
         count = sum(1 for _ in group)
@@ -63,9 +63,9 @@ def runs(codes: bytes) -> str:
 
 
 def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
-    """A way as [tick, x, y, ticks since then, dx, dy, ...], straight and even in between.
+    """A path as [tick, x, y, ticks since then, dx, dy, ...], linear in between.
 
-    At each tick it is at most 1 off in x and in y.
+    The error at each tick is at most 1 in x and in y.
     """
     at_x, at_y, start = round(xs[0]), round(ys[0]), 0
     encoded = [0, at_x, at_y]
@@ -91,7 +91,7 @@ def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
 
 
 def changes(values: Iterable[Any]) -> list[Any]:
-    """[tick, value, ticks since then, value, ...]: only where the value changes."""
+    """The changes of a value as [tick, value, ticks since then, value, ...]."""
     encoded: list[Any] = []
     last, before = 0, object()
     for tick, value in enumerate(values):
@@ -118,14 +118,14 @@ def _board(recording: Recording) -> list[dict[str, Any]]:
 
 
 def _rounded(value: float, key: Key) -> float | None:
-    """To a tenth, or finer where thresholds are; None for what is no finite number."""
+    """Rounded to a tenth, or finer for thresholds; None for a number that is not finite."""
     return round(value, max(1, digits([key.step]) - 1)) if isfinite(value) else None
 
 
 def _paints(recording: Recording) -> dict[str, int]:
-    """For each action the component that it earned most of, -1: none; its colour on the timeline.
+    """The component of which each action earned most, for its colour on the timeline; -1: none.
 
-    An action that earned nothing has that of the action behind it in the same sequence.
+    An action that earned nothing has the component of the next action in the same sequence.
     """
     components = [*recording.schema.components]
     earned: dict[str, dict[int, float]] = {}
@@ -203,7 +203,7 @@ class _Scene:
 
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
-        """Each picture once, and which is shown from which tick on."""
+        """The distinct pictures, and the index of the picture from each tick on."""
         every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MOST_FRAMES))
         places: dict[bytes, int] = {}
         encoded, last = [], 0

@@ -1,4 +1,4 @@
-"""A run's generations as curves: read once from its records, and thinned for a picture."""
+"""A run's curves over generations: read from its records, and thinned for a picture."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from islandgp.scoring.constraints import (
     violation,
 )
 
-POINTS: Final = 300  # of a curve in a picture
-TIERS: Final = 8  # curves of tiers, the best ones
+POINTS: Final = 300  # most points of a curve in a picture
+TIERS: Final = 8  # most curves of tiers; the best tiers have one
 
 
 def _floats() -> array[float]:
@@ -34,17 +34,17 @@ class RunCurves:
     best: array[float] = field(default_factory=_floats)  # points
     top: array[float] = field(default_factory=_floats)  # highest so far in the stage, points
     mean: array[float] = field(default_factory=_floats)  # points
-    coverage: array[float] = field(default_factory=_floats)  # of the archive; 0 where none is kept
+    coverage: array[float] = field(default_factory=_floats)  # of the archive; 0 without one
     qd_score: array[float] = field(default_factory=_floats)
     tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
     stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
-    fittest: Mapping[str, Any] | None = None  # its record; with constraints feasible before fit
-    archived: bool = False  # the run keeps an archive
+    fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
+    archived: bool = False  # True: the run has an archive
     seconds: float = 0.0  # spent in its generations
     constraints: Constraints = field(default_factory=dict)
 
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
-        """Takes one more generation in."""
+        """Add a generation."""
         snapshot, everyone = record["snapshot"], record["individuals"]
         if not self.stages or self.stages[-1][1] != snapshot["stage"]:
             self.stages.append((self.generations, snapshot["stage"]))
@@ -76,7 +76,7 @@ class RunCurves:
 
 
 def read_history(folder: RunFolder) -> RunCurves:
-    """The history of a run as far as its folder has come. Raises RunError."""
+    """Read the generations in a run's folder. Raises RunError."""
     curves = RunCurves(constraints=recorded_constraints(folder.configuration()))
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
         curves.add(record, cost)
@@ -84,7 +84,7 @@ def read_history(folder: RunFolder) -> RunCurves:
 
 
 def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
-    """The curves with at most so many points: of neighbours the highest best, else the last."""
+    """The curves with at most `points` points; `best` keeps the maximum of neighbours."""
     places = list(_parts(history.generations, points))
 
     def last(values: Sequence[float]) -> list[float]:
@@ -110,7 +110,7 @@ def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
 
 
 def _parts(n: int, most: int) -> Iterator[tuple[int, int]]:
-    """The range of n in at most so many parts of about one size."""
+    """The range of n divided into at most `most` parts of about equal size."""
     k = min(n, most)
     for i in range(k):
         yield i * n // k, (i + 1) * n // k

@@ -1,4 +1,4 @@
-"""The champion's lineage on a run's page: one list item per ancestor."""
+"""The lineage of the best robot on a run's page: one list item per ancestor."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any, Final
 from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
 from islandgp.viewer.run_view import RunView
 
-STEPS: Final = (6, 34)  # of a long lineage, the first and the last that are shown
-NOTE: Final = 300  # characters of a supervisor's reasons
+STEPS: Final = (6, 34)  # numbers of the first and last steps shown of a long lineage
+NOTE: Final = 300  # most characters of a supervisor's reason
 
 
 def lineage_section(view: RunView) -> Iterator[str]:
-    """The champion's lineage, one list item per tree."""
+    """The HTML of the lineage, one list item per tree."""
     if view.champion is None:
         yield "<p>None yet.</p>"
         return
@@ -40,18 +40,19 @@ def _chain(lineage: Lineage) -> str:
     if not steps:
         return "The records of its generation are missing."
     if len(steps) == 1:
-        text = f"It was made in one step: {_origin(steps[0])}."
+        text = f"It was created in one step: {_origin(steps[0])}."
     else:
         up = sum((s.gain or 0) > 0 for s in steps)
         text = (
-            f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each made of the"
-            f" one before; {up:,} of them brought points."
+            f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each derived"
+            f" from the one before; {up:,} of them gained points."
         )
     if not lineage.whole:
-        text += " What was before the first of them is not known."
+        text += " The ancestors of the first one are not in the records."
     return text + (
-        " Gains marked as such are against the parent in the same worlds; for the others the worlds"
-        " differ, so part of the gain is luck." * any(s.gain is not None for s in steps)
+        " A gain is the difference to the parent. Unless it is marked `same worlds`, the two were"
+        " evaluated in different worlds, so part of it is luck."
+        * any(s.gain is not None for s in steps)
     )
 
 

@@ -1,4 +1,4 @@
-"""The replay page: an episode as one self-contained HTML file.
+"""The replay page: an episode as a self-contained HTML file.
 
 The parts of the page are in the folder `page`; this module combines them with the picture of the
 tree and the data of the episode.
@@ -50,9 +50,9 @@ def part(name: str) -> str:
 
 
 def filled(name: str, parts: Mapping[str, str]) -> str:
-    """A template in the folder `page` with its places filled.
+    """A template in the folder `page` with its placeholders replaced.
 
-    That is done in one go, so that nothing in a title or in data is taken for a place to fill.
+    All are replaced in one pass, so text in a title or in data is never taken for a placeholder.
     """
     whole = _PLACE.sub(lambda place: parts[place[1]], part(name))
     return whole.encode("utf-8", "replace").decode()  # halves of characters, as in file names

@@ -1,4 +1,4 @@
-"""Records an episode tick by tick: what the tree did, what it knew, earned and looked like."""
+"""Records an episode tick by tick: statuses of nodes, blackboard, points, and scenes."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ class Credit(NamedTuple):
     event: str
     component: str
     points: float
-    action: str  # that earned them; "" for none
+    action: str  # that earned them, or ""
 
 
 class ItemSpan(NamedTuple):
-    """A thing that does not move, and the ticks in which it is there."""
+    """A thing that does not move, and the ticks in which it exists."""
 
     thing: Thing
-    begin: int  # first tick in which it is there
-    end: int  # first tick in which it is gone again
+    begin: int  # first tick in which it exists
+    end: int  # first tick in which it no longer exists
 
 
 @dataclass(frozen=True, slots=True)
 class SceneTrack:
-    """The things that a domain drew, over the ticks of an episode."""
+    """The drawn things of an episode, over its ticks."""
 
     bounds: Bounds  # of all ticks
     fixed: tuple[Thing, ...]
     items: tuple[ItemSpan, ...]  # by begin
     movers: tuple[tuple[Thing, ...], ...]
-    """Each one at each tick; the last one is the robot: it is drawn on top and followed."""
+    """Each moving thing at each tick; the last one is the robot, which is drawn on top."""
     frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
 
     def things(self) -> Iterator[Thing]:
@@ -79,18 +79,18 @@ class Recording:
     statuses: tuple[bytes, ...]  # per node in document order, a code per tick
     counts: tuple[tuple[int, int, int, int, int], ...]  # per node and code: how often; [0] is 0
     boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
-    credits: tuple[Credit, ...]  # in their order
+    credits: tuple[Credit, ...]  # in order of time
     film: SceneTrack | None  # None: the domain draws nothing
     outcome: Outcome
 
     @property
     def digits(self) -> int:
-        """Digits behind the point with which points are shown."""
+        """Number of decimals of points in displays."""
         return digits((self.outcome.fitness, *self.outcome.components.values()))
 
 
 def digits(values: Iterable[float]) -> int:
-    """Digits behind the point that show three significant ones of the largest value; 0 to 6."""
+    """Decimals that show three significant digits of the largest value; 0 to 6."""
     most = max(map(abs, values), default=0.0)
     return min(6, max(0, 2 - floor(log10(most)))) if most > 0 else 0
 
@@ -102,7 +102,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
 
     Raises:
         TimeLimitError: the episode took longer.
-        DomainError: the domain shows what its schema does not declare, or what is no number.
+        DomainError: the domain shows something undeclared, or a value that is not a number.
     """
     domain = problem.in_world(stage, seed)
     schema = domain.schema
@@ -190,7 +190,7 @@ class Recorder:
 
 
 class Camera:
-    """Collects scenes. What stays the same is kept once."""
+    """Collects scenes; an unchanged thing is stored once."""
 
     def __init__(self) -> None:
         self.scenes = 0
@@ -203,7 +203,7 @@ class Camera:
         self._frames: list[tuple[int, bytes]] = []
 
     def see(self, scene: Scene, tick: int) -> None:
-        """Takes the scene of a tick."""
+        """Add the scene of a tick."""
         if not self.scenes:
             self._fixed = scene.fixed
         self._bounds.add(scene.bounds)
@@ -251,7 +251,7 @@ class Camera:
         return track
 
     def _columns(self, ticks: int) -> tuple[tuple[Thing, ...], ...]:
-        """Each mover at each tick. Raises DomainError where their number changes."""
+        """Each mover at each tick. Raises DomainError if their number changes."""
         movers = self._movers + self._movers[-1:] * (ticks - len(self._movers))
         most, least = max(map(len, movers)), min(map(len, movers))
         if most != least:
@@ -263,7 +263,7 @@ class Camera:
 
 
 def _must_be_numbers(what: str, values: Iterable[float]) -> None:
-    """Raises DomainError for NaN, infinity and what comes near it."""
+    """Raises DomainError for NaN, infinity, and numbers near infinity."""
     for number in values:
         if not -HUGE < number < HUGE:
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")

@@ -1,7 +1,7 @@
-"""A run's page, `run.html`: what a run came to, and how, as one file that needs nothing else.
+"""A run's page, `run.html`: result, curves, archive, best robot and lineage in one file.
 
-It is made of the run's folder alone, so it can be made again at any time, also while the run
-goes on: then it loads itself again every few seconds.
+It is created from the run's folder, at any time. The page of an active run reloads itself every few
+seconds.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from islandgp.viewer.recording import digits
 from islandgp.viewer.run_view import RunView, path_from_home, world_flags
 
 NAME_OF_PAGE: Final = "run.html"
-RELOAD: Final = 5  # s between two looks of the page at itself while the run goes on
-REPLAY_BYTES: Final = 700_000  # of a replay that is part of the page
+RELOAD: Final = 5  # s between two reloads of an active run's page
+REPLAY_BYTES: Final = 700_000  # largest replay that is embedded in the page
 
 
 def run_page(folder: RunFolder, status: Status, *, replay: str = "", now: int = 0) -> str:
-    """The page of a run as its folder is.
+    """The page of a run, from the present content of its folder.
 
     Args:
-        folder: that has a configuration.
-        status: of the run; while it is RUNNING the page loads itself again.
+        folder: of the run; it must have a configuration.
+        status: of the run; the page of a RUNNING one reloads itself.
         replay: a replay page of the best robot; "" for none.
         now: ms since 1970.
 
@@ -87,7 +87,7 @@ def run_page(folder: RunFolder, status: Status, *, replay: str = "", now: int = 
 
 
 def _result(view: RunView) -> str:
-    """The run in a sentence or two."""
+    """One or two sentences on the result of the run."""
     done, history = view.history.generations, view.history
     if view.champion is None:
         return "The run has begun; its first generation is not evaluated yet."
@@ -168,11 +168,11 @@ def _duration(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {rest} s"
 
 
-TREE_BYTES: Final = 500_000  # of the archive's trees that are part of the page; the best come first
+TREE_BYTES: Final = 500_000  # most bytes of embedded trees of the archive, the best first
 
 
 def archive_map(view: RunView) -> dict[str, Any] | None:
-    """The map of the archive; None where the run keeps none."""
+    """The map of the archive; None if the run has none."""
     if not view.history.archived:
         return None
     settings = ArchiveSettings.model_validate(view.config.get("archive") or {})
@@ -197,7 +197,7 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
 
 
 def _elites(view: RunView) -> tuple[Elite, ...] | None:
-    """The archive as far as the run has come; None where none can be read."""
+    """The present archive; None if it cannot be read."""
     path = view.folder.path
     try:
         if view.status is Status.FINISHED:
@@ -205,13 +205,13 @@ def _elites(view: RunView) -> tuple[Elite, ...] | None:
         for name in ("checkpoint.json", "checkpoint.previous.json"):
             if (path / name).exists():
                 return read_checkpoint(path / name)[0].archive
-    except RunError:  # it is missing or damaged, or being written
+    except RunError:  # the file is missing, damaged, or being written
         return None
     return ()
 
 
 def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:
-    """The best robot's tree, where its points come from, and its replay."""
+    """The HTML of the best robot: its tree, points by component, and replay."""
     best = view.champion
     if best is None:
         yield "<p>None yet.</p>"

@@ -20,7 +20,7 @@ WORLD_GROUPS: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class RunView:
-    """A run as its folder is: what all sections of its page show."""
+    """A run as read from its folder, for all sections of its page."""
 
     folder: RunFolder
     status: Status
@@ -28,7 +28,7 @@ class RunView:
     history: RunCurves
     champion: Mapping[str, Any] | None  # an individual's record
     validation: Mapping[str, Any] | None
-    digits: int  # behind the point, of points, >= 0
+    digits: int  # decimals of points, >= 0
 
     def points(self, value: float, sign: str = "") -> str:
         """Points as text."""
@@ -36,7 +36,7 @@ class RunView:
 
 
 def world_flags(view: RunView) -> str:
-    """The options with which a command plays in this run's world."""
+    """The command-line options for this run's world."""
     about = view.folder.about()
     try:
         words = [] if about is None else shlex.split(about.command)
@@ -55,7 +55,7 @@ def world_flags(view: RunView) -> str:
 
 
 def path_from_home(view: RunView) -> Path:
-    """The run's folder as a command given where the run was started names it."""
+    """The run's folder, relative to the folder in which the run was started."""
     about, path = view.folder.about(), view.folder.path
     home = Path("/" if about is None else about.home)
     return path.relative_to(home) if path.is_relative_to(home) else path

@@ -23,7 +23,7 @@ BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587
 ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MOST_LINES: Final = 5_000  # of a timeline
 MOST_GUARDS: Final = 8  # on such a line
-WIDTH: Final = 60  # letters of a key's course
+WIDTH: Final = 60  # characters of a key's curve
 _SPAN: Final = re.compile(
     b"%(runs)c[%(runs)c%(idle)c]*+[^%(runs)c%(idle)c]?|[^%(runs)c%(idle)c]"
     % {b"runs": RUNS, b"idle": IDLE}
@@ -36,7 +36,7 @@ SIGNS: Final = {
     STOPPED: ("\N{CIRCLED DIVISION SLASH}", "magenta"),
     RUNS: ("\N{BLACK RIGHT-POINTING POINTER}", "bold yellow"),
 }
-"""How the last status of a node is shown: a sign, and a style of rich."""
+"""Sign and rich style of a node's last status."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +47,15 @@ class ActionSpan:
     end: int  # tick of the last call
     place: int  # of the action in document order
     action: str
-    result: int  # SUCCEEDED, FAILED, STOPPED; RUNS: it was running at the end
-    points: float  # that the action won and lost meanwhile
-    times: int = 1  # how many such spans in a row are merged here
+    result: int  # SUCCEEDED, FAILED, STOPPED, or RUNS at the end of the episode
+    points: float  # that the action earned in the span
+    times: int = 1  # number of merged spans
 
 
 def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
     """The spans of actions that start at a tick or later, in order of their start.
 
-    Each is found when it is asked for: large trees can have millions of them.
+    They are computed lazily, as large trees can have millions of them.
     """
     earned: dict[str, list[Credit]] = {}
     for credit in sorted(recording.credits, key=lambda credit: credit.tick):
@@ -69,7 +69,7 @@ def action_spans(recording: Recording, begin: int = 0) -> Iterator[ActionSpan]:
 
 
 def merged(spans: Iterable[ActionSpan]) -> Iterator[ActionSpan]:
-    """Merges repeated spans of one action and result that last no time."""
+    """Merges repeated spans of zero duration with the same action and result."""
     last: ActionSpan | None = None
     for span in spans:
         same = last is not None and (last.place, last.result) == (span.place, span.result)
@@ -100,7 +100,7 @@ def _of_action(
 
 
 def drawn(recording: Recording) -> Text:
-    """The tree with how often each node ran, succeeded, failed and was aborted."""
+    """The tree, with the numbers of ticks, successes, failures and aborts of each node."""
     from rich.text import Text
 
     notes = []
@@ -150,7 +150,7 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
 
 
 def _guards(tree: Node) -> list[str]:
-    """For each node the conditions above it, the innermost MOST_GUARDS of them: why it may run."""
+    """The conditions above each node, at most the innermost MOST_GUARDS."""
     guards: list[str] = []
 
     def visit(node: Node, above: tuple[str, ...], text: str) -> None:
@@ -158,7 +158,7 @@ def _guards(tree: Node) -> list[str]:
         if node.guard:
             above = (*above, condition_text(node.guard.condition))
             shown = above if len(above) <= MOST_GUARDS else (ELLIPSIS, *above[-MOST_GUARDS:])
-            text = " & ".join(shown)  # once for all that is below
+            text = " & ".join(shown)  # shared by all descendants
         for child in node.children:
             visit(child, above, text)
 
@@ -167,7 +167,7 @@ def _guards(tree: Node) -> list[str]:
 
 
 def courses(recording: Recording) -> Iterator[str]:
-    """The blackboard over time, a line of blocks per key."""
+    """The blackboard over time, one line of block characters per key."""
     keys = recording.schema.vocabulary.keys
     wide = max(map(len, keys), default=0) + 2
     for place, (name, key) in enumerate(keys.items()):

@@ -1,4 +1,4 @@
-"""An episode in the terminal: the world in letters, the tree, the blackboard, the points."""
+"""An episode in the terminal: the world as letters, the tree, the blackboard, and the points."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from rich.console import Group, RenderableType
     from rich.text import Text
 
-COLUMNS, ROWS = 60, 30  # letters of a square world; each is twice as high as wide
-FRAMES: Final = 8  # a second on the viewer's clock
+COLUMNS, ROWS = 60, 30  # characters of a square world; each is twice as high as wide
+FRAMES: Final = 8  # per second
 
 
 def watch(recording: Recording, *, speed: float, pause: Callable[[float], None]) -> None:
-    """Shows the episode; `speed` times as fast as it is, `pause(seconds)` waits between frames.
+    """Shows an episode at `speed` times real time; `pause(seconds)` waits between frames.
 
-    Where the output is no terminal, about 40 lines of text take its place.
+    If the output is not a terminal, about 40 lines of text are printed instead.
     """
     if not sys.stdout.isatty():
         least = 10.0 if recording.step_s < 1 else recording.step_s  # s
@@ -39,7 +39,7 @@ def watch(recording: Recording, *, speed: float, pause: Callable[[float], None])
 
 
 def lines(recording: Recording, *, every: float) -> Iterator[str]:
-    """The episode as lines of text, one every so many seconds and one for the end."""
+    """The episode as lines of text, one per `every` seconds, and one for its end."""
     apart = max(1, round(every / recording.step_s))
     keys = recording.schema.vocabulary.keys
     robot = recording.film.movers[-1] if recording.film and recording.film.movers else None

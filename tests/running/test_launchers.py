@@ -104,7 +104,7 @@ def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Pat
     )
     code, said = finish(start(tmp_path, *words))
     assert code == 0, said
-    assert "the launcher broke down" in said
+    assert "the launcher failed" in said
     assert len(records(tmp_path)) == 3
 
 

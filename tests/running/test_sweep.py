@@ -162,7 +162,7 @@ def test_a_launcher_that_breaks_down_is_started_again(
             raise OSError("a worker was killed")
 
     run_sweep(jobs, "c", launch)
-    assert "the launcher broke down (a worker was killed)" in capsys.readouterr().err
+    assert "the launcher failed (a worker was killed)" in capsys.readouterr().err
     assert len(begun) == 2
 
 

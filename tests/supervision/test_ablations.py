@@ -152,7 +152,7 @@ def test_each_seed_is_led_by_the_next() -> None:
 def test_a_sweep_may_start_at_any_seed() -> None:
     """The seeds lead each other in a ring; one from outside is told what to set."""
     how = YokedSettings(record="runs/x/expert-seed{seed}", first=3000, seeds=30)
-    leaders = {seed: how.leader(seed) for seed in range(3000, 3030)}
+    leaders = {seed: how.other_seed(seed) for seed in range(3000, 3030)}
     assert (leaders[3000], leaders[3028], leaders[3029]) == (3001, 3029, 3000)
     assert set(leaders.values()) == set(leaders)
     assert how.folder(3029) == Path("runs/x/expert-seed3000")

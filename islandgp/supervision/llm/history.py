@@ -153,7 +153,7 @@ class RunValues:
     episodes: int  # that were run for them
 
 
-def standing_values(how: InformedSettings, context: RunContext) -> dict[str, str]:
+def constant_values(how: InformedSettings, context: RunContext) -> dict[str, str]:
     """Values that are the same in all generations; "" for a part that is left out."""
     return {
         "reasoning": "first" if how.reasoning else "",

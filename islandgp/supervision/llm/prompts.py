@@ -111,17 +111,17 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
 
 
 _FILES: Final = ("domain:", "include:", "library:")
-"""Rules of the grammar that are of use in files only."""
+"""Rules of the grammar that are used in files only."""
 
 _OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?", re.MULTILINE)
 """The rules of the grammar for arguments of actions."""
 
 
 def shown_grammar(*, arguments: bool) -> str:
-    """The grammar without what only files can have, and with the paper's kinds of nodes alone.
+    """The grammar without the rules for files, and with the paper's node kinds only.
 
     Args:
-        arguments: whether actions can have arguments.
+        arguments: True if actions can have arguments.
     """
     text = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
     parts = [
@@ -139,7 +139,7 @@ def shown_grammar(*, arguments: bool) -> str:
 
 
 def language(vocabulary: Vocabulary) -> str:
-    """The language's reference, made from the grammar and the domain's vocabulary."""
+    """The reference of the language, from the grammar and the domain's vocabulary."""
     arguments = any(action.arguments for action in vocabulary.actions.values())
     numbers = [n for n, key in vocabulary.keys.items() if not key.flag and not key.words]
     choices = {name: key for name, key in vocabulary.keys.items() if key.words}
@@ -178,7 +178,7 @@ def language(vocabulary: Vocabulary) -> str:
 
 
 def fixed_values(context: RunContext) -> dict[str, str]:
-    """Values that no generation changes: the task, the language, the fields, the examples."""
+    """The constant values: the task, the language, the fields of the state, the examples."""
     schema, classes, library = context.schema, context.classes, context.library()
     meanings = field_meanings(schema, classes, multiplied(context))
     counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
@@ -251,7 +251,7 @@ _EDIT_FORM: Final = (
 
 
 def fixed_edit_values(context: RunContext) -> dict[str, str]:
-    """Values of `prompts/edits.md` that no generation changes."""
+    """The constant values of `prompts/edits.md`."""
     kinds = (f"- {n} (needs {k.needs}): {k.meaning}" for n, k in EDITS.items())
     return {
         "edit_kinds": "\n".join(kinds),
@@ -275,7 +275,7 @@ def run_facts(context: RunContext) -> dict[str, str]:
 
 
 _MUTATED: Final = {
-    # by gp.mutate_elites: what the mutation rate hits
+    # by gp.mutate_elites: the individuals that are mutated
     True: "Each individual is mutated with this chance, also the best\n"
     "ones and a tree that you write.",
     False: "Each child is mutated with this chance; the best individuals\n"

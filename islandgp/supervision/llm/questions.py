@@ -37,10 +37,10 @@ from islandgp.supervision.llm.history import (
     RUN_VALUES,
     RunHistory,
     RunValues,
+    constant_values,
     edit_values,
     known_texts,
     run_values,
-    standing_values,
 )
 from islandgp.supervision.llm.message import Request, ServerCapabilities
 from islandgp.supervision.llm.prompts import (
@@ -111,7 +111,7 @@ class Questions:
             **fixed_values(context),
             **run_facts(context),
             **settings.rate_values,
-            **standing_values(settings.informed, context),
+            **constant_values(settings.informed, context),
         }
         self._order: Callable[[dict[str, Any]], dict[str, Any]] = (
             reasons_first if settings.informed.reasoning else dict

@@ -3,7 +3,7 @@
 Resumed runs and replays read answers from it, and the ledger sums up its tokens. The lines are
 JSON objects; the field `line` is their kind:
 
-start    settings and dialect of the requests; null: the dialect is not known yet
+start    settings and dialect (capabilities of the server); null: they are not known yet
 dialect  the dialect, and the first generation in which it was known
 system   a system prompt, once, with its hash
 sent     an attempt is about to be made; without an attempt line its outcome is unknown
