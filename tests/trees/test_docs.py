@@ -274,7 +274,7 @@ def test_tutorial_shows_what_is_said(
             continue
         shown += 1
         assert [line for line in block.splitlines() if line not in said] == []
-    assert shown == 10
+    assert shown >= 10
 
 
 def test_tutorial_trees_are_in_canonical_form() -> None:
