@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,9 +35,20 @@ def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
 
 def domain_class(domain: str, config_dir: str | None = None) -> Any:
     """The class that the file of a domain names. Raises KeyError if there is no such domain."""
+    module, _, attribute = _factory(domain, config_dir).partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def default_domain_module() -> str:
+    """The module of the domain that a run has unless another one is chosen."""
+    text = (resource("conf") / "config.yaml").read_text(encoding="utf-8")
+    (domain,) = re.findall(r"^  - domain: (\w+)", text, re.MULTILINE)
+    return _factory(domain).partition(":")[0]
+
+
+def _factory(domain: str, config_dir: str | None = None) -> str:
+    """The class that the file of a domain names, as "module:Class"."""
     import yaml
 
-    file = domain_files(config_dir)[domain]
-    config = yaml.safe_load(file.read_text(encoding="utf-8"))
-    module, _, attribute = config.get("domain", config)["factory"].partition(":")
-    return getattr(import_module(module), attribute)
+    config = yaml.safe_load(domain_files(config_dir)[domain].read_text(encoding="utf-8"))
+    return str(config.get("domain", config)["factory"])

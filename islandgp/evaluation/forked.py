@@ -2,8 +2,10 @@
 
 If a run is stopped while a worker starts, the worker finds its queues closed and ends. This module
 suppresses the traceback that it would print.
+It also lets the forkserver ignore Ctrl-C from its first import on.
 """
 
+import signal
 import sys
 from multiprocessing import spawn, synchronize
 from traceback import extract_tb
@@ -17,4 +19,5 @@ def _report(kind: type[BaseException], error: BaseException, trace: TracebackTyp
         sys.__excepthook__(kind, error, trace)
 
 
+signal.signal(signal.SIGINT, signal.SIG_IGN)
 sys.excepthook = _report

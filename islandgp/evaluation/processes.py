@@ -95,6 +95,30 @@ def _run(job: Job) -> Outcome:
     return simulate(_problem, job, _limit)
 
 
+def _set_imports(domain: str) -> None:
+    """Sets the modules that a forkserver imports when it starts: those that its workers need."""
+    if os.name == "posix":
+        modules = ["islandgp.evaluation.forked", "islandgp.evaluation.processes", domain]
+        multiprocessing.get_context("forkserver").set_forkserver_preload(modules)
+
+
+def start_forkserver(domain: str) -> None:
+    """Starts the process that forks workers, if it does not run yet.
+
+    `Processes` starts it as well, and waits for its imports. A process that has other work to do
+    first saves this time by an earlier start.
+
+    Args:
+        domain: module of the domain. Workers import another one by themselves.
+    """
+    if os.name == "posix":
+        from multiprocessing import forkserver  # which other systems lack
+
+        _set_imports(domain)
+        with suppress(OSError):  # `Processes` reports it
+            forkserver.ensure_running()
+
+
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
     """Number of processes and time limits."""
 
@@ -126,9 +150,7 @@ class Processes:
 
     def _new_pool(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
-        if os.name == "posix":
-            modules = ["islandgp.evaluation.forked", "islandgp.evaluation.processes"]
-            context.set_forkserver_preload([*modules, type(self.problem.domain).__module__])
+        _set_imports(type(self.problem.domain).__module__)
         return ProcessPoolExecutor(
             self.workers, context, _start, (self.problem, self.episode_timeout)
         )

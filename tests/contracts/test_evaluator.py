@@ -23,7 +23,7 @@ from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
-from islandgp.evaluation.processes import Processes
+from islandgp.evaluation.processes import Processes, start_forkserver
 from islandgp.evaluation.ray import Ray, batch_size, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
@@ -314,7 +314,7 @@ def deadly_slow() -> Problem:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
 def test_a_server_of_forks_that_is_killed_while_it_starts_is_replaced() -> None:
-    """The jobs have their outcomes. In a process of its own, where no server has started yet."""
+    """The jobs have their outcomes. In a process of its own, where none has started yet."""
     code = f"from {__name__} import evaluate_beside_a_kill; evaluate_beside_a_kill()"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
@@ -337,6 +337,28 @@ def evaluate_beside_a_kill() -> None:
     finally:
         killer.join()
         pool.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
+def test_a_forkserver_may_start_early_for_another_domain() -> None:
+    """Workers import their own domain then. In a process of its own, where none has started."""
+    code = f"from {__name__} import evaluate_after_an_early_start as e; e()"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
+
+
+def evaluate_after_an_early_start() -> None:
+    """Starts the server of forks, and evaluates with the same one."""
+    from multiprocessing import forkserver
+
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    start_forkserver("islandgp.domains.gymnasium")
+    early = server._forkserver_pid
+    pool = Processes(setting(), 2)
+    try:
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+    assert server._forkserver_pid == early
 
 
 @pytest.mark.slow

@@ -22,6 +22,7 @@ from islandgp.records.lines import Lines
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import identity_config
 from islandgp.resources import resource
+from islandgp.running import app
 from islandgp.running.app import main
 from islandgp.running.resume import differences
 from islandgp.viewer.run_page import NAME_OF_PAGE
@@ -566,3 +567,29 @@ def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
     """Names that MLflow or a run has already."""
     with pytest.raises(ConfigError, match=re.escape(expected)):
         composed(word)
+
+
+@pytest.mark.parametrize(
+    ("words", "early"),
+    [
+        (["seed=3"], True),
+        (["domain=cartpole"], False),
+        (["evaluator=serial"], False),
+        (["experiment=minigrid"], False),
+        (["seed=1,2", "-m"], False),
+        (["--cfg", "job"], False),
+    ],
+)
+def test_workers_are_prepared_before_the_configuration_is_composed(
+    words: list[str], early: bool, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their server imports the default domain, unless the command may need none or another one."""
+    started: list[str] = []
+
+    def stop(*_: object) -> None:
+        raise ConfigError("Expected nothing more of this test.")
+
+    monkeypatch.setattr(app, "start_forkserver", started.append)
+    monkeypatch.setattr(app, "_planned", stop)
+    assert main([*words, f"runs={here}"]) == (0 if "--cfg" in words else 2)
+    assert started == ["islandgp.domains.island"] * early
