@@ -142,10 +142,11 @@ chart("tiers", "Share of the individuals by tier", Object.entries(curves.tiers).
 function showArchive(archive) {
   const {axes, elites} = archive, n = elites.length;
   const cells = axes.reduce((product, axis) => product * axis.edges.length, 1);
-  const last = curves.qd_score.length - 1;
+  const score = curves.qd_score.at(-1) ?? 0;
+  const low = n && !score ? " No elite is above it; set archive.floor to the lowest possible fitness." : "";
   const facts = archive.readable ? `${number(n, 0)} of ${number(cells, 0)} cells have an elite ` +
-    `(coverage ${percent(n / cells)}); QD score ${short(curves.qd_score[last] ?? 0)}: the sum of what the elites' means have above ` +
-    `${number(archive.floor)} points. An elite is the best tree of its cell, by the mean of its episodes.`
+    `(coverage ${percent(n / cells)}). QD score ${short(score)}: the sum over elites of their points above archive.floor ` +
+    `(${number(archive.floor)}).${low} An elite is the best tree of its cell, by the mean of its episodes.`
     : `The elites themselves cannot be read: ${archive.file} is missing or damaged.`;
   byId("archive-facts").textContent = facts;
   byId("archive-charts").hidden = false;
@@ -229,9 +230,9 @@ function showArchive(archive) {
     byId("cell").replaceChildren(...shown);
   }
   byId("map-axes").textContent = [
-    `In a block ${axes[0].name} rises to the right` + (axes[1] ? ` and ${axes[1].name} upwards` : ""),
-    axes[2] ? `from block to block ${axes[2].name} rises to the right` + (axes[3] ? ` and ${axes[3].name} upwards` : "") : "",
-  ].filter(Boolean).join("; ") + ". The grid is shown as far as any elite has come; the dot is in the best one.";
+    `${axes[2] ? "Within a block, " : ""}${axes[0].name} increases to the right` + (axes[1] ? ` and ${axes[1].name} upwards` : ""),
+    axes[2] ? `from block to block, ${axes[2].name} increases to the right` + (axes[3] ? ` and ${axes[3].name} upwards` : "") : "",
+  ].filter(Boolean).join("; ") + ". Cells beyond the last elite are left out; the dot marks the best elite.";
   byId("scale-low").textContent = number(byMean[0].mean);
   byId("scale-high").textContent = `${number(byMean[n - 1].mean)} points, by rank`;
   byId("cells").replaceChildren(...elites.map((e, i) => make("option", {value: i},
