@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 
 from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Limits, Node, replace_at, size, walk, within
 from islandgp.domain import Outcome
@@ -148,10 +149,13 @@ class _Tried:
 
 
 def _smaller(tree: Node) -> Iterator[Node]:
-    """The trees with one branch removed, or an inner node replaced by one of its children."""
+    """The trees with one branch removed, or an inner node replaced by one of its children.
+
+    A node keeps the fewest children of its kind, such as two of a `recovery`.
+    """
     for i, node in enumerate(walk(tree)):
         for at, child in enumerate(node.children):
             yield replace_at(tree, i, child)
-            if len(node.children) > 1:
+            if len(node.children) > kind_of(node).children[0]:
                 siblings = node.children[:at] + node.children[at + 1 :]
                 yield replace_at(tree, i, node._replace(children=siblings))

@@ -123,6 +123,18 @@ def test_each_behaviour_has_its_smallest_tree() -> None:
     assert episode(found["putting"]).counters["puts"] == TICKS
 
 
+def test_nodes_keep_the_fewest_children_of_their_kind() -> None:
+    """A recovery has two children also in the trees with one branch less."""
+    gp, store = composed().gp, Store()
+    kinds = gp.trees.model_copy(update={"kinds": {"recovery": 1.0}})
+    found = dict(
+        single_behaviours(CLASSES, TreeSpace(kinds, STORE, gp.limits), gp.mutation, store, 3)
+    )
+    trees = [parse(job.tree, STORE) for job in store.jobs]
+    assert any(node.kind == "recovery" for tree in trees for node in walk(tree))
+    assert found["picking"] is not None
+
+
 def test_what_no_tree_showed_is_left_out() -> None:
     """Nobody can fly, however long the search takes."""
     assert list(searched()[0]) == ["picking", "putting"]
