@@ -1,4 +1,4 @@
-"""Files that are written in one piece or not at all, and errors for those that cannot be read."""
+"""Atomic writes of files, and errors for files that cannot be read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from islandgp.plain import DECODE_ERRORS
 
 @contextmanager
 def usable(folder: Path) -> Iterator[None]:
-    """Raises RunError where a folder cannot be made, read or written, or its disk is full."""
+    """Raises RunError if a folder cannot be created, read or written, or its disk is full."""
     try:
         yield
     except OSError as error:
@@ -44,16 +44,16 @@ def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> No
 
 
 def must_take_files(folder: Path) -> None:
-    """Makes a file in a folder, or where it would be made, and removes it. Raises OSError."""
+    """Creates and removes a file in a folder, or in its nearest existing parent. Raises OSError."""
     existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     with TemporaryFile(dir=existing, prefix=".islandgp-"):
         pass
 
 
 def remove_leftovers(folder: Path, pattern: str = "*") -> None:
-    """Removes what `write_atomic` left of files when the machine stopped in the middle of it.
+    """Removes temporary files of `write_atomic` calls that were interrupted.
 
-    Only for the one process that may write them.
+    Only the process that may write these files calls it.
     """
     for file in folder.glob(f".{pattern}.tmp"):
         file.unlink(missing_ok=True)
@@ -61,7 +61,7 @@ def remove_leftovers(folder: Path, pattern: str = "*") -> None:
 
 @contextmanager
 def reading(what: str, file: Path) -> Iterator[None]:
-    """Around what makes something of a file: raises RunError where it does not hold `what`."""
+    """Context in which errors of reading `file` become RunError; `what` is its expected content."""
     try:
         yield
     except (*DECODE_ERRORS, TreeError) as error:
@@ -69,7 +69,7 @@ def reading(what: str, file: Path) -> Iterator[None]:
 
 
 def damaged(what: str, file: Path, why: str) -> RunError:
-    """The error for a file that was expected to hold `what`."""
+    """The error for a damaged file with the expected content `what`."""
     return RunError(
         f"Expected {what} in {file}, found a damaged file ({why});"
         " delete the run's folder or use resume=never."

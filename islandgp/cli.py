@@ -22,7 +22,7 @@ class CommandInfo(NamedTuple):
     """Summary and example of a command, for the list of commands and its help."""
 
     help: str  # one line
-    example: str  # the words behind the command in the example of its help
+    example: str  # arguments of the example in its help
 
 
 COMMANDS: Final = {
@@ -34,7 +34,7 @@ COMMANDS: Final = {
     ),
     "fmt": CommandInfo("format tree files", "tree.bt"),
     "show": CommandInfo("draw a tree", "tree.bt"),
-    "simplify": CommandInfo("shorten a tree without changing what it does", "tree.bt"),
+    "simplify": CommandInfo("shorten a tree without changing its behaviour", "tree.bt"),
     "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
     "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
     "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),
@@ -80,18 +80,18 @@ COMMANDS: Final = {
     ),
     "ui": CommandInfo("start the MLflow UI and print the address of the right page", "--open"),
 }
-"""By name; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
+"""Commands by name; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
 
 
 class Lazy(click.Group):
-    """Imports a subcommand only when it is asked for, so that `--help` is quick."""
+    """Imports a subcommand when it is used, so `--help` is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 -- click's signature
-        """The names, in the table's order."""
+        """The names of the commands, in the order of the table."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
-        """The code of one subcommand."""
+        """Import a subcommand."""
         if name not in COMMANDS:
             return None
         command: click.Command = import_module(
@@ -105,7 +105,7 @@ class Lazy(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The subcommand of the words. Raises click.UsageError with the name that may be meant."""
+        """The subcommand in `args`. Raises click.UsageError with the nearest name."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             near = get_close_matches(args[0], COMMANDS, 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
@@ -113,7 +113,7 @@ class Lazy(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """The table, without importing any code."""
+        """Write the table of commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, info.help) for name, info in COMMANDS.items()])
 
@@ -130,7 +130,7 @@ def islandgp() -> None:
 
 
 def main() -> None:
-    """The console script: a user's error is one message and exit code 2, Ctrl-C 130."""
+    """The console script: exit code 2 with one message for a user's error, 130 for Ctrl-C."""
     with tolerant_stderr():
         _main()
 
@@ -148,11 +148,11 @@ ERRORS: Final = (
         r"\1: expected a \2 at \3, found none",
     ),
 )
-"""Messages of Click, and their form here."""
+"""Patterns of Click's messages, with their replacements."""
 
 
 def one_line(error: click.ClickException) -> str:
-    """The message of an error of Click's in one line: expected, found; remedy."""
+    """Click's message in one line: expected, found; remedy."""
     text = " ".join(error.format_message().split()).rstrip(".")
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "islandgp"
@@ -171,10 +171,10 @@ def one_line(error: click.ClickException) -> str:
 
 
 def import_from_here() -> None:
-    """Puts the current folder first on the path, as `python -m islandgp` does.
+    """Puts the current folder first on the import path, as `python -m islandgp` does.
 
-    Domains and other classes of the user's own are found there. The processes that evaluate,
-    and those of launchers, get their paths from this one.
+    A user's domains and other classes are found there. Worker processes, also those of launchers,
+    inherit this path.
     """
     with suppress(FileNotFoundError):  # the folder was deleted; commands report that
         here = str(Path.cwd())

@@ -1,4 +1,4 @@
-"""The domains that are configured, and the words that their classes declare."""
+"""The configured domains, and the vocabularies of their classes."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ if TYPE_CHECKING:
 
 
 def domain_files(config_dir: str | None = None) -> dict[str, Path]:
-    """The files of domains by name: of two, the one that Hydra finds first.
+    """The configuration files of domains, by name.
 
-    `config_dir`: the user's own folder of configuration, beside the project's.
+    `config_dir` is the user's folder of configuration; of two files with the same name, the result
+    has the one that Hydra uses.
     """
     folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
     return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
 
 
 def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
-    """The vocabulary that the class of a domain declares, without composing a configuration.
+    """The vocabulary of a domain's class, without composing a configuration.
 
     Raises:
         KeyError: there is no such domain.
@@ -34,20 +35,20 @@ def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
 
 
 def domain_class(domain: str, config_dir: str | None = None) -> Any:
-    """The class that the file of a domain names. Raises KeyError if there is no such domain."""
+    """The class of a domain. Raises KeyError if there is no such domain."""
     module, _, attribute = _factory(domain, config_dir).partition(":")
     return getattr(import_module(module), attribute)
 
 
 def default_domain_module() -> str:
-    """The module of the domain that a run has unless another one is chosen."""
+    """The module of the default domain."""
     text = (resource("conf") / "config.yaml").read_text(encoding="utf-8")
     (domain,) = re.findall(r"^  - domain: (\w+)", text, re.MULTILINE)
     return _factory(domain).partition(":")[0]
 
 
 def _factory(domain: str, config_dir: str | None = None) -> str:
-    """The class that the file of a domain names, as "module:Class"."""
+    """The path of a domain's class, "module:Class"."""
     import yaml
 
     config = yaml.safe_load(domain_files(config_dir)[domain].read_text(encoding="utf-8"))

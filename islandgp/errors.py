@@ -1,6 +1,6 @@
-"""Every error that a user can cause, as one tree.
+"""The exceptions for errors of users.
 
-IslandError            one clear message: expected, found, remedy; exit code 2 at the rim
+IslandError            root; one message: expected, found, remedy; exit code 2 of commands
 |-- TreeError          a text is not a tree of the language (line, column, caret)
 |   |-- UnknownNameError  an action, a key or a subtree does not exist
 |   |-- LimitError     a tree is deeper or larger than its limits
@@ -10,7 +10,7 @@ IslandError            one clear message: expected, found, remedy; exit code 2 a
 |   `-- TimeLimitError an episode takes longer than it may (names the action)
 |-- PartError          a class of the user, named in the configuration, failed (with traceback)
 |-- EvaluationError    an episode could not be run (names the tree and the world seed)
-|-- SupervisionError   a supervisor cannot do its work
+|-- SupervisionError   a supervisor cannot work
 |-- RunError           a run's folder, checkpoint or record cannot be used
 |   |-- BusyError      another process is using it
 |   `-- UntrustedError a run's folder names code or a server that the user's configuration does not
@@ -26,7 +26,7 @@ from typing import Final
 
 
 class IslandError(Exception):
-    """The root: its text is shown to the user as it is, without a traceback."""
+    """The root; its text is shown to the user without a traceback."""
 
 
 class TreeError(IslandError):
@@ -91,7 +91,7 @@ class EvaluationError(IslandError):
 
 
 class SupervisionError(IslandError):
-    """A supervisor cannot do its work, and the run must not start."""
+    """A supervisor cannot work, so the run must not start."""
 
 
 class RunError(IslandError):
@@ -121,7 +121,7 @@ def brief(error: Exception) -> str:
 
 
 def in_the_way(folder: Path) -> str:
-    """The message for files in a folder that shadow Python's or installed modules; "" for none."""
+    """The message if files in a folder shadow Python's or installed modules, else ""."""
     from importlib.metadata import packages_distributions
 
     taken = {*sys.stdlib_module_names, *packages_distributions()}

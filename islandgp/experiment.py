@@ -1,11 +1,11 @@
-"""Experiments in Python: composed like on the command line, run generation by generation.
+"""Experiments in Python: composed as on the command line, run generation by generation.
 
 experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
 for step in experiment:
     print(step.record.snapshot.best)
 experiment.evaluate(step.champion.record.tree, worlds=range(10))
 
-`search` and `evaluate_population` are the parts of a loop that you write yourself (docs/search.md).
+With `search` and `evaluate_population` you can write the loop yourself (docs/search.md).
 """
 
 from __future__ import annotations

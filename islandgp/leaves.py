@@ -1,9 +1,9 @@
-"""Leaf functions: what an action of a tree does in a tick.
+"""Leaf functions: the implementations of a tree's actions.
 
-A leaf is a function that gets the action's arguments by name. It is called once a tick while its
-node runs, and returns True (success), False (failure) or RUNNING. Or it is a generator function:
-each `yield` is a tick in which it runs, and what it returns, True or False, is how it ends. A
-generator that is stopped is closed, so its `finally` runs.
+A leaf is a function of the action's arguments, passed by name. It is called once per tick while its
+node runs, and returns True (success), False (failure) or RUNNING. It can also be a generator
+function: each `yield` is a tick in which it is RUNNING, and it returns True or False at its end. If
+it is aborted, the generator is closed, so its `finally` clauses run.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]
 
 
 def steps(leaf: Leaf) -> Callable[[bool], Any]:
-    """The leaf as a function of `fresh`: True when its node starts. It returns what the leaf does.
+    """A leaf as a function of `fresh`, True at the start of its node; returns the leaf's result.
 
-    Each call makes a new one, with its own generator.
+    Each call of `steps` returns a new function with its own generator.
     """
     if isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__):
         return GeneratorSteps(leaf)
@@ -32,7 +32,7 @@ def steps(leaf: Leaf) -> Callable[[bool], Any]:
 
 
 class GeneratorSteps:
-    """A leaf that is a generator function; it begins again when its node starts."""
+    """A leaf that is a generator function; it is restarted when its node starts."""
 
     __slots__ = ("_leaf", "_running")
 
@@ -41,7 +41,7 @@ class GeneratorSteps:
         self._running: Generator[None, None, bool] | None = None
 
     def __call__(self, fresh: bool) -> Any:
-        """Goes on to the next `yield`: RUNNING there, else what the generator returned."""
+        """Advance to the next `yield`; return RUNNING, or the generator's result at its end."""
         running = self._running
         if fresh or running is None:
             running = self._running = self._leaf()
@@ -58,17 +58,17 @@ class GeneratorSteps:
         return RUNNING
 
     def stop(self) -> None:
-        """Closes the generator, if it runs. Raises RuntimeError where it yields once more."""
+        """Close a running generator. Raises RuntimeError if it yields again."""
         running, self._running = self._running, None
         if running is not None:
             running.close()
 
 
 def status_of(result: object, name: str, leaf: object, *, condition: bool = False) -> int:
-    """The status for the value returned by the leaf of an action or a condition.
+    """The status for the value returned by a leaf of an action or a condition.
 
     Raises:
-        DomainError: it is no status, or a condition is RUNNING.
+        DomainError: the value is not a status, or a condition is RUNNING.
     """
     if isinstance(result, int) and 0 <= result <= RUNNING - condition:
         return int(result)
@@ -85,9 +85,9 @@ _ANY_END: Final = ("True, False or RUNNING", "action")
 
 
 def is_number(value: object) -> bool:
-    """True for a finite number of the size of a float; False for texts and arrays."""
+    """True for a finite number in the range of a float; False for texts and arrays."""
     try:
-        if isinstance(value, float | int):  # the usual ones, quickly
+        if isinstance(value, float | int):  # fast path
             return isfinite(value)
         return isinstance(value, Real) and isfinite(value)
     except OverflowError:
@@ -95,7 +95,7 @@ def is_number(value: object) -> bool:
 
 
 def is_flag(value: object) -> bool:
-    """True if a value is a NumPy bool, which is not one of Python's numbers."""
+    """True for a NumPy bool, which is not a `numbers.Number`."""
     return type(value).__module__ == "numpy" and type(value).__name__ in ("bool", "bool_")
 
 

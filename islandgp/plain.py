@@ -1,4 +1,4 @@
-"""JSON from files: read into plain values, and compared with the types of dataclasses."""
+"""Reads JSON into plain values, and validates and converts them to dataclasses."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ DECODE_ERRORS: Final = (
     OverflowError,
     RecursionError,
 )
-"""Exceptions of reading plain values that do not have the expected form."""
+"""Exceptions of reading values with an unexpected form."""
 
 
 def read_json(text: str | bytes) -> Any:
     """The value of a JSON text.
 
     Raises:
-        ValueError: it is no JSON, it holds NaN, or it is nested too deeply.
+        ValueError: the text is not JSON, contains NaN, or is nested too deeply.
     """
     try:
         return json.loads(text, parse_constant=_no_number)
@@ -41,9 +41,9 @@ def _no_number(name: str) -> NoReturn:
 
 
 def validate_json(kind: Any, text: str | bytes) -> Any:
-    """The plain values of a JSON text that fits a dataclass, or another type.
+    """The plain values of a JSON text, validated with a dataclass or another type.
 
-    Fields too many are fine.
+    Additional fields are accepted.
 
     Raises:
         ValueError: a field is missing or has another type; the message names it.
@@ -53,7 +53,7 @@ def validate_json(kind: Any, text: str | bytes) -> Any:
 
 
 def from_json(kind: type[T], value: Any, context: Any = None) -> T:
-    """A dataclass, with those inside it, of JSON values.
+    """A dataclass, with nested ones, from JSON values.
 
     Args:
         kind: the dataclass.
@@ -68,12 +68,12 @@ def from_json(kind: type[T], value: Any, context: Any = None) -> T:
 
 
 def to_json(value: Any) -> Any:
-    """A dataclass as JSON values, those inside it included."""
+    """A dataclass, with nested ones, as JSON values."""
     return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
 
 
 def nan_to_none(value: Any) -> Any:
-    """The plain values with None, JSON's null, for each NaN, which JSON does not have."""
+    """The values with each NaN replaced by None, as JSON has no NaN."""
     if isinstance(value, dict):
         return {key: nan_to_none(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
@@ -92,15 +92,15 @@ def _validated(kind: Any, text: bytes, context: Any = None) -> Any:
 
 
 def from_plain(kind: type[T], plain: Any) -> T:
-    """A dataclass, with those inside it, from plain values that `validate_json` has checked."""
+    """A dataclass (with nested ones) from plain values that `validate_json` has validated."""
     adapter: TypeAdapter[T] = _adapter(cast("Any", kind))
     return adapter.validate_python(plain)
 
 
 def _without_halves(text: str | bytes) -> bytes:
-    """The text with another character for each half of a surrogate pair.
+    """The text with lone surrogates replaced, which pydantic rejects.
 
-    pydantic refuses half a pair. In a path it is a byte that is no character.
+    Python uses them for undecodable bytes in paths.
     """
     raw = text.encode() if isinstance(text, str) else text
     if b"\\ud" not in raw.lower():

@@ -32,10 +32,10 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class ImportedClass(BaseModel, frozen=True, extra="forbid"):
-    """A class that configuration names."""
+    """A class named in the configuration."""
 
     needs: ClassVar[tuple[str, ...]] = ("make",)  # methods of the class
-    models: ClassVar[tuple[str, ...]] = ("Settings",)  # pydantic models that it carries
+    models: ClassVar[tuple[str, ...]] = ("Settings",)  # pydantic models of the class
 
     factory: ImportString[Any]  # "package.module:Class"
 
@@ -70,9 +70,9 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
 
 
 class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
-    """A class that the configuration names, and the settings for it.
+    """A class named in the configuration, with its settings.
 
-    The class carries a pydantic model `Settings` and is made by `make(settings, ...)`.
+    The class has a pydantic model `Settings` and a class method `make(settings, ...)`.
     """
 
     policy: dict[str, Any] = Field(default_factory=dict, validate_default=True)
@@ -86,14 +86,14 @@ class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
         return policy
 
     def settings(self) -> Any:
-        """`policy` as the class's own Settings."""
+        """`policy` as an instance of the class's Settings."""
         return self.factory.Settings.model_validate(self.policy)
 
 
 def _load(path: object) -> None:
-    """Imports the module of a path. Raises ImportError where it is one that this module needs.
+    """Imports the module of a path. Raises ImportError if the module itself needs a missing one.
 
-    Other errors are raised again, and reported, where the name is imported.
+    A missing module at `path` is reported later, when the name is imported.
     """
     try:
         if isinstance(path, str):
@@ -113,13 +113,16 @@ def imported(path: str) -> Any:
 def function(
     name: str, table: Mapping[str, Function], check: Callable[..., None] | None = None
 ) -> Function:
-    """An entry of a table, or a function of the user's own: "module:function".
+    """An entry of a table, or a user's function "module:function".
 
-    `check` gets what a function of the user's returned, and what it was called with; an
-    exception of it is reported as that function's.
+    Args:
+        name: of the entry, or path of the function.
+        table: functions by name.
+        check: called with the result and the arguments of a user's function; its exceptions are
+            reported as errors of that function.
 
     Raises:
-        ValueError: there is no such entry, or no such function.
+        ValueError: there is no such entry or function.
         PartError: the user's module cannot be imported.
     """
     if name in table:
@@ -152,7 +155,7 @@ def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | N
 
 
 def path_of(kind: Any) -> str:
-    """A class as configuration names it: "package.module:Class"; a module by its name."""
+    """The path of a class in the configuration, "package.module:Class"; a module's name."""
     name = getattr(kind, "__qualname__", None)
     return f"{kind.__module__}:{name}" if name else str(getattr(kind, "__name__", kind))
 
@@ -161,11 +164,11 @@ KNOWN: Final = (
     Path(__file__).parent,
     *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
 )
-"""Folders of code that is not the user's own."""
+"""Folders of code that is not the user's."""
 
 
 def raised_in(error: BaseException) -> str:
-    """The place in the user's own code that an error came from, ", in FILE, line N"; or ""."""
+    """The place in the user's code that raised an error, ", in FILE, line N", or ""."""
     if isinstance(error, SyntaxError) and error.filename:
         return f", in {error.filename}, line {error.lineno}"
     frames = (frame for frame, _ in walk_tb(error.__traceback__))
@@ -174,7 +177,7 @@ def raised_in(error: BaseException) -> str:
 
 
 def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
-    """The place in the user's own code at which a frame is, as `raised_in`, below `outer`."""
+    """The place of a frame in the user's code, as `raised_in`; callers of `outer` are ignored."""
     frames: list[tuple[FrameType, int]] = []
     while frame is not None and frame is not outer:
         frames.append((frame, frame.f_lineno))
@@ -183,12 +186,12 @@ def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
 
 
 def short_repr(value: object) -> str:
-    """A value in a message: its `repr`, cut, and without addresses in memory."""
+    """The `repr` of a value for a message: shortened, without memory addresses."""
     return re.sub(r" at 0x[0-9a-fA-F]+", "", f"{value!r:.200}")[:80]
 
 
 def defined_in(thing: Any) -> str:
-    """The place of the user's own function, method or class, as `raised_in`."""
+    """The place of a user's function, method or class, as `raised_in`."""
     code = getattr(unwrap(thing), "__code__", None) if callable(thing) else None
     if code is not None:
         return (
@@ -204,10 +207,10 @@ def defined_in(thing: Any) -> str:
 
 
 def _place(frames: Iterable[tuple[FrameType, int]]) -> str:
-    """The innermost of the frames in the user's own code.
+    """The innermost frame in the user's code.
 
-    Where there is none, the user's code may be an installed package: the place is where our code
-    called any other.
+    If there is none, the user's code may be an installed package: then it is the frame that was
+    called by this package.
     """
     innermost = entered = ""
     in_package = False

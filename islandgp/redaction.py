@@ -1,4 +1,4 @@
-"""Secrets in fields whose names the configuration does not know: extra fields of requests."""
+"""Hides secrets in extra fields of requests, whose names are not known in advance."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from typing import Any, Final
 HIDDEN: Final = "***"
 
 FREE: Final = frozenset({"extra_body", "extra_headers"})
-"""Keys of a configuration with fields of a server below them."""
+"""Configuration keys whose values are fields of a server."""
 
 ANYWHERE: Final = frozenset(
     {"apikey", "authorization", "bearer", "cookie", "credential", "credentials", "passwd"}
     | {"password", "secret"}
 )
 AT_THE_END: Final = frozenset({"auth", "key", "token"})
-"""Words of a field's name that make it a secret: `x-api-key`, but not `max_tokens`."""
+"""Words in the name of a secret field: `x-api-key`, but not `max_tokens`."""
 
 
 def names_secret(key: str) -> bool:
-    """True if the name of a server's field is that of a secret."""
+    """True if a field with this name is a secret."""
     apart = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key).lower()
     words = re.findall(r"[a-z0-9]+", apart)
     return bool(words) and (not ANYWHERE.isdisjoint(words) or words[-1] in AT_THE_END)
 
 
 def without_secrets(value: Any) -> Any:
-    """JSON values with HIDDEN in the place of each secret, at any depth."""
+    """JSON values with each secret replaced by HIDDEN, at any depth."""
     if isinstance(value, Mapping):
         return {
             key: HIDDEN if inner and names_secret(str(key)) else without_secrets(inner)
@@ -37,7 +37,7 @@ def without_secrets(value: Any) -> Any:
 
 
 def secrets_in(value: Any, secret: bool = False) -> Iterator[str]:
-    """The texts that `without_secrets` hides."""
+    """The secret texts in JSON values."""
     if isinstance(value, Mapping):
         for key, inner in value.items():
             yield from secrets_in(inner, secret or names_secret(str(key)))

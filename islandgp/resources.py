@@ -1,6 +1,6 @@
 """Paths of the folders `conf`, `grammar` and `prompts`.
 
-In a checkout they are beside the package, in a wheel inside it.
+In a checkout they are next to the package; in a wheel they are inside it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def program() -> str:
-    """The `islandgp` command as this user can give it: by its path where it is not on PATH."""
+    """The name of the `islandgp` command, or its path if it is not on PATH."""
     script = Path(sys.executable).parent / "islandgp"
     if shutil.which("islandgp") is not None or not script.exists():
         return "islandgp"
@@ -24,10 +24,10 @@ def program() -> str:
 
 
 def resource(name: str) -> Path:
-    """The folder (or file, by its relative path) of that name.
+    """The path of a folder, or of a file given by its relative path.
 
-    A checkout comes first: an editable install can leave stale copies of the
-    folders inside the installed package, and those must never be read.
+    A checkout takes precedence, because an editable install may leave stale copies of the folders
+    inside the installed package.
 
     Raises:
         IslandError: there is no such folder, so the installation is broken.

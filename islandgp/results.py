@@ -1,4 +1,4 @@
-"""Runs as pandas frames: one row a run, a generation, an individual, or an elite.
+"""Runs as pandas data frames, with one row per run, generation, individual or elite.
 
     results = islandgp.load("runs/default")
     results.generations.groupby(["arm", "generation"])["fitness_max"].mean()
@@ -53,17 +53,17 @@ class Results:
 
     @cached_property
     def runs(self) -> DataFrame:
-        """One row a run; `first.<milestone>` is the generation of its first such robot."""
+        """One row per run; `first.<milestone>` is the generation of its first such robot."""
         return _frame("runs", (self._run(folder) for folder in self.folders))
 
     @cached_property
     def generations(self) -> DataFrame:
-        """One row a generation."""
+        """One row per generation."""
         return _frame("generations", self._rows(_generation))
 
     @cached_property
     def individuals(self) -> DataFrame:
-        """One row an individual."""
+        """One row per individual."""
         return _frame("individuals", self._rows(_individuals))
 
     @cached_property
@@ -73,7 +73,7 @@ class Results:
 
     @cached_property
     def archive(self) -> DataFrame:
-        """One row an elite of a finished run; `cell.<counter>` is where its cell begins."""
+        """One row per elite of a finished run; `cell.<counter>` is the lower edge of its cell."""
         return _frame("archive", self._elites())
 
     def _edits(self) -> Iterator[dict[str, Any]]:
@@ -190,7 +190,7 @@ def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterato
 
 
 def _nested(record: Mapping[str, Any], *groups: str) -> dict[str, Any]:
-    """The values of nested mappings, by names with a dot."""
+    """The values of nested mappings, by dotted names."""
     return {f"{group}.{name}": v for group in groups for name, v in record[group].items()}
 
 

@@ -24,7 +24,7 @@ class Stream(IntEnum):
     MUTATION = 6  # whether and how an individual mutates, by generation and slot
     SUPERVISION = 7  # a supervisor's own draws, by generation
     NETWORK = 8  # jitter between attempts of a call, by generation
-    UNSEEN = 9  # a comparison's worlds for champions, by slot; the run seed is 0
+    UNSEEN = 9  # a comparison's worlds for best robots, by slot; the run seed is 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
     TRIAL = 12  # the world in which a model's candidates are tried, by generation
@@ -46,7 +46,7 @@ def stream(
 
 
 def seed_of(seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0) -> int:
-    """A seed for something else, mostly a world, in [0, 2**32)."""
+    """A seed, e.g. of a world, in [0, 2**32)."""
     return int(stream(seed, purpose, generation=generation, slot=slot).integers(2**32))
 
 

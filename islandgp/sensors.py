@@ -1,7 +1,7 @@
-"""Sensors of perturbed worlds: what the tree sees is noisy, and late.
+"""Sensors of perturbed worlds: noise and delay of the blackboard.
 
-A domain declares the most noise of its numbers (`Key.noise`) and the longest delay of its
-blackboard in ticks (`Schema.delay`); the configuration sets the amount of both (`perturb`).
+A domain declares the noise of its numbers (`Key.noise`) and the longest delay of its blackboard in
+ticks (`Schema.delay`); the configuration sets the amount of both (`perturb`).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ class SensorFaults:
 
 
 class Sensors:
-    """The sensors of one episode; they are called once a tick."""
+    """The sensors of one episode; called once per tick."""
 
     def __init__(
         self, faults: SensorFaults, keys: Mapping[str, Key], rng: np.random.Generator
     ) -> None:
-        """`rng` is consumed, now and in each tick."""
+        """`rng` is consumed, here and in each tick."""
         self._rng = rng
         self._noisy = [
             (place, faults.noise * key.noise, key.low, inf if key.most is None else key.most)
@@ -46,9 +46,10 @@ class Sensors:
         self._past: deque[list[float]] = deque(maxlen=self._delay + 1)
 
     def __call__(self, values: Sequence[float]) -> list[float]:
-        """The values that the tree reads in the next tick, by place; `values` are the true ones.
+        """The values that the tree reads in the next tick, from the true `values`, by key index.
 
-        Numbers stay in the ranges of their keys. Until the delay is over, it is the first values.
+        Numbers are clipped to the ranges of their keys. During the initial delay, the tree reads
+        the first values.
         """
         seen = [float(value) for value in values]
         if self._noisy:

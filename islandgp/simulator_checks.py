@@ -85,7 +85,7 @@ def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
 
 
 def no_ending(result: object, step: object) -> str:
-    """The message for a result of `step` that is no text."""
+    """The message for a result of `step` that is not a text."""
     hint = "; leave `yield` out of it" if isgenerator(result) else ""
     return (
         'Expected why the episode is over from `step`, a text, or "" to go on, found'

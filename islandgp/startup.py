@@ -1,4 +1,4 @@
-"""Signals that come while a command starts; it imports nothing that takes time."""
+"""Handlers of signals during the start of a command; imports only fast modules."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 
 
 
 def stop_before_work(*names: str) -> None:
-    """Let Ctrl-C and the signals of these names end the process at once, until `as_ctrl_c`.
+    """Let Ctrl-C and the named signals end the process immediately, until `as_ctrl_c`.
 
     For the start of a command: an exception would be lost in an import, or end in a traceback.
-    A signal that is ignored, or has a handler already, keeps it.
+    Ignored signals, and signals with a handler, are not changed.
     """
     for name in ("SIGINT", *names):
         number = getattr(signal, name, None)

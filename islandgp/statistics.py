@@ -1,8 +1,8 @@
 """The tests of section 3.1: Mann-Whitney U, Eq. (9) and (10), Benjamini-Hochberg, effect size r.
 
-Beside the paper's: paired tests for arms that share seeds, the log-rank test
-for runs in which something never happened, 95 % intervals, and what a number of seeds can
-show: the smallest difference that a test finds 4 times in 5.
+Further: paired tests for arms that share seeds, the log-rank test and hazard ratios for censored
+runs, 95 % intervals, and power: the smallest difference that a test with a number of seeds detects
+with probability 80 %.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ EXACT: Final = "exact"
 EXACT_TIES: Final = "exact, ties enumerated"
 ASYMPTOTIC: Final = "asymptotic, corrected for ties and continuity"
 UNTESTED: Final = "no test: all values are equal"
-ENUMERATED: Final = 100  # values, tied ones among them, up to which a p-value is counted out
-DECIMALS: Final = 9  # of what is ranked: points of 50,000 carry noise in the eleventh one
+ENUMERATED: Final = 100  # most values with ties for an exact p-value
+DECIMALS: Final = 9  # of ranked values, as points of 50,000 have rounding errors in the eleventh
 RESAMPLES: Final = 10_000  # of a bootstrap
-FEWEST: Final = 10  # values of a sample that is bootstrapped: of 3 the interval covers 80 %
-LARGEST_RATIO: Final = 20.0  # logarithm of a hazard ratio beyond which it is 0 or infinite
-BOOTSTRAP_SEED: Final = 20_240_901  # so that a report has the same bytes each time
+FEWEST: Final = 10  # least values of a bootstrap sample; with 3, the interval covers only 80 %
+LARGEST_RATIO: Final = 20.0  # logarithm of a hazard ratio that is reported as infinite
+BOOTSTRAP_SEED: Final = 20_240_901  # makes reports reproducible
 
 
 @dataclass(frozen=True, slots=True)
 class RankTest:
-    """Two independent samples compared by ranks, two-sided."""
+    """A two-sided rank test of two independent samples."""
 
     u: float  # Eq. (9) for the first sample, in [0, n1 n2]; half a point for a tie
     z: float  # Eq. (10) with the variance corrected for ties, without continuity correction
@@ -43,7 +43,7 @@ class RankTest:
 
 @dataclass(frozen=True, slots=True)
 class PairedTest:
-    """Two samples compared seed by seed, two-sided."""
+    """A two-sided test of two samples paired by seed."""
 
     p: float
     kind: str
@@ -56,7 +56,7 @@ class PairedTest:
 class Interval:
     """An estimate with its 95 % interval."""
 
-    estimate: float  # these three may be infinite; nan: not known
+    estimate: float  # all three may be infinite; nan: unknown
     low: float
     high: float
 
@@ -66,8 +66,8 @@ def rank_test(
 ) -> RankTest:
     """Mann-Whitney U: exact, or asymptotic for more than `enumerated` values with ties.
 
-    The kind is named. With `enumerated=0` tied samples of any size get the normal
-    approximation, as the paper's do (section 3.1).
+    The result has the kind of test. With `enumerated=0`, tied samples of any size have the normal
+    approximation, as in the paper (section 3.1).
     """
     x, y = np.round(first, DECIMALS), np.round(second, DECIMALS)
     n1, n2 = len(x), len(y)
@@ -100,7 +100,7 @@ def paired_test(
     *,
     enumerated: int = ENUMERATED,
 ) -> PairedTest:
-    """Wilcoxon's signed-rank test of pairs in the same order; pairs without a difference drop out.
+    """Wilcoxon's signed-rank test of pairs in the same order; equal pairs are dropped.
 
     Exact, or asymptotic for more than `enumerated` differences with ties.
     """
@@ -123,7 +123,7 @@ def paired_test(
 def log_rank(
     first: Sequence[float | None], second: Sequence[float | None], *, horizon: float
 ) -> float:
-    """Two-sided p of the log-rank test; None: it had not happened up to `horizon` (censored)."""
+    """Two-sided p of the log-rank test of event times; None: censored at `horizon`."""
     stats = _stats()
     samples = [
         stats.CensoredData(
@@ -142,29 +142,30 @@ def log_rank(
 def hazard_ratio(
     first: Sequence[float | None], second: Sequence[float | None], *, horizon: float
 ) -> Interval:
-    """Cox's hazard ratio of two samples of times, with its 95 % interval (Wald).
+    """Cox's hazard ratio of two samples of event times, with its 95 % interval (Wald).
 
-    Above 1: it happens sooner in the first sample. Ties are taken as by Efron.
+    Above 1, the events of the first sample are earlier. Ties are handled by Efron's method.
 
     Args:
-        first: times at which it happened; None: it had not up to `horizon` (censored).
+        first: times of events; None: no event up to `horizon` (censored).
         second: as `first`.
-        horizon: time up to which censored runs were watched, later than every time.
+        horizon: time of censoring, later than all events.
 
     Returns:
-        The ratio and its ends; 0, infinite or nan with unknown ends (nan) where the times of one
-        sample all come first, or it never happened; of a single time the ends are unknown.
+        The ratio and the ends of its interval. The ratio is 0 or infinite, with unknown ends (nan),
+        if all events of one sample come first, and nan without events; with a single event the ends
+        are unknown.
     """
     samples = [[(horizon if t is None else t, t is not None) for t in s] for s in (first, second)]
     return cox(*samples)
 
 
 Times = Sequence[tuple[float, bool]]
-"""When each run of a sample was last watched, and whether it happened then."""
+"""(time, True for an event or False for censoring) of each run in a sample."""
 
 
 def cox(first: Times, second: Times) -> Interval:
-    """`hazard_ratio` of samples whose runs may be censored at any time."""
+    """The hazard ratio of samples whose runs may be censored at any time; see `hazard_ratio`."""
     from scipy.optimize import brentq  # type: ignore[import-untyped] # scipy ships no types
 
     events, at_risk = 0, []  # of the first sample; and of both, for each event of either
@@ -194,18 +195,18 @@ def cox(first: Times, second: Times) -> Interval:
 
 
 def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
-    """p-values adjusted for the false discovery rate over the whole family, in its order."""
+    """p-values adjusted for the false discovery rate over a family, in the same order."""
     if not p:
         return ()
     return tuple(float(q) for q in _stats().false_discovery_control(p, method="bh"))
 
 
 def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any]) -> Interval:
-    """A statistic of one or several samples, each drawn again by itself (percentiles).
+    """A statistic of one or several samples with its percentile bootstrap interval.
 
-    `statistic` takes one array a sample and reduces the last axis. Values may be
-    infinite; a draw whose statistic is nan may have any value, and widens the interval.
-    Where a sample has fewer than FEWEST values there is no interval, but nan.
+    Each sample is resampled independently. `statistic` takes one array per sample and reduces the
+    last axis. Values may be infinite. A resample whose statistic is nan widens the interval, as it
+    may have any value. If a sample has fewer than FEWEST values, the interval is nan.
     """
     if min(map(len, samples)) < FEWEST:
         with np.errstate(invalid="ignore"):
@@ -222,7 +223,7 @@ def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any])
 
 
 def _percentile(values: Any, share: float) -> float:
-    """Linear between two neighbours, which may be infinite."""
+    """The quantile by linear interpolation; neighbours may be infinite."""
     at = share * (len(values) - 1)
     a, b = np.sort(values)[[floor(at), ceil(at)]]
     return float(a if a == b or np.isinf(a) else a + (b - a) * (at - floor(at)))
@@ -234,7 +235,7 @@ def median_difference(x: Any, y: Any) -> Any:
 
 
 def mean_interval(values: Sequence[float]) -> Interval:
-    """The mean with Student's t interval; a single value has none (nan)."""
+    """The mean with Student's t interval, which is nan for a single value."""
     return Interval(*interval(values))
 
 
@@ -273,7 +274,7 @@ def mean_sd(values: Sequence[float]) -> tuple[float, float]:
     return float(a.mean()), float(a.std(ddof=1)) if len(a) > 1 else nan
 
 
-# Exact p-values for tied samples: every way to share out the ranks is counted. This is the
+# Exact p-values for tied samples, by counting all assignments of the ranks. This is the
 # shift algorithm of Streitberg and Roehmel, "Exact distributions for permutation and rank
 # tests", Statistical Software Newsletter 12 (1986) 10-17: a value enters as its mid-rank,
 # doubled so that it is a whole number, and shifts the counts of all sums that were reached
@@ -281,16 +282,16 @@ def mean_sd(values: Sequence[float]) -> tuple[float, float]:
 
 
 def tied_rank_p(first: Any, second: Any) -> float:
-    """Two-sided p of Mann-Whitney's U over all splits of the values into two such samples.
+    """Two-sided p of Mann-Whitney's U over all splits of the values into samples of these sizes.
 
-    Twice the smaller tail, at most 1, as scipy has it. Both are arrays of numbers.
+    Twice the smaller tail, at most 1, as in scipy. Both arguments are arrays of numbers.
     """
     ranks = doubled_ranks(np.concatenate([first, second]))
     return two_sided(sums_of_splits(ranks, len(first)), int(ranks[: len(first)].sum()))
 
 
 def tied_signed_rank_p(differences: Any) -> float:
-    """Two-sided p of Wilcoxon's signed-rank test over all signs of the differences, none of 0."""
+    """Two-sided p of Wilcoxon's signed-rank test over all signs of the nonzero differences."""
     ranks = doubled_ranks(np.abs(differences))
     return two_sided(sums_of_subsets(ranks), int(ranks[differences > 0].sum()))
 
@@ -301,7 +302,7 @@ def doubled_ranks(values: Any) -> Any:
 
 
 def sums_of_splits(ranks: Any, n: int) -> Any:
-    """Number of choices of `n` of the ranks with each sum, from 0."""
+    """The number of choices of `n` ranks with each sum, from 0."""
     ways = np.zeros((n + 1, int(ranks.sum()) + 1))  # ranks chosen x their sum
     ways[0, 0] = 1
     for rank in ranks:
@@ -310,7 +311,7 @@ def sums_of_splits(ranks: Any, n: int) -> Any:
 
 
 def sums_of_subsets(weights: Any) -> Any:
-    """Number of subsets of whole numbers >= 0 with each sum, from 0."""
+    """The number of subsets of whole numbers >= 0 with each sum, from 0."""
     ways = np.zeros(int(weights.sum()) + 1)
     ways[0] = 1
     for weight in weights:
@@ -319,7 +320,7 @@ def sums_of_subsets(weights: Any) -> Any:
 
 
 def two_sided(ways: Any, observed: int) -> float:
-    """Twice the smaller tail from the sum `found` on, at most 1; `ways` are counts by sum."""
+    """Twice the smaller tail at the sum `observed`, at most 1; `ways` are counts by sum."""
     tail = min(ways[: observed + 1].sum(), ways[observed:].sum())
     return min(1.0, float(2 * tail / ways.sum()))
 
@@ -333,21 +334,21 @@ def _stats() -> Any:
 
 LEVEL: Final = 0.05  # section 3.1: alpha
 POWER: Final = 0.8
-SIMULATIONS: Final = 4_000  # pairs of samples a step: the power is known to about +-0.013
+SIMULATIONS: Final = 4_000  # pairs of samples per step, for a power with an error of 0.013
 SEED: Final = 7
 LARGEST: Final = 8.0  # SDs; greater differences have the same power
 
 
 @dataclass(frozen=True, slots=True)
 class Power:
-    """The smallest difference that n1 and n2 runs show with 80 % at a level."""
+    """The smallest difference that n1 and n2 runs detect with a power of 80 % at a level."""
 
     n: tuple[int, int]
     level: float  # of a single test
-    shift: float | None  # in standard deviations, for normal values; None: no difference is enough
-    superiority: float | None  # the chance that a run of the better arm beats one of the other
-    r: float | None  # the effect size that belongs to it, in size
-    least_p: float  # the smallest p that the exact test can give
+    shift: float | None  # in standard deviations of normal values; None: none is large enough
+    superiority: float | None  # probability that a run of the better arm beats one of the other
+    r: float | None  # the corresponding effect size, absolute value
+    least_p: float  # smallest possible p of the exact test
 
 
 @cache

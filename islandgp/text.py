@@ -1,4 +1,4 @@
-"""Names and numbers in texts for people."""
+"""Formats names and numbers for display."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ def rounded(value: float) -> float:
 
 
 def in_points(value: float, sign: str = "") -> str:
-    """Points in a text for people: rounded, as in `4,000`; with a sign where `sign` is "+"."""
+    """Points for display: rounded, as in `4,000`; with a sign if `sign` is "+"."""
     return format(rounded(value), f"{sign},")
 
 
 def title(name: str) -> str:
-    """A name for people: `full_service` is Full Service."""
+    """A name for display: "Full Service" for `full_service`."""
     return name.replace("_", " ").title()

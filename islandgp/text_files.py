@@ -1,4 +1,4 @@
-"""Text files of people: read as UTF-8, and no longer than anything that we could read."""
+"""Reads text files as UTF-8, with an upper limit of their size."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Final
 from islandgp.errors import IslandError
 
 MAX_BYTES: Final = 2**24
-"""Of a file; the largest tree as XML or JSON has less."""
+"""Largest size in bytes; the largest tree as XML or JSON is smaller."""
 
 
 def read_text_file(file: Path) -> str:
-    """The text of a file. Raises IslandError when it cannot be read as UTF-8, or is too long."""
+    """The text of a file. Raises IslandError if it cannot be read as UTF-8, or is too long."""
     try:
         with file.open("rb") as opened:
             data = opened.read(MAX_BYTES + 1)
@@ -22,11 +22,11 @@ def read_text_file(file: Path) -> str:
 
 
 def decoded(data: bytes, name: str) -> str:
-    """The text of bytes. Raises IslandError when it is no UTF-8, or too long."""
+    """Bytes decoded as UTF-8. Raises IslandError if they are not UTF-8, or too long."""
     if len(data) > MAX_BYTES:
         raise IslandError(
-            f"Expected at most {MAX_BYTES:,} bytes in {name}, found more; no tree, and"
-            " no form of one, is as long."
+            f"Expected at most {MAX_BYTES:,} bytes in {name}, found more; the largest tree is"
+            " smaller."
         )
     try:
         return data.decode("utf-8")

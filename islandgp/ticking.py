@@ -336,7 +336,7 @@ def _leaf(episode: Any, name: str) -> Leaf:
 
 
 def _indices(values: Mapping[str, Any], chosen: Mapping[str, Key]) -> dict[str, Any]:
-    """The values of the keys that have words, as indices; others that they cannot have as texts."""
+    """The values of keys with words as indices; invalid values are converted to texts."""
     indices = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
     return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in indices.items()}
 

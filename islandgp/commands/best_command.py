@@ -30,7 +30,7 @@ from islandgp.study.comparable import TASK
 from islandgp.study.library import reference_trees
 from islandgp.text import title
 
-TIMEOUT: Final = 600.0  # s that an episode may take
+TIMEOUT: Final = 600.0  # time limit of an episode, s
 EFFORT: Final = 20
 """Episodes of successive halving for each of --worlds."""
 
@@ -51,7 +51,7 @@ class Row:
     tree: str
     feasible: float | None = None  # share of the worlds in which it keeps all constraints
     perturbed: float | None = None  # points, mean over the worlds after their perturbation
-    perturbed_worst: float | None = None  # points, the least of these
+    perturbed_worst: float | None = None  # points, the lowest of these
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,7 @@ def _finished(path: Path) -> list[RunFolder]:
     """The run in a folder, or those of the sweep.
 
     Raises:
-        RunError: there is none, or the points of two runs cannot be compared.
+        RunError: there is none, or the fitness of two runs is not comparable.
     """
     one = RunFolder(path)
     below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
@@ -132,7 +132,7 @@ def _finished(path: Path) -> list[RunFolder]:
 def _rows(
     runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
 ) -> tuple[list[Row], UnseenWorlds]:
-    """The winner first, the others by falling mean in validation worlds; and the test worlds."""
+    """The rows, the winner first and then by mean in validation worlds; and the test worlds."""
     config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
@@ -180,7 +180,7 @@ def _rows(
 
 
 def _with_perturbed(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
-    """The rows with the trees' points in the test worlds after their perturbation."""
+    """The rows with the trees' points in the perturbed test worlds."""
     outcomes = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
     points = [[outcome.fitness for outcome in own] for own in outcomes]
     return [

@@ -1,4 +1,4 @@
-"""`islandgp check`: errors and doubtful places in tree files."""
+"""`islandgp check`: errors and warnings for tree files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ CODES: Final[dict[type[TreeError], str]] = {
     LimitError: "limit",
     OtherDomainError: "domain",
 }
-"""Of errors for other programs; all others are of the syntax."""
+"""Codes of errors in JSON; all other errors are syntax errors."""
 
 
 @click.command()
@@ -48,7 +48,7 @@ def command(
 ) -> None:
     """Report errors and warnings for the trees in FILES.
 
-    A `use` counts as large as its subtree. Exit code 1 when a file is not a tree.
+    A `use` counts as its whole subtree. Exit code 1 if a file is not a tree.
     """
     limits = Limits(max_depth or 10**9, max_nodes or 10**9)
     wrong = doubtful = 0
@@ -91,7 +91,7 @@ def command(
 def checked(
     text: str, vocabulary: Vocabulary, name: str, folder: Path, limits: Limits
 ) -> tuple[Node, list[LintWarning]]:
-    """The tree of a text and its doubtful places. Raises TreeError."""
+    """The tree of a text and its warnings. Raises TreeError."""
     tree = parse(text, vocabulary, name=name, folder=folder)
     check_limits(tree, limits)
     return tree, warnings(text, vocabulary, name=name, folder=folder)
@@ -123,6 +123,6 @@ def plain_finding(finding: LintWarning, text: str, name: str) -> dict[str, Any]:
 
 
 def _plain_place(line: int, column: int, source: str) -> dict[str, int]:
-    """A place in a line; `end` is the column behind the last letter of the word there."""
+    """A place in a line; `end` is the column after the word there."""
     word = re.match(r"\w+|.?", source[column - 1 :])
     return {"line": line, "column": column, "end": column + (word.end() if word else 0)}

@@ -1,4 +1,4 @@
-"""`islandgp compare`: two or more arms as the paper's tables, figures and statistics."""
+"""`islandgp compare`: compares arms by the paper's tables, figures and statistics."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def _place(uri: str | None, experiment: str | None) -> Place:
 def _select(
     wanted: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
 ) -> tuple[list[Arm], list[str]]:
-    """The arms, and notes on runs that are left out."""
+    """The arms, with notes on omitted runs."""
     chosen: list[Arm] = []
     notes: list[str] = []
     on_disk = None
@@ -165,9 +165,9 @@ def _select(
 
 
 def _results(report: ComparisonReport) -> list[str]:
-    """The primary endpoint, the claims and further questions in lines for a terminal.
+    """The primary endpoint, the claims and further questions, as lines for a terminal.
 
-    Without a publication the claims are replaced by the comparisons of the first pair.
+    For a domain without a publication, the comparisons of the first pair replace the claims.
     """
     lines: list[str] = []
     for table in report.tables:

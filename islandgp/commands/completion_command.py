@@ -1,4 +1,4 @@
-"""`islandgp completion`: what makes a shell complete commands and overrides."""
+"""`islandgp completion`: prints the shell code for completion of commands and overrides."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ LINES: Final = {
         "_ISLANDGP_COMPLETE=fish_source islandgp | source",
     ),
 }
-"""By shell: the file of its settings, and the line for it."""
+"""The startup file of each shell, and the line for it."""
 
 
 class Bash(BashComplete):
-    """Click's, but a word that goes on after `.`, `=` or `/` gets no space behind it."""
+    """Click's completion, without a space after words that end in `.`, `=` or `/`."""
 
     source_template = BashComplete.source_template.replace(
         "    return 0\n",
@@ -57,12 +57,12 @@ def command(shell: str | None) -> None:
 def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
     """Completions of an override, after the `words` before it; [] if Hydra has none.
 
-    Bash takes `key=value` for three words: then only the value is completed.
+    Bash splits `key=value` into three words; then only the value is completed.
     """
     before = [*words]
     prefix = ""
     if not incomplete and before and "=" not in before[-1] and not before[-1].startswith("-"):
-        prefix = f"{before.pop()}="  # click has taken the = away
+        prefix = f"{before.pop()}="  # click removes the =
     elif len(before) > 1 and before[-1] == "=":
         prefix = f"{before[-2]}="
         before = before[:-2]
@@ -71,7 +71,7 @@ def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
 
 
 def _joined(words: Sequence[str]) -> list[str]:
-    """The words with those put together again that bash has split at `=`."""
+    """The words, with those joined again that bash has split at `=`."""
     joined_words: list[str] = []
     for word in words:
         if joined_words and (word == "=" or joined_words[-1].endswith("=")):

@@ -1,4 +1,4 @@
-"""`islandgp diff`: what changed between two trees."""
+"""`islandgp diff`: the differences between two trees."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
-    Marks: - deleted, + inserted, ~ changed; behind # is the line in the file. Exit code 1
-    when they differ, also in their domain.
+    Marks: - deleted, + inserted, ~ changed; the number after # is the line in the file. Exit
+    code 1 if the trees or their domains differ.
     """
     before, text = read_text(old), read_text(new)
     a, written_a, _ = parse_placed(before, name=called(old), folder=folder_of(old))
@@ -65,7 +65,7 @@ def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
         return True
     try:
         vocabulary = words()
-    except DomainError:  # it is not configured: no more is known
+    except DomainError:  # the domain is not configured
         return False
     return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 
@@ -84,7 +84,7 @@ def _lines(
         both = zip(written, (line.old_place, line.new_place), strict=True)
         at = dict.fromkeys(f"{places[at].line}" for places, at in both if at is not None)
         text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}  # {' -> '.join(at)}"
-        plain = bool(os.environ.get("NO_COLOR"))  # as no-color.org has it
+        plain = bool(os.environ.get("NO_COLOR"))  # see no-color.org
         yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
     counts = [sum(line.mark is mark and not line.end for line in lines) for mark in COLOURS]
     elsewhere = sum(line.end and line.new is not None for line in lines)

@@ -1,4 +1,4 @@
-"""`islandgp domain`: what a domain declares, and whether it keeps its contract."""
+"""`islandgp domain`: shows a domain's declaration, or checks its contract."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 MOST: Final = 100
-"""Files of trees beside a domain that are looked at."""
+"""Patterns of tree files next to a domain's module."""
 
 
 @click.command()
@@ -55,10 +55,10 @@ def command(
 ) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
 
-    With --check: run trees and test what a domain promises. The trees are those of the library,
-    the .bt files beside the domain's module that name it, the files given here, each action,
-    random trees and growing sequences of actions. What none of them reaches is listed. Exit
-    code 1 when the domain breaks its contract.
+    With --check: test the domain's contract by running trees. The trees are those of the library,
+    the .bt files next to the domain's module that name it, the given FILES, each action,
+    random trees and growing sequences of actions. Events, actions and keys that no tree reaches
+    are listed. Exit code 1 if the domain breaks its contract.
     """
     name, files = _parted(words)
     if files and not check:
@@ -82,7 +82,7 @@ def command(
 
 
 def _parted(words: Sequence[str]) -> tuple[str, list[str]]:
-    """The name of the domain, "" where none is given, and the files of trees."""
+    """The name of the domain, or "", and the tree files."""
     first = words[0] if words else ""
     named = bool(first) and not first.endswith(".bt") and first != STDIN
     context = click.get_current_context(silent=True)
@@ -99,7 +99,7 @@ def _settings(name: str, files: Sequence[str], chosen: Chosen) -> Settings:
 
 
 class _Printed(StringIO):
-    """Takes what a domain prints, and keeps the first of it."""
+    """A standard output for the domain's code that stores the first line printed."""
 
     first = ""
 
@@ -216,7 +216,7 @@ def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[st
 
 
 def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
-    """The trees of a folder, or those that an earlier run has searched for."""
+    """The trees of the library's folder, or the stored ones of an earlier search."""
     from islandgp.running.automatic_library import kept_library, library_file
     from islandgp.running.run import make_library
 
@@ -228,7 +228,7 @@ def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
 
 
 def _files(domain: Domain) -> list[Path]:
-    """Files of trees beside the domain's module, in its folder `trees`, and among the examples."""
+    """Tree files next to the domain's module, in its folder `trees`, and in the examples."""
     beside = Path(getfile(type(domain))).parent
     folders = (beside, beside / "trees", resource("grammar") / "examples")
     return [file for folder in folders for file in sorted(folder.glob("*.bt"))][:MOST]

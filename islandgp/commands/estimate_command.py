@@ -1,4 +1,4 @@
-"""`islandgp estimate`: what supervision by a language model will cost, before anything is run."""
+"""`islandgp estimate`: estimates the costs of supervision by a language model before a run."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from islandgp.supervision.llm.questions import NEAR, Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
-Job = tuple[LLMSettings, RunContext, int]  # the last is the lag, generations
+Job = tuple[LLMSettings, RunContext, int]  # (settings, context, lag in generations)
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
-ANSWER: Final = 300  # tokens of an answer; an assumption: a paragraph, or a tree of 20 nodes
-THOUGHTS: Final = 1_500  # tokens of thought before an answer; an assumption
-CANDIDATE: Final = 150  # tokens of each tree more; an assumption
-ADDED: Final = {"rate": 4_300, "tree": 7_200}  # characters more of informed ones, as measured
-ADDED_EDITS: Final = 6_000  # characters of trees and traces in the question for edits, about
-PROBES: Final = 4  # calls at most
-ADDED_MOST: Final = 30_000  # the same at most, as `informed` bounds it
+ANSWER: Final = 300  # assumed tokens of an answer: a paragraph, or a tree of 20 nodes
+THOUGHTS: Final = 1_500  # assumed tokens of thinking before an answer
+CANDIDATE: Final = 150  # assumed tokens of each further candidate
+ADDED: Final = {"rate": 4_300, "tree": 7_200}  # further characters of informed prompts, measured
+ADDED_EDITS: Final = 6_000  # approximate characters of trees and traces in the edits question
+PROBES: Final = 4  # most calls of the probe
+ADDED_MOST: Final = 30_000  # most further characters of informed prompts
 
 
 @click.command(
@@ -85,7 +85,7 @@ def _row(name: str, bill: Bill, runs: int) -> tuple[str, ...]:
 
 
 def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
-    """The jobs that ask a model, and how many do not."""
+    """The jobs that ask a model, and the number of those that do not."""
     from hydra._internal.utils import get_args_parser
 
     from islandgp.config.compose import planned
@@ -103,10 +103,10 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
 
 
 def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
-    """The bill where every question is answered at once, with ANSWER tokens.
+    """The expected bill: each question has one answer of ANSWER tokens.
 
-    A model that thinks takes THOUGHTS tokens more. With `cache=true` a system prompt that the model
-    keeps is written once and then read.
+    A model that thinks uses THOUGHTS further tokens. With `cache=true`, a cacheable system prompt
+    is written to the cache once and then read.
     """
     requests, times = _requests(settings, context), _times(context, lag)
     least = settings.facts.caches_from if settings.cache else None
@@ -128,14 +128,14 @@ def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
 
 
 def _thoughts(settings: LLMSettings) -> int:
-    """Tokens that the model is expected to think before an answer; 0 if it does not think."""
+    """Expected thinking tokens before an answer; 0 for a model that does not think."""
     return min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
 
 
 def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
-    """The bill where everything fails late, is repaired, and is as long as it may be.
+    """The upper bound of the bill: all attempts fail late, with repairs and the longest answers.
 
-    Caps cut it short.
+    Caps limit it.
     """
     exchanges = _requests(settings, context)
     times = _times(context, lag) * settings.retry.attempts
@@ -157,7 +157,7 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
 
 
 def as_recorded(settings: LLMSettings, context: RunContext, lag: int, record: Transcript) -> Bill:
-    """The bill where each generation takes what it took in a recorded run, on the mean."""
+    """The bill with the mean costs of a generation in a recorded run."""
     attempts = record.attempts
     generations = len({a.call.generation for a in attempts if a.call.generation >= 0}) or 1
     share = _times(context, lag) / generations
@@ -169,14 +169,14 @@ def as_recorded(settings: LLMSettings, context: RunContext, lag: int, record: Tr
 
 
 def _times(context: RunContext, lag: int) -> int:
-    """Generations that are asked about: an answer after the last one would come too late."""
+    """Number of generations with questions; answers after the last generation have no use."""
     return max(0, context.generations - 1 - lag)
 
 
 def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request, int]]:
-    """One generation's questions, about a state with numbers of the usual length.
+    """The questions of a generation, for a state with numbers of typical length.
 
-    With each the characters that the run adds to it, where its prompt shows the run.
+    Each has the number of characters that the history of the run adds to its prompt.
     """
     questions = Questions(settings, context)
     capabilities = ServerCapabilities(True, settings.temperature, "")

@@ -1,4 +1,4 @@
-"""`islandgp export`: a tree in the form of another tool."""
+"""`islandgp export`: converts a tree to the format of another tool."""
 
 from __future__ import annotations
 

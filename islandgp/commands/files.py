@@ -24,14 +24,14 @@ FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
 
 
 class _Checked(click.Path):
-    """A place to write to; `check` raises IslandError where that cannot be, before any work."""
+    """An output path; `check` raises IslandError if it cannot be written, before any work."""
 
     def __init__(self, check: Callable[[Path], None], **options: Any) -> None:
         super().__init__(**options)
         self.check = check
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The place, as `click.Path` has it."""
+        """The path, as from `click.Path`."""
         path = super().convert(value, param, ctx)
         if path != STDIN:
             self.check(Path(os.fsdecode(path)))
@@ -39,14 +39,14 @@ class _Checked(click.Path):
 
 
 def _check_file(file: Path) -> None:
-    """Raises IslandError where a file cannot be written."""
+    """Raises IslandError if a file cannot be written."""
     from islandgp.atomic_files import must_take_files
 
     try:
         if file.exists():
             if not os.access(file, os.W_OK):
                 raise PermissionError(EACCES, os.strerror(EACCES))
-            if not file.is_file():  # a device or a pipe: nothing is made beside it
+            if not file.is_file():  # a device or a pipe needs no temporary file
                 return
         elif not file.parent.exists():
             raise FileNotFoundError(ENOENT, os.strerror(ENOENT))
@@ -59,7 +59,7 @@ def _check_file(file: Path) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Raises IslandError where a folder can neither be made nor written."""
+    """Raises IslandError if a folder cannot be created or written."""
     from islandgp.atomic_files import must_take_files
 
     try:
@@ -72,11 +72,11 @@ OUTPUT: Final = _Checked(_check_file, dir_okay=False, allow_dash=True)
 """An option that names a file to be written; `-` is the standard output."""
 
 FOLDER: Final = _Checked(check_folder, path_type=Path)
-"""An option that names a folder for files to be written, which is made where it is not there."""
+"""An option that names an output folder, which is created if it is missing."""
 
 
 def unusable(folder: Path, error: OSError) -> IslandError:
-    """The error for a folder that turns out not to take files."""
+    """The error for a folder in which files cannot be written."""
     return IslandError(
         f"Expected a folder for files in {folder}, found: {_found(folder, error)};"
         " give another with -o."
@@ -99,7 +99,7 @@ def called(file: str) -> str:
 
 
 def read_text(file: str) -> str:
-    """The text of a file. Raises IslandError when it cannot be read as UTF-8, or is too long."""
+    """The text of a file. Raises IslandError if it cannot be read as UTF-8, or is too long."""
     if file == STDIN and (sys.stdin is None or sys.stdin.closed):
         raise IslandError(
             "Expected text on the standard input, found that it is closed; pipe a file into it or"
@@ -127,7 +127,7 @@ def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
 
 
 def write_text(file: str, text: str) -> None:
-    """Writes a file in one piece, or prints the text where `file` is `-`. Raises IslandError."""
+    """Writes a file atomically, or prints the text if `file` is `-`. Raises IslandError."""
     if file == STDIN:
         click.echo(text.encode(), nl=False)  # UTF-8, like a file, on all terminals
         return

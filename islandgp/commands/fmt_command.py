@@ -1,4 +1,4 @@
-"""`islandgp fmt`: tree files in canonical form, with their comments and named subtrees."""
+"""`islandgp fmt`: formats tree files; comments and named subtrees are kept."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from islandgp.errors import IslandError
 def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
     """Format the trees in FILES.
 
-    Comments and named subtrees stay. `-` reads the standard input and prints
-    the result. A file that is no tree is reported and left as it is; exit code 2.
+    Comments and named subtrees are kept. `-` reads the standard input and prints
+    the result. A file that is not a tree is reported and not changed; exit code 2.
     """
     changed = 0
     wrong: list[str] = []

@@ -1,4 +1,4 @@
-"""`islandgp import`: a tree of another tool in our language."""
+"""`islandgp import`: converts a tree of another tool to the language."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
 
 FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
-"""How a text begins, and what it is."""
+"""The format of a text by its first character."""
 
 
 @click.command()
@@ -32,9 +32,9 @@ def command(
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
-    A node that the language does not have is refused, with its place. Differences
-    in meaning are printed on the standard error. The result
-    names its domain, unless that is the project's default.
+    A node that the language does not have is an error with its place. Differences in
+    behaviour are printed to the standard error. The result names its domain, unless
+    that is the default domain.
     """
     text, name = read_text(file), called(file)
     form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])

@@ -43,14 +43,14 @@ SORTS: Final = {
 }
 SYMBOLS: Final = {"subtree": types.SymbolKind.Function, "constant": types.SymbolKind.Constant}
 WORD_OR_SIGN: Final = re.compile(r"\w+|&+|\|+|.")
-REPLACEMENT: Final = re.compile(r"(use )?\w+|[<>=!]=?|[-{}\"]")  # guesses that are text of a tree
+REPLACEMENT: Final = re.compile(r"(use )?\w+|[<>=!]=?|[-{}\"]")  # suggestions that can be inserted
 
 Words = Callable[[str, str, Path], Vocabulary]
 """The vocabulary for a text, its name and its folder; raises IslandError."""
 
 
 class Server(LanguageServer):
-    """The server, with the words of each text and the domains that a file can name."""
+    """The server, with the vocabulary of each text and the domains that a file can name."""
 
     def __init__(self, words: Words, domains: Sequence[str]) -> None:
         super().__init__("islandgp", __version__)
@@ -61,7 +61,7 @@ class Server(LanguageServer):
         self.feature(types.TEXT_DOCUMENT_RENAME, with_check)(rename)
 
     def document(self, uri: str) -> TextDocument:
-        """A text as the editor has it now."""
+        """A text in its present state in the editor."""
         return self.workspace.get_text_document(uri)
 
     def place(self, params: Any) -> tuple[TextDocument, int]:
@@ -70,14 +70,14 @@ class Server(LanguageServer):
         return document, document.offset_at_position(params.position)
 
     def known(self, document: TextDocument) -> Vocabulary:
-        """The words of a text's domain; none where it is for one that is not there."""
+        """The vocabulary of a text's domain; empty for an unknown domain."""
         try:
             return self.words(document.source, _name(document), _folder(document))
         except IslandError:
             return NOTHING
 
     def check(self, document: TextDocument) -> None:
-        """Sends what is wrong with a text and doubtful in it."""
+        """Publishes the errors and warnings of a text."""
         diagnostics = [_diagnostic(each, document) for each in _found(document, self.words)]
         self.text_document_publish_diagnostics(
             types.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
@@ -85,18 +85,18 @@ class Server(LanguageServer):
 
 
 def opened(server: Server, params: types.DidOpenTextDocumentParams) -> None:
-    """A text is checked when it is opened."""
+    """Checks a text when it is opened."""
     server.check(server.document(params.text_document.uri))
 
 
 def saved(server: Server, _: types.DidSaveTextDocumentParams) -> None:
-    """All texts are checked when one is saved: others may include it."""
+    """Checks all texts when one is saved, as others may include it."""
     for document in server.workspace.text_documents.values():
         server.check(document)
 
 
 async def changed(server: Server, params: types.DidChangeTextDocumentParams) -> None:
-    """A text is checked PAUSE after its last change."""
+    """Checks a text PAUSE seconds after its last change."""
     await asyncio.sleep(PAUSE)
     document = server.document(params.text_document.uri)
     if document.version == params.text_document.version:  # else it changed again, or is closed
@@ -104,7 +104,7 @@ async def changed(server: Server, params: types.DidChangeTextDocumentParams) -> 
 
 
 def closed(server: Server, params: types.DidCloseTextDocumentParams) -> None:
-    """Nothing is wrong any more with a text that is closed."""
+    """Removes the diagnostics of a closed text."""
     server.text_document_publish_diagnostics(
         types.PublishDiagnosticsParams(params.text_document.uri, [])
     )
@@ -209,7 +209,7 @@ def symbols(server: Server, params: types.DocumentSymbolParams) -> list[types.Do
 
 
 def code_actions(server: Server, params: types.CodeActionParams) -> list[types.CodeAction]:
-    """Replaces words in a range by what was probably meant."""
+    """Quick fixes in a range: replacements by the suggested words."""
     document = server.document(params.text_document.uri)
     actions: list[types.CodeAction] = []
     for error in _found(document, server.words):
@@ -234,7 +234,7 @@ def code_actions(server: Server, params: types.CodeActionParams) -> list[types.C
 
 
 def _replacement(document: TextDocument, start: types.Position, guess: str) -> types.TextEdit:
-    """The edit that puts a guess in the place of the word or sign that begins at `start`."""
+    """The edit that replaces the word or sign at `start` by a suggestion."""
     text, at = document.source, document.offset_at_position(start)
     match = WORD_OR_SIGN.match(text, at)
     end = match.end() if match else at
@@ -246,7 +246,7 @@ def _replacement(document: TextDocument, start: types.Position, guess: str) -> t
 
 
 def _files(server: Server, document: TextDocument, symbol: Symbol) -> list[TextDocument]:
-    """A file and, for names that go beyond it, those that it includes."""
+    """The file, with the files that it includes if a symbol may be defined there."""
     if symbol.kind == "parameter":
         return [document]
     included = mentioned(document.source, _folder(document))

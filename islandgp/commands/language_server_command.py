@@ -1,4 +1,4 @@
-"""`islandgp language-server`: what editors ask about tree files, over standard input and output."""
+"""`islandgp language-server`: the Language Server Protocol over standard input and output."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def command(chosen: Chosen) -> None:
 
     server = Server(words, configured_domains(chosen.config_dir))
     stream = sys.stdout.buffer
-    sys.stdout = sys.stderr  # what a domain's code prints is no message of the protocol
+    sys.stdout = sys.stderr  # output of a domain's code must not mix with the protocol
     # The editor shows errors of a request; pygls would log them with a traceback.
     logging.getLogger("pygls").setLevel(logging.CRITICAL)
     server.start_io(stdout=stream)

@@ -39,7 +39,7 @@ class EpisodeOptions:
 
 
 class NotNegative(click.FloatRange):
-    """A number of at least 0; "nan" is none."""
+    """A number of at least 0; "nan" is rejected."""
 
     def __init__(self) -> None:
         super().__init__(min=0)
@@ -47,7 +47,7 @@ class NotNegative(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """The number. Raises click.BadParameter."""
+        """The number. Raises click.BadParameter for an invalid one."""
         number = super().convert(value, param, ctx)
         if isnan(number):
             self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
@@ -55,7 +55,7 @@ class NotNegative(click.FloatRange):
 
 
 def grouped(name: str, kind: type, *options: Decorator) -> Decorator:
-    """A decorator that adds options to a command, which gets their values as one argument.
+    """A decorator that adds options to a command and passes their values as one argument.
 
     Args:
         name: of the argument.

@@ -1,4 +1,4 @@
-"""`islandgp play`: a tree in many worlds of its domain, or in one to watch."""
+"""`islandgp play`: runs trees in many worlds, or shows one episode in the terminal."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from islandgp.scoring.classes import specialist, tiers
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
 
-MOST_SECONDS: Final = 1e6  # of an episode, as evaluators have it
-ENDS: Final = ("", "_low", "_high")  # of the names of an estimate and its interval
+MOST_SECONDS: Final = 1e6  # largest time limit of an episode, as for evaluators
+ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and its interval
 
 
 @click.command()
@@ -173,7 +173,7 @@ def _outcomes(
     from islandgp.running.run import make_evaluator
 
     jobs = [Job(to_text(tree), stage, seed) for tree in trees for seed in range(seeds)]
-    if seeds < 4:  # quicker than starting processes
+    if seeds < 4:  # faster than starting processes
         settings = _serial(settings)
     outcomes: list[Outcome] = []
     console = Console(stderr=True)

@@ -1,4 +1,4 @@
-"""`islandgp replay`: an episode as a page to watch in a browser."""
+"""`islandgp replay`: writes an episode as a page for a browser."""
 
 from __future__ import annotations
 

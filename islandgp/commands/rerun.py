@@ -1,4 +1,4 @@
-"""`--rerun`: a command runs again whenever one of its files changes."""
+"""`--rerun`: repeats a command whenever one of its files changes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from islandgp.bt.core.includes import mentioned
 from islandgp.commands.files import STDIN
 from islandgp.errors import IslandError
 
-LOOK: Final = 0.3  # s between two looks at the files
+LOOK: Final = 0.3  # s between two checks of the files
 
 
 def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Adds --rerun to a command with an argument `files`; what goes wrong does not end it."""
+    """Adds --rerun to a command with an argument `files`; an error does not end the loop."""
 
     @wraps(command)
     def runs(*, rerun: bool, **arguments: Any) -> None:
@@ -47,16 +47,18 @@ def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
-    """Yields at once, True, and then False whenever one of the files has changed.
+    """Yields True immediately, and then False whenever a file or an included one has changed.
 
-    Files that they include are among them. `pause` is called between two looks.
+    `pause` is called between two checks.
     """
     seen = _state(files)
     yield True
     while True:
         pause()
         now = _state(files)
-        if now != seen and all(file.is_file() for file in files):  # a saved file may be away
+        if now != seen and all(
+            file.is_file() for file in files
+        ):  # a file that is being saved may be missing
             seen = now
             yield False
 

@@ -1,4 +1,4 @@
-"""`islandgp ros2`: a tree as a node of ROS 2."""
+"""`islandgp ros2`: runs a tree as a ROS 2 node."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     if isnan(rate):
         raise click.BadParameter("'nan' is not a number from 0.1 to 1000.", param_hint="'--rate'")
     if sys.path and sys.path[0] in ("", str(Path.cwd())):
-        del sys.path[0]  # a map names interfaces of ROS, and no modules of the current folder
+        del sys.path[0]  # interfaces must not be imported from the current folder
     if find_spec("rclpy") is None:
         raise ConfigError(
             "Expected rclpy, found it not installed; pip install 'islandgp[ros2]', or source the"
@@ -53,7 +53,7 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     from islandgp.binding import NodeStatus
     from islandgp.ros2.node import TreeNode, ros_node, run
 
-    signals: list[int] = []  # an exception inside of rclpy would leave it half done
+    signals: list[int] = []  # no exception, which could interrupt rclpy
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: signals.append(number))
     with ros_node(robot_map.node) as (node, spin):

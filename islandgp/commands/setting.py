@@ -1,4 +1,4 @@
-"""The domain in which commands read and run a tree: the project's configuration, with changes."""
+"""The domain and settings with which commands read and run a tree."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from islandgp.viewer.recording import Recording
 
 _QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
-"""Parts that no episode needs: the ones that are quick to load."""
+"""Components that no episode needs, replaced by those that are fast to load."""
 
 _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
 
 
 def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
-    """The settings that a run with these overrides has. Raises ConfigError."""
+    """The settings of a run with these overrides. Raises ConfigError."""
     from islandgp.config.compose import only_job
 
     keys = _given(overrides)
@@ -40,7 +40,7 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
 
 
 def stage_index(settings: Settings, stage: int | None) -> int:
-    """The index of a stage that people count from 1; None is the last. Raises ConfigError."""
+    """The index of a stage number, from 1; None is the last stage. Raises ConfigError."""
     stages = len(settings.curriculum.stages)
     if stage is not None and stage > stages:
         raise ConfigError(f"--stage: expected 1 to {stages}, found {stage}")
@@ -48,11 +48,11 @@ def stage_index(settings: Settings, stage: int | None) -> int:
 
 
 def tree_in_domain(file: str, chosen: Chosen) -> tuple[Node, Settings, Problem]:
-    """The tree in a file, the settings of its domain, and what its episodes need.
+    """The tree in a file, the settings of its domain, and the problem for its episodes.
 
     Raises:
-        ConfigError, DomainError: the domain is not configured so, or is not the tree's.
-        TreeError: the file holds no tree in the words of the domain.
+        ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
+        TreeError: the file is not a tree of the domain.
     """
     text, name = read_text(file), called(file)
     settings = settings_of(text, chosen, name=name)
@@ -75,14 +75,14 @@ def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
 
 
 def settings_of(text: str, chosen: Chosen, *, name: str) -> Settings:
-    """The settings of the domain that the options, or the text, choose; as `tree_in_domain`."""
+    """The settings of the domain chosen by the options or the text. Raises as `tree_in_domain`."""
     return configured(_for_tree(text, chosen, name), chosen.config_dir)
 
 
 def read_in_domain(
     file: str, chosen: Chosen, *, marked: bool = False
 ) -> tuple[str, Vocabulary, Node]:
-    """The text of a tree's file, the words of its domain, and the tree, as `parse` gives it.
+    """The text of a tree file, the vocabulary of its domain, and the parsed tree.
 
     Raises:
         ConfigError, DomainError, TreeError: as `vocabulary_of` and `parse`.
@@ -95,13 +95,13 @@ def read_in_domain(
 def vocabulary_of(
     text: str, chosen: Chosen, *, name: str, folder: Path | None = None, in_world: bool = False
 ) -> Vocabulary:
-    """The words of the domain that the options choose, or the text of a tree.
+    """The vocabulary of the domain that the options or the text of a tree name.
 
     `folder`: of the tree's file. `in_world`: with the conditions of actions that hold in the
-    configured worlds, beside those that hold in every world.
+    configured worlds, in addition to those that hold in every world.
 
     Raises:
-        ConfigError, DomainError: the domain is not configured so, or the file declares none.
+        ConfigError, DomainError: the configuration is invalid, or the file declares no vocabulary.
         TreeError: the file is not XML, or the text is no tree.
     """
     if (file := chosen.declaration) is not None:
@@ -112,7 +112,7 @@ def vocabulary_of(
 
 
 def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
-    """The overrides with the domain that the text of a tree names, unless they choose one.
+    """The overrides, with the domain named by the text of a tree unless they choose one.
 
     Raises:
         ConfigError: an override is not KEY=VALUE.
@@ -135,14 +135,14 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
 
 
 def configured_domains(config_dir: str | None) -> list[str]:
-    """The domains that a tree can be for."""
+    """The names of the configured domains."""
     return sorted(domain_files(config_dir))
 
 
 def domain_file(name: str, chosen: Chosen) -> Path:
-    """The file of configuration of a domain; of "", that of the one which the options choose.
+    """The configuration file of a domain; for "", of the domain chosen by the options.
 
-    Raises ConfigError where there is none.
+    Raises ConfigError if there is none.
     """
     overrides = [word.lstrip("+").partition("=") for word in chosen.overrides]
     named = [value for key, _, value in overrides if key == "domain"]
@@ -158,7 +158,7 @@ def domain_file(name: str, chosen: Chosen) -> Path:
 
 
 def default_domain() -> str:
-    """The domain of a command that chooses none."""
+    """The default domain of commands."""
     import yaml
 
     first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
@@ -184,7 +184,7 @@ def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bo
             declared: Vocabulary = kind.schema.vocabulary
             if not in_world or not hasattr(kind, "vocabulary_in"):
                 return declared
-            with suppress(IslandError):  # what is wrong with a world does not concern a tree's text
+            with suppress(IslandError):  # errors of a world do not matter for a tree's text
                 return _configured_vocabulary(overrides, config_dir, in_world)
             return declared
     return _configured_vocabulary(overrides, config_dir, in_world)
@@ -193,7 +193,7 @@ def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bo
 def _configured_vocabulary(
     overrides: Sequence[str], config_dir: str | None, in_world: bool
 ) -> Vocabulary:
-    """The vocabulary of a composed configuration's domain, as `vocabulary_of` has it."""
+    """The vocabulary of a composed configuration's domain, as for `vocabulary_of`."""
     from islandgp.evaluation.worlds import staged
 
     settings = configured(overrides, config_dir)

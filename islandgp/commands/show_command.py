@@ -1,4 +1,4 @@
-"""`islandgp show`: a picture of a tree."""
+"""`islandgp show`: draws a tree."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ ENDINGS: Final = {
     ".dot": "dot",
     ".gv": "dot",
 }
-"""The format by the ending of a file's name."""
+"""The format by the extension of a file."""
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""`islandgp simplify`: a shorter tree that does the same."""
+"""`islandgp simplify`: shortens a tree without changing its behaviour."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from islandgp.commands.setting import read_in_domain
 @click.option("--explain", is_flag=True, help="Print each change with its reason to stderr.")
 @with_vocabulary_options
 def command(file: str, output: str, explain: bool, chosen: Chosen) -> None:
-    """Shorten the tree in FILE without changing what it does.
+    """Shorten the tree in FILE without changing its behaviour.
 
     The result is printed with every `use` expanded and without comments.
     """

@@ -1,4 +1,4 @@
-"""`islandgp sync`: sends records that a tracking server has not got yet."""
+"""`islandgp sync`: sends missing records to the tracking store."""
 
 from __future__ import annotations
 

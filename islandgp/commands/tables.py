@@ -1,4 +1,4 @@
-"""Tables on the terminal, in parts where it is too narrow for all columns."""
+"""Tables for the terminal, split into parts if it is too narrow for all columns."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from islandgp.viewer.recording import digits
 if TYPE_CHECKING:
     from rich.console import Console, JustifyMethod
 
-GAP: Final = 2  # letters between two columns
-ENDLESS: Final = 100_000  # letters of a line where the output is a file or a pipe
+GAP: Final = 2  # characters between two columns
+ENDLESS: Final = 100_000  # characters of a line in a file or a pipe
 
 
 class Column(NamedTuple):
@@ -25,12 +25,12 @@ class Column(NamedTuple):
 
     @property
     def width(self) -> int:
-        """Letters that it takes, with the gap."""
+        """Width in characters, with the gap."""
         return max(map(len, (self.heading, *self.cells))) + GAP
 
 
 def standard_output() -> Console:
-    """The standard output: as wide as the terminal, or endless where it is none."""
+    """The standard output as a console: as wide as the terminal, or ENDLESS without one."""
     from rich.console import Console
 
     return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else ENDLESS)
@@ -44,7 +44,7 @@ def numbers(values: Sequence[float]) -> list[str]:
 
 
 def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
-    """The columns as tables of at most `width` letters, each with the first column again.
+    """The columns as tables of at most `width` characters, each with the first column.
 
     A table with a single other column may be wider: its cells are folded.
     """

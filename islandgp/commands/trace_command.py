@@ -1,4 +1,4 @@
-"""`islandgp trace`: which nodes of a tree did what in one episode, and why."""
+"""`islandgp trace`: shows the ticks of each node in one episode."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`islandgp tune`: a tree with better thresholds."""
+"""`islandgp tune`: tunes the thresholds of a tree."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         Tuned,
     )
 
-MOST: Final = 100  # numbers of a file that are tuned at a time
+MOST: Final = 100  # most numbers of a file that are tuned
 
 
 @click.command()
@@ -60,8 +60,8 @@ def command(
 ) -> None:
     """Tune the thresholds of the tree in FILE with CMA-ES, starting at its numbers.
 
-    Everything else stays as it is written: names of constants, comments, subtrees, counts of
-    repeaters, what `==` and `!=` compare, and included files. New numbers are written only if
+    Everything else is unchanged: names of constants, comments, subtrees, counts of
+    repeaters, numbers in `==` and `!=`, and included files. New numbers are written only if
     they are better in worlds that were not used to find them; the tree is printed, or written
     with -o. The comparison and the cost are reported on the standard error. Ctrl-C writes nothing.
     """
@@ -100,7 +100,7 @@ def command(
 def _episodes(
     settings: Settings, stage: int, episodes: int
 ) -> Iterator[tuple[Evaluate, Callable[[int], None]]]:
-    """The fitness of trees in worlds by the evaluator of the settings, and a progress bar."""
+    """A function that returns the fitness of trees in worlds, with a progress bar."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 

@@ -1,4 +1,4 @@
-"""`islandgp ui`: the MLflow pages of the runs made here."""
+"""`islandgp ui`: serves the MLflow pages of the runs."""
 
 from __future__ import annotations
 

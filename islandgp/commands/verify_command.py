@@ -1,4 +1,4 @@
-"""`islandgp verify`: whether the files of runs are as they were written."""
+"""`islandgp verify`: compares the files of runs with their checksums."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
         folder: of the run.
 
     Returns:
-        The result, and a few words about it.
+        The result, and a short text about it.
     """
     finished = folder.finished()
     try:
@@ -110,7 +110,7 @@ def _check_records(folder: RunFolder, generations: int, expected: str | None) ->
     if values and not (path / "best.bt").exists():
         raise RunError("best.bt: it is missing; the run's command makes it again")
     if not values or not finished:
-        return  # the best tree may be of a generation that is being written down
+        return  # the best tree may be of a generation that is being recorded
     champion = folder.summary()["champion"]["record"]
     if not any(champion == one for record in values for one in record["individuals"]):
         raise RunError("summary.json: the champion is not in the records")

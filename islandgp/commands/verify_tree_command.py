@@ -1,4 +1,4 @@
-"""`islandgp verify-tree`: rules such as `never Drive while charge < 10`, proven or refuted."""
+"""`islandgp verify-tree`: proves or refutes rules such as `never Drive while charge < 10`."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ SHOWN: Final = 12  # ticks of a counterexample, the last ones
 def command(file: str, rules: tuple[str, ...], steps: int, as_json: bool, chosen: Chosen) -> None:
     """Prove or refute that the tree in FILE keeps each of RULES.
 
-    A rule is "never ACTION while CONDITION": in no tick the action is called on a blackboard on
+    A rule is "never ACTION while CONDITION": the action is never called on a blackboard on
     which the condition holds, for all blackboards before it and all statuses that actions return.
-    A refutation comes with blackboards that break the rule. Exit code 0 when all rules are
-    proven, 1 when one is refuted or not known.
+    A refutation has a sequence of blackboards that breaks the rule. Exit code 0 if all rules are
+    proven, 1 if one is refuted or unknown.
     """
     _, vocabulary, tree = read_in_domain(file, chosen)
     wanted = [read_rule(rule, vocabulary) for rule in rules]

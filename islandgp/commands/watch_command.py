@@ -1,4 +1,4 @@
-"""`islandgp watch`: a run's page, which grows while the run goes on."""
+"""`islandgp watch`: opens the page of a run, which is updated during the run."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def command(run: Path, opened: bool | None) -> None:
 
 
 def _page(path: Path) -> Path:
-    """The page as the run is now, made again where it is missing, changed or of an earlier state.
+    """The page of a run, written again if it is missing, changed or outdated.
 
     Raises:
         RunError: there is no run in the folder, or it is damaged.
@@ -69,7 +69,7 @@ def _page(path: Path) -> Path:
 
 
 def _status_of(page: Path) -> str:
-    """The status of the run when its page was made; "" where the page does not say it."""
+    """The status of the run in its page; "" if the page has none."""
     try:
         match = STATUS.search(page.read_bytes())
     except OSError:
