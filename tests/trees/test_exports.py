@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
-from islandgp.bt.core.parameters import one_of, real, switch
+from islandgp.bt.core.parameters import one_of, real, switch, whole
+from islandgp.bt.core.parameters import text as text_argument
 from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
@@ -665,3 +666,56 @@ def _tick_in_cpp(xml: str, board: Mapping[str, str | float], called: list[str]) 
         getattr(blackboard, f"set_{kind}")(name, value)
     factory.register_behavior_tree_from_text(xml)
     factory.create_tree("Robot", blackboard).tick_once()
+
+
+CALLED = Vocabulary(
+    "arm",
+    {
+        "Move": Action(
+            "",
+            arguments={
+                "goal": one_of("", ("dock", "door")),
+                "times": whole("", 1, 9, default=2),
+                "fast": switch(""),
+                "from": real("", 0, 1),
+                "note": text_argument("", "hello"),
+            },
+        )
+    },
+    {"mode": enumeration("what it does", ("idle", "docking"))},
+)
+
+
+@pytest.mark.parametrize(
+    ("leaf", "changes"),
+    [
+        ("Move", {}),
+        ("Move(fast: yes, times: 3)", {"fast": True, "times": 3}),
+        ('Move(from: 0.25, note: "\\x {0}")', {"from": 0.25, "note": "\\x {0}"}),
+    ],
+)
+def test_py_trees_calls_actions_as_a_bound_tree_does(leaf: str, changes: dict[str, Any]) -> None:
+    """With all arguments: flags as True or False, whole numbers as int, texts as they are."""
+    pytest.importorskip("py_trees")
+    text = py_trees.to_python(parse(f"when mode == idle {{ {leaf} }}", CALLED), CALLED)
+    assert "mode: what it does; one of idle, docking" in text
+    module: dict[str, Any] = {}
+    exec(text, module)
+    calls: list[dict[str, Any]] = []
+
+    def action(name: str, **arguments: object) -> Any:
+        calls.append({"name": name, **arguments})
+        return module["Sequence"](name, memory=True)
+
+    module["create_tree"](action)
+    defaults = {"goal": "dock", "times": 2, "fast": False, "from": 0.5, "note": "hello"}
+    assert calls == [{"name": "Move", **defaults, **changes}]
+    assert [*map(type, calls[0].values())] == [str, str, int, bool, float, str]
+
+
+@pytest.mark.parametrize("name", ["name", "ID", "_skipIf"])
+def test_ports_have_names_that_the_library_accepts(name: str) -> None:
+    """A node's name, its ID and conditions of the library are no ports."""
+    words = Vocabulary("arm", {"Move": Action("", arguments={name: real("", 0, 1)})}, {})
+    with pytest.raises(DomainError, match=f"neither name nor ID, found '{name}' of the action"):
+        behaviortree_cpp.to_xml(parse("Move", words), words)

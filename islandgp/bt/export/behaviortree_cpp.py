@@ -12,7 +12,7 @@ One tick here is one call of `Tree::tickExactlyOnce()`.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -176,8 +176,9 @@ def to_xml(
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.
 
     Raises:
-        DomainError: an action has the name of a node of the library, the tree has a kind without
-            an equivalent node, or `step_s` is missing.
+        DomainError: an action has the name of a node of the library, an argument has a name that
+            a port cannot have, the tree has a kind without an equivalent node, or `step_s` is
+            missing.
     """
     unfit = {"cooldown"} if plain else {"cooldown", *NAV2}
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
@@ -187,6 +188,7 @@ def to_xml(
             f"Expected action names that are not nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
+    _check_ports(used, vocabulary)
     whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
     custom_kinds = {part.kind for part in parts(whole)} & OWN
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
@@ -215,6 +217,18 @@ def to_xml(
         lines += [f"    </{tag}>"] if ports else []
     lines += (line for kind in sorted(custom_kinds) for line in _model(kind))
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
+
+
+def _check_ports(actions: Iterable[str], vocabulary: Vocabulary) -> None:
+    """Raises DomainError for an argument whose name the library does not accept for a port."""
+    for action in actions:
+        for port in vocabulary.action(action).arguments:
+            if port in ("name", "ID") or not port[0].isalpha():
+                raise DomainError(
+                    "Expected arguments that can be ports of BehaviorTree.CPP, which begin with a"
+                    f" letter and are neither name nor ID, found {port!r} of the action {action};"
+                    " rename the argument in the domain."
+                )
 
 
 def needs_header(tree: Node) -> bool:

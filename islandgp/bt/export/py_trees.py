@@ -1,6 +1,6 @@
 """Trees as a Python module that builds a py_trees tree.
 
-The module needs py_trees alone. Its `create_tree(action)` calls `action(name)`,
+The module needs py_trees alone. Its `create_tree(action)` calls `action(name, **arguments)`,
 a function of the robot's program, for the behaviour of each leaf, and reads the
 blackboard by the tree's keys. Where the library's own behaviours differ in meaning,
 the module has a copy of ours from `nodes/islandgp_nodes.py`; a plain module has none
@@ -27,8 +27,9 @@ from islandgp.bt.core.node import (
     keys_in,
     walk,
 )
+from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import NOTHING, Key, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
     NAV2,
@@ -89,26 +90,42 @@ def to_python(
     """
     unfit = {"cooldown", *NAV2} if plain else NAV2
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
-    whole = plan(tree, None if plain else differs)
+    whole = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.kind == "cooldown_ticks" for part in parts(whole)):
         whole = TargetNode("tick_counter", (), (whole,))
     node_classes = _own() if any(part.kind in OWN for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    known = {name: key.meaning for name, key in vocabulary.keys.items()}
+    known = {name: _described(key) for name, key in vocabulary.keys.items()}
     known = known or dict.fromkeys(keys_in(tree), "")
-    keys = "\n".join(f"    {name}: {meaning}".rstrip(": ") for name, meaning in known.items())
-    keys = keys.replace("\\", "\\\\").replace('"""', "'''")  # the text becomes a docstring
+    keys = "".join(f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in known.items())
     module = own_nodes("tree_module.txt")
     taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
     functions = [_SUBTREE.format(name=n, tree=_body(part, step_s)) for n, part in subtrees.items()]
     return module.format(
-        text=text,
-        keys=keys,
+        text=_in_docstring(text),
+        keys=_in_docstring(keys).rstrip("\n"),
         own=node_classes,
         subtrees="".join(functions),
         tree=_body(root, step_s),
     )
+
+
+def _bound(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
+    """The plan with all arguments of actions as `Tree.bind` passes them to a leaf's function."""
+    args = part.args
+    if isinstance(args, ActionArgs) and (known := vocabulary.action(args.name).arguments):
+        args = args._replace(values=tuple(bound(args, known).items()))
+    children = tuple(_bound(child, vocabulary) for child in part.children)
+    return part._replace(args=args, children=children)
+
+
+def _described(key: Key) -> str:
+    return f"{key.meaning}; {key.kind}" if key.words else key.meaning
+
+
+def _in_docstring(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"""', "'''")
 
 
 def _body(part: TargetNode, step_s: float | None) -> str:
@@ -173,7 +190,9 @@ def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
     if kind == "subtree":
         return f"{subtree_of(part)}(action", ")"
     if isinstance(args, ActionArgs):
+        reserved = any(keyword.iskeyword(name) for name, _ in args.values)
         keywords = "".join(f", {name}={value!r}" for name, value in args.values)
+        keywords = f", **{dict(args.values)!r}" if reserved else keywords
         return f"action({args.name!r}{keywords}", ")"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child=", ")"
