@@ -143,12 +143,14 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
     ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
     turn_step, turn_who, turn_velocity = _turns(island.schedule)
     x, y, first, members = _cells(ground.places)
-    bodies = array("q", map(engine.address, people.bodies))
+    bodies = array("q", map(engine.address, (robot.body, *people.bodies)))
+    motion = array("d", bytes(32 * len(bodies)))
     rocks = array("d", chain(*island.schedule.obstacles))
     world = island.world
     arrays: dict[int, Any] = {
-        k.BODIES: bodies, k.TOUCHING: physics.contacts.flag, k.TURN_STEP: turn_step,
-        k.TURN_WHO: turn_who, k.TURN_VELOCITY: turn_velocity, k.ITEMS: people.items,
+        k.BODIES: bodies, k.MOTION: motion, k.TOUCHING: physics.contacts.flag,
+        k.TURN_STEP: turn_step, k.TURN_WHO: turn_who, k.TURN_VELOCITY: turn_velocity,
+        k.ITEMS: people.items,
         k.DUES: people.dues, k.UNSEEN: people.unseen, k.NEAR: people.near, k.X: x, k.Y: y,
         k.THERE: ground.there, k.SEEN: ground.seen, k.FIRST: first, k.MEMBERS: members,
         k.ROCK: rocks,
@@ -158,7 +160,7 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
         n[place] = engine.data_address(held)
     n[k.PEOPLE], n[k.COLUMNS] = len(people.items), ground.places.columns
     n[k.ASK_FROM], n[k.MOST_ITEMS] = people.settings.ask_from, people.settings.most_items
-    n[k.SPACE], n[k.ROBOT] = engine.address(physics.handle), engine.address(robot.body)
+    n[k.SPACE] = engine.address(physics.handle)
     f[k.DT], f[k.PERCEPTION], f[k.SIGHT] = island.dt, robot.settings.perception, robot.sight
     f[k.STRIDE], f[k.WALK], f[k.CELL] = robot.stride, island.walk, ground.places.cell
     n[k.FLIES], n[k.ROCKS] = flies and functions.flies, len(island.schedule.obstacles)
@@ -177,7 +179,7 @@ def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
         if n[k.CROWDED]:
             raise Crowded
         island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
-        robot.x, robot.y = f[k.ROBOT_X], f[k.ROBOT_Y]
+        robot.x, robot.y = motion[0], motion[1]
         if n[k.FOUND] != board[GARBAGE]:
             board[GARBAGE] = bool(n[k.FOUND])
             island.changed = True

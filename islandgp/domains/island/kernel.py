@@ -157,14 +157,14 @@ def _steps_to(distance, stride):
 @njit
 def people_due(n, f, step, x, y):
     """The step of the next look at a humanoid; -1: something new is seen now."""
-    bodies, items, dues = ints(n[k.BODIES]), ints(n[k.ITEMS]), ints(n[k.DUES])
+    motion, items, dues = floats(n[k.MOTION]), ints(n[k.ITEMS]), ints(n[k.DUES])
     unseen, near = flags(n[k.UNSEEN]), flags(n[k.NEAR])
     least = FAR
     for h in range(n[k.PEOPLE]):
         if dues[h] <= step + TOGETHER:
             asks, inside, due = items[h] >= n[k.ASK_FROM], False, FAR
             if asks or unseen[h]:
-                hx, hy = position(bodies[h])
+                hx, hy = motion[4 * h + 4], motion[4 * h + 5]
                 beyond = hypot(hx - x, hy - y) - f[k.PERCEPTION]
                 inside = beyond <= TOLERANCE
                 due = step + _steps_to(abs(beyond) - TOLERANCE, f[k.STRIDE] + f[k.WALK])
@@ -184,10 +184,13 @@ def turn_people(n, step, turn):
         ints(n[k.TURN_WHO]),
         floats(n[k.TURN_VELOCITY]),
     )
-    bodies, items, dues = ints(n[k.BODIES]), ints(n[k.ITEMS]), ints(n[k.DUES])
+    bodies, motion = ints(n[k.BODIES]), floats(n[k.MOTION])
+    items, dues = ints(n[k.ITEMS]), ints(n[k.DUES])
     while turn_step[turn] == step:
         h = turn_who[turn]
-        steer(bodies[h], velocity[2 * turn], velocity[2 * turn + 1])
+        vx, vy = velocity[2 * turn], velocity[2 * turn + 1]
+        steer(bodies[h + 1], vx, vy)
+        motion[4 * h + 6], motion[4 * h + 7] = vx, vy
         if items[h] < n[k.MOST_ITEMS]:
             items[h] += 1
             if items[h] == n[k.ASK_FROM]:
@@ -216,9 +219,8 @@ def fixed_gap(n, f, x, y, radius):
 
 
 @njit
-def too_fast(body, dt, stride):
+def too_fast(vx, vy, dt, stride):
     """True if a contact has made a body faster than it moves by itself."""
-    vx, vy = velocity(body)
     return hypot(vx, vy) * dt > stride + 1e-9
 
 
@@ -228,13 +230,13 @@ def clear_steps(n, f):
 
     A contact now sets QUIET, the number of steps since the last one, to 0.
     """
-    bodies, slack, touches = ints(n[k.BODIES]), TOLERANCE, 0
-    x, y = position(n[k.ROBOT])
+    motion, slack, touches = floats(n[k.MOTION]), TOLERANCE, 0
+    x, y = motion[0], motion[1]
     least, touched = fixed_gap(n, f, x, y, f[k.ROBOT_RADIUS])
     steps = (least - slack) / f[k.STRIDE]
-    fast = too_fast(n[k.ROBOT], f[k.DT], f[k.STRIDE])
-    for h in range(n[k.PEOPLE]):
-        hx, hy = position(bodies[h])
+    fast = too_fast(motion[2], motion[3], f[k.DT], f[k.STRIDE])
+    for at in range(4, 4 * n[k.PEOPLE] + 4, 4):
+        hx, hy = motion[at], motion[at + 1]
         least, fixed = fixed_gap(n, f, hx, hy, f[k.HUMANOID_RADIUS])
         gap = hypot(hx - x, hy - y) - f[k.ROBOT_RADIUS] - f[k.HUMANOID_RADIUS]
         if gap <= slack:
@@ -244,7 +246,7 @@ def clear_steps(n, f):
             return -1
         touches += fixed
         steps = min(steps, (least - slack) / f[k.WALK], (gap - slack) / (f[k.STRIDE] + f[k.WALK]))
-        fast = fast or too_fast(bodies[h], f[k.DT], f[k.WALK])
+        fast = fast or too_fast(motion[at + 2], motion[at + 3], f[k.DT], f[k.WALK])
     if touched > 1:
         return -1
     if touched or touches:
@@ -253,33 +255,68 @@ def clear_steps(n, f):
 
 
 @njit
-def fly(body, dt, steps):
-    """Moves a body that touches nothing by some steps."""
-    x, y = position(body)
-    vx, vy = velocity(body)
+def read_bodies(n):
+    """Copies positions and velocities from Chipmunk."""
+    bodies, motion = ints(n[k.BODIES]), floats(n[k.MOTION])
+    for i in range(n[k.PEOPLE] + 1):
+        motion[4 * i], motion[4 * i + 1] = position(bodies[i])
+        motion[4 * i + 2], motion[4 * i + 3] = velocity(bodies[i])
+
+
+@njit
+def place_bodies(n):
+    """Gives Chipmunk the positions of bodies that have flown."""
+    bodies, motion = ints(n[k.BODIES]), floats(n[k.MOTION])
+    if n[k.FLOWN]:
+        n[k.FLOWN] = 0
+        for i in range(n[k.PEOPLE] + 1):
+            place(bodies[i], motion[4 * i], motion[4 * i + 1])
+
+
+@njit
+def flown(x, y, vx, vy, dt, steps):
+    """The position after some steps of a body that touches nothing."""
     dx, dy = vx * dt, vy * dt
     for _ in range(steps):
         x += dx
         y += dy
+    return x, y
+
+
+def fly(body, dt, steps):
+    """Moves a body that touches nothing by some steps."""
+    x, y = position(body)
+    vx, vy = velocity(body)
+    x, y = flown(x, y, vx, vy, dt, steps)
     place(body, x, y)
+
+
+@njit
+def fly_all(n, dt, steps):
+    """Moves all bodies, but in Chipmunk."""
+    motion = floats(n[k.MOTION])
+    for at in range(0, 4 * n[k.PEOPLE] + 4, 4):
+        x, y, vx, vy = motion[at], motion[at + 1], motion[at + 2], motion[at + 3]
+        motion[at], motion[at + 1] = flown(x, y, vx, vy, dt, steps)
+    n[k.FLOWN] = 1
 
 
 @njit
 def move(n, f, step, stop):
     """Steps to `stop`, or to the first contact of the robot; returns the step."""
-    touching, bodies = flags(n[k.TOUCHING]), ints(n[k.BODIES])
+    touching = flags(n[k.TOUCHING])
     while step < stop:
         if n[k.FLIES] and n[k.CLEAR] <= step and n[k.CHECKED] != step:
             n[k.CLEAR] = step + clear_steps(n, f)
             n[k.CHECKED] = step
         if step < n[k.CLEAR] and n[k.QUIET] >= SETTLE:
             steps = min(stop, n[k.CLEAR]) - step
-            fly(n[k.ROBOT], f[k.DT], steps)
-            for h in range(n[k.PEOPLE]):
-                fly(bodies[h], f[k.DT], steps)
+            fly_all(n, f[k.DT], steps)
             step += steps
             continue
+        place_bodies(n)
         step_space(n[k.SPACE], f[k.DT])
+        read_bodies(n)
         step += 1
         n[k.QUIET] += 1
         if n[k.FLIES]:
@@ -298,8 +335,8 @@ def look_around(n, f, step):
     """Makes the looks that are due; True if garbage came or left, or if Python has to look."""
     if step < n[k.GROUND_DUE] and step < n[k.PEOPLE_DUE]:
         return False
-    x, y = position(n[k.ROBOT])
-    found = n[k.FOUND]
+    motion, found = floats(n[k.MOTION]), n[k.FOUND]
+    x, y = motion[0], motion[1]
     if step >= n[k.GROUND_DUE]:
         due = look_for_garbage(n, f, step, x, y, not n[k.PATROLLING])
         if due < 0:  # new items earn points on patrol
@@ -317,10 +354,10 @@ def run(ints_at, floats_at, until):
     """Goes on to the step `until`, to a contact, or to a look that changes something."""
     n, f = ints(ints_at), floats(floats_at)
     touching, turn_step = flags(n[k.TOUCHING]), ints(n[k.TURN_STEP])
-    step, turn = n[k.STEP], n[k.TURN]
+    motion, step, turn = floats(n[k.MOTION]), n[k.STEP], n[k.TURN]
+    read_bodies(n)
     if n[k.GROUND_DUE] == k.BEFORE_MOVING:
-        x, y = position(n[k.ROBOT])
-        n[k.GROUND_DUE] = look_for_garbage(n, f, step, x, y, True)
+        n[k.GROUND_DUE] = look_for_garbage(n, f, step, motion[0], motion[1], True)
     while step < until:
         stop = min(turn_step[turn], until)
         stop = min(stop, max(min(n[k.GROUND_DUE], n[k.PEOPLE_DUE]), step + 1))
@@ -330,14 +367,14 @@ def run(ints_at, floats_at, until):
         turn = turn_people(n, step, turn)
         if look_around(n, f, step):
             break
+    place_bodies(n)
     n[k.STEP], n[k.TURN] = step, turn
-    f[k.ROBOT_X], f[k.ROBOT_Y] = position(n[k.ROBOT])
 
 
 def look(ints_at, floats_at):
     """A look for garbage from where the robot is."""
     n, f = ints(ints_at), floats(floats_at)
-    x, y = position(n[k.ROBOT])
+    x, y = position(ints(n[k.BODIES])[0])
     n[k.GROUND_DUE] = look_for_garbage(n, f, n[k.STEP], x, y, True)
 
 
@@ -346,6 +383,6 @@ _compiled = partial(njit, no_cpython_wrapper=True, no_cfunc_wrapper=True, error_
 FUNCTIONS = {
     "run": _compiled(types.void(_INT, _INT, _INT))(run),
     "look": _compiled(types.void(_INT, _INT))(look),
-    "fly": _compiled(types.void(_INT, _REAL, _INT))(fly.py_func),
+    "fly": _compiled(types.void(_INT, _REAL, _INT))(fly),
 }
 """The functions that Python calls, by name; compiled when this module is imported."""
