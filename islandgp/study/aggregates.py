@@ -1,4 +1,4 @@
-"""Aggregates for scores with several peaks: IQM, performance profiles, chance of improvement.
+"""Aggregates of scores: IQM, performance profiles, probability of improvement.
 
 The formulas are those of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep
 reinforcement learning at the edge of the statistical precipice" (NeurIPS 2021), and of their
@@ -6,8 +6,8 @@ library rliable 1.2.0. An arm's scores come world by world ("strata"); intervals
 percentiles of a bootstrap that resamples the runs within each world. Where arms share seeds,
 both runs of a seed are resampled together.
 
-Draws come from a stream by purpose and values are sorted before, so the order of the runs
-changes nothing.
+Values are sorted before resampling, with a random stream per purpose, so the order of the runs has
+no effect.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ from islandgp.study.strata import Strata, arrays_of, first_values, in_worlds
 
 EXACT_PAIRS: Final = "exact, exchanges of the pairs enumerated"
 NORMAL: Final = "asymptotic, corrected for ties"
-FEWEST_A_WORLD: Final = 5  # of several worlds; with 3 runs in each of 5, intervals cover 83 to 86 %
-MOST_THRESHOLDS: Final = 400  # of a profile
-BLOCK: Final = 1_000_000  # numbers that are drawn at a time
-LONGEST: Final = 100_000  # sums up to which an exact test counts
+FEWEST_A_WORLD: Final = 5  # least runs per world; with 3 in each of 5, intervals cover 83 to 86 %
+MOST_THRESHOLDS: Final = 400  # most thresholds of a profile
+BLOCK: Final = 1_000_000  # numbers drawn at a time
+LONGEST: Final = 100_000  # largest sum for an exact test
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
     """Share of an arm's runs with a score above each threshold, with its 95 % band."""
 
-    thresholds: tuple[float, ...]  # rising, each once
-    share: tuple[float, ...]  # in [0, 1], never rising
+    thresholds: tuple[float, ...]  # strictly rising
+    share: tuple[float, ...]  # in [0, 1], not rising
     low: tuple[float, ...]  # pointwise; nan: too few runs
     high: tuple[float, ...]
 
@@ -75,8 +75,8 @@ def median(scores: Any) -> Any:
 def interquartile_mean(scores: Any) -> Any:
     """The mean of the middle half over the last axis (IQM).
 
-    The floor(n/4) lowest and as many of the highest scores are left out, as by
-    `scipy.stats.trim_mean(scores, 0.25)`. So up to three scores are averaged whole.
+    The floor(n/4) lowest and highest scores are left out, as by
+    `scipy.stats.trim_mean(scores, 0.25)`. So up to three scores are all averaged.
     """
     ordered = np.sort(np.asarray(scores, float), axis=-1)
     n = ordered.shape[-1]
@@ -84,25 +84,24 @@ def interquartile_mean(scores: Any) -> Any:
 
 
 def probability_of_improvement(first: Strata, second: Strata) -> float:
-    """The chance that a run of the first arm scores higher than one of the second.
+    """The probability that a run of the first arm scores higher than one of the second.
 
-    In each world it is U / (n1 n2) of Mann and Whitney, a tie counting half: with the effect
-    size r of `rank_test` it is (1 - r) / 2. Over worlds it is the mean, so worlds need no
-    common scale.
+    In a world it is Mann-Whitney's U / (n1 n2), with ties counted half; in terms of the effect size
+    r of `rank_test` it is (1 - r) / 2. Over worlds it is the mean, so worlds need no common scale.
 
     Args:
         first: scores of the first arm, world by world; any number in each.
         second: scores of the second one, in the same worlds.
 
     Raises:
-        StudyError: scores are missing or not finite, or the arms' worlds are not as many.
+        StudyError: scores are missing or not finite, or the arms have different numbers of worlds.
     """
     worlds = in_worlds(first, second)
     return float(np.mean([_wins(x, y) / (len(x) * len(y)) for x, y in worlds]))
 
 
 def _wins(x: Any, y: Any) -> float:
-    """U of the first sample, values equal to DECIMALS counting half."""
+    """U of the first sample; values that are equal to DECIMALS decimals count half."""
     below = np.searchsorted(y, x, side="left")
     equal = np.searchsorted(y, x, side="right") - below
     return float(np.sum(below) + np.sum(equal) / 2)
@@ -111,9 +110,9 @@ def _wins(x: Any, y: Any) -> float:
 def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Interval:
     """A statistic of all scores of an arm with its 95 % percentile interval.
 
-    Each of RESAMPLES resamples has as many scores of each world as the arm has. There is no
-    interval (nan) of fewer than FEWEST scores, or of several worlds where one of them has
-    fewer than FEWEST_A_WORLD: it would cover too little.
+    A resample has as many scores of each world as the arm. The interval is nan for fewer than
+    FEWEST scores, and for several worlds if one has fewer than FEWEST_A_WORLD, as it would cover
+    too little.
 
     Args:
         strata: the scores, world by world. A world with more runs weighs more, and all worlds
@@ -138,8 +137,8 @@ def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Int
 def improvement_interval(first: Strata, second: Strata, *, paired: bool = False) -> Interval:
     """The probability of improvement with its 95 % percentile interval.
 
-    Both arms are resampled, world by world; there is no interval (nan) where
-    `stratified_bootstrap` gives none of either arm.
+    Both arms are resampled, world by world. The interval is nan if `stratified_bootstrap` has none
+    for one of the arms.
 
     Args:
         first: scores of the first arm, world by world.
@@ -167,20 +166,20 @@ def improvement_interval(first: Strata, second: Strata, *, paired: bool = False)
 
 
 def _codes(x: Any, y: Any) -> tuple[Any, Any, int]:
-    """The values of both samples as their places among all that are different, and how many."""
+    """The values of both samples as indices of the distinct values, and the number of these."""
     values, codes = np.unique(np.concatenate([x, y]), return_inverse=True)
     return codes[: len(x)], codes[len(x) :], len(values)
 
 
 def _improvement(x: Any, y: Any, different: int, places: Any, others: Any) -> Any:
-    """U / (n1 n2) of each resample, from how often each value was drawn."""
+    """U / (n1 n2) of each resample, from the counts of its values."""
     first_counts, second_counts = _counts(x[places], different), _counts(y[others], different)
     below = np.cumsum(second_counts, axis=1) - second_counts
     return np.sum(first_counts * (below + second_counts / 2), axis=1) / (len(x) * len(y))
 
 
 def _counts(codes: Any, different: int) -> Any:
-    """Number of occurrences of each code below `different` in each row."""
+    """The number of occurrences of each code below `different` in each row."""
     rows = np.arange(len(codes))[:, None] * different
     return np.bincount((codes + rows).ravel(), minlength=len(codes) * different).reshape(
         len(codes), different
@@ -190,7 +189,7 @@ def _counts(codes: Any, different: int) -> Any:
 def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
     """The share of an arm's runs with a score above each threshold, with a 95 % band.
 
-    The band holds in each threshold by itself, by the bootstrap of `stratified_bootstrap`.
+    The band is pointwise, by the bootstrap of `stratified_bootstrap`.
 
     Args:
         strata: the scores, world by world; all worlds must have one scale.
@@ -225,9 +224,9 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
 
 
 def thresholds(*arms: Strata) -> tuple[float, ...]:
-    """Thresholds at which the profiles of some arms change: each of their scores.
+    """The thresholds at which the profiles of some arms change: all distinct scores.
 
-    Where these are more than MOST_THRESHOLDS, as many places that are evenly spread.
+    If there are more than MOST_THRESHOLDS, that many evenly spaced values.
     """
     values = np.unique(np.concatenate([each for strata in arms for each in arrays_of(strata)]))
     if len(values) > MOST_THRESHOLDS:
@@ -236,13 +235,12 @@ def thresholds(*arms: Strata) -> tuple[float, ...]:
 
 
 def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> ImprovementTest:
-    """The two-sided test that belongs to the probability of improvement.
+    """The two-sided test of the probability of improvement.
 
-    Of a single world it is Mann and Whitney's. Of several it is that test stratified by world:
-    the runs of each world are split in all ways, and the probabilities averaged. With pairs the
-    two runs of a seed are exchanged instead, for the same probability of improvement. Where
-    runs are not as many in all worlds, or very many, the distribution is approximated by a
-    normal one.
+    For a single world it is Mann-Whitney's; for several it is that test stratified by world: a
+    permutation test over all splits of the runs of each world. For pairs, the two runs of a seed
+    are exchanged instead. If worlds have different numbers of runs, or very many, the distribution
+    is approximated by a normal one.
 
     Args:
         first: scores of the first arm, world by world.
@@ -275,17 +273,17 @@ def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> 
 
 @dataclass(frozen=True, slots=True)
 class _Stratum:
-    """The statistic of a world, a whole number from 0, and its distribution without a difference.
+    """The statistic of a world, a whole number from 0, and its distribution under the null.
 
-    It is twice U but for what is the same in all splits or exchanges.
+    It is twice U, up to a constant that is the same for all splits or exchanges.
     """
 
     found: int
     most: int
     centre: float  # its mean
     variance: float
-    scale: float  # it is the probability of improvement, times this, and shifted
-    counts: Callable[[], Any]  # how often it has each value
+    scale: float  # the statistic is the probability of improvement times this, plus a constant
+    counts: Callable[[], Any]  # the frequency of each value
 
 
 def _split(x: Any, y: Any) -> _Stratum:
@@ -318,9 +316,9 @@ def _exchanged(x: Any, y: Any) -> _Stratum:
 
 
 def _resamples(sizes: Sequence[int], width: int, *, sample: int = 0) -> Iterator[list[Any]]:
-    """The places of RESAMPLES resamples, world by world, some of them at a time.
+    """The indices of RESAMPLES resamples, world by world, in blocks.
 
-    `width` is how many numbers the caller holds for each; BLOCK numbers are held at a time.
+    `width` is the number of values that the caller stores per resample; a block has BLOCK values.
     """
     draws = [
         stream(0, Stream.RESAMPLING, generation=sample, slot=world) for world in range(len(sizes))

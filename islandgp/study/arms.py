@@ -30,13 +30,13 @@ class Run:
     """
 
     path: Path
-    config: Mapping[str, Any]  # nested, as it was resolved
+    config: Mapping[str, Any]  # nested, resolved
     flat: Mapping[str, Any]  # the same by dotted key
     records: tuple[GenerationRecord, ...]  # by generation
     costs: tuple[Cost, ...]  # by generation
     champion: Champion  # the run's best robot
-    validation: tuple[int, ...] = ()  # seeds of the worlds in which it was chosen; (): in none
-    validation_mean: float | None = None  # points, its mean in these worlds, if validated
+    validation: tuple[int, ...] = ()  # seeds of the validation worlds; (): none
+    validation_mean: float | None = None  # mean points of the best robot there, if validated
     feasible: float | None = None  # share of these worlds in which it keeps the constraints
 
     @property
@@ -71,25 +71,25 @@ class Run:
 
     @property
     def best(self) -> tuple[IndividualRecord, ...]:
-        """The best individual of each generation: with constraints feasible before fit."""
+        """The best individual of each generation; those that keep the constraints come first."""
         limits = self.constraints
         return tuple(updated_champion(None, 0, r.individuals, limits).record for r in self.records)
 
     @property
     def archives(self) -> tuple[ArchiveRecord, ...]:
-        """The archive of elites after each generation; () if it was not kept in all of them."""
+        """The archive of elites after each generation; () if a generation has none."""
         kept = tuple(r.archive for r in self.records if r.archive is not None)
         return kept if len(kept) == len(self.records) else ()
 
     @property
     def constraints(self) -> Constraints:
-        """Limits by counter that came before fitness; {} for none."""
+        """The constraints of the run, by counter; {} for none."""
         return recorded_constraints(self.config)
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Runs that differ in their seed alone."""
+    """Runs that differ only in their seed."""
 
     name: str
     selection: str  # text of the --arm option
@@ -97,12 +97,12 @@ class Arm:
 
     @property
     def seeds(self) -> tuple[int, ...]:
-        """Of the runs, in their order."""
+        """The seeds of the runs, in order."""
         return tuple(r.seed for r in self.runs)
 
     @property
     def generations(self) -> int:
-        """Number of generations of each run; the lowest, if they differ."""
+        """Number of generations of the shortest run."""
         return min(len(r.records) for r in self.runs)
 
 
@@ -140,7 +140,7 @@ class Comparison:
 def cut(run: Run, generations: int) -> Run:
     """The run cut after a number of generations.
 
-    Its champion is then the fittest individual of the last stage, which no other world has seen.
+    Its champion is then the fittest individual of the last stage, without validation.
     """
     if len(run.records) <= generations:
         return run

@@ -17,26 +17,26 @@ from islandgp.study.select import Selection, in_short, parse_selection
 from islandgp.study.texts import note
 
 STUDIED: Final = frozenset({"supervisor"})
-"""The group in which arms may differ without further ado (section 3.1)."""
+"""The group in which arms may always differ (section 3.1)."""
 
 TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
-"""Groups that decide what fitness and a tier mean: they are never what is studied."""
+"""Groups that define fitness and tiers; arms must not differ in them."""
 
 WHOLE: Final = frozenset({"library", "search"})
-"""Groups that are chosen as one: where every selection names a key of it, all of it may differ."""
+"""Groups that may differ as a whole if every selection names a key of the group."""
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.shared_seed"})
-"""Keys of the budget, which are never studied."""
+"""Keys of the budget, in which arms must not differ."""
 
 START: Final = (BUDGET - {"gp.generations"}) | {"gp.reseed_every", "gp.max_depth", "gp.max_nodes"}
-"""What a run's initial population and worlds depend on, beside its seed, TASK and TREES."""
+"""Keys that affect the initial population and the worlds, besides seed, TASK and TREES."""
 
 TREES: Final = "gp.trees."
 """Prefix of the keys of random trees."""
 
-SHORTEST: Final = 4  # generations, so that no stage of Table 10 is empty
+SHORTEST: Final = 4  # least number of generations, so that no stage of Table 10 is empty
 
-OTHERS: Final = 3  # arms with the same value that are named
+OTHERS: Final = 3  # most arms with the same value that are named
 
 
 def compare_arms(
@@ -91,7 +91,7 @@ def compare_arms(
 
 
 def _alike(arms: Sequence[Arm]) -> Iterator[str]:
-    """A note for each pair of arms whose runs evolved the very same populations."""
+    """A note for each pair of arms whose runs have identical populations."""
     for a, b in combinations(arms, 2):
         other_populations = {run.seed: [r.individuals for r in run.records] for run in b.runs}
         populations = {run.seed: [r.individuals for r in run.records] for run in a.runs}
@@ -115,7 +115,7 @@ def _cuts(arms: Sequence[Arm]) -> list[str]:
 
 
 def paired(first: Arm, second: Arm) -> bool:
-    """True if each run of an arm has a partner with the same seed, initial population and worlds.
+    """True if the runs of two arms are pairs with equal seed, initial population and worlds.
 
     The arms must have the same seeds, one run each, and the same settings of the start.
     """
@@ -222,7 +222,7 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
 
 
 def _by_value(names: Sequence[str], values: Sequence[str]) -> str:
-    """Which arms have which value: "0.4 in a and b, 0.2 in c"."""
+    """The arms by value, as text: "0.4 in a and b, 0.2 in c"."""
     groups: dict[str, list[str]] = {}
     for name, value in zip(names, values, strict=True):
         groups.setdefault(value, []).append(name)

@@ -1,6 +1,6 @@
 """Fits a small policy to a supervisor's decisions and measures their agreement (section 3.9).
 
-Cross-validation holds out whole runs, because the generations of one run are too similar.
+Cross-validation holds out whole runs, because generations of the same run are similar.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class Case:
 
     run: int  # index of its run
     known: Mapping[str, float]  # features of the state, by `supervision.distilled.features`
-    target: str | None  # None: the tree is not the teacher's
-    rate: float | None  # None: the rate is not the teacher's
+    target: str | None  # None: the tree is not from the teacher
+    rate: float | None  # None: the rate is not from the teacher
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +36,13 @@ class Shape:
 
 
 def distil(cases: Sequence[Case], teacher: str, shape: Shape) -> Policy:
-    """A policy from all cases, with a report from runs that were held back.
+    """Fit a policy to all cases, with a report from cross-validation over runs.
 
-    The report: `runs`, `targets` and `rates` (cases); `target_agreement`, the share of targets
-    that are the teacher's, beside `target_commonest`, the share of its commonest target;
-    `target_agreement_least`, that of the run with the least; `rate_error`, the mean distance
-    from the teacher's rate, beside `rate_error_mean`, that of its mean rate.
+    The report has `runs`, `targets` and `rates` (numbers of cases); `target_agreement`, the share
+    of targets equal to the teacher's, and for comparison `target_commonest`, the share of its most
+    frequent target; `target_agreement_least`, the agreement of the run with the lowest one;
+    `rate_error`, the mean absolute error of the rate, and for comparison `rate_error_mean`, that
+    of predicting the mean rate.
 
     Raises:
         StudyError: there are not enough runs, or no decisions.
@@ -125,7 +126,7 @@ def _fit(
     answers: Sequence[float],
     answer: Any,
 ) -> Rule:
-    """A tree of scikit-learn's `kind` as a rule; `answer` makes an answer of a leaf's value."""
+    """Fit a tree of scikit-learn's class `kind`; `answer` converts a leaf's value to an answer."""
     names = list(examples[0][0].known)
     tree = kind(max_depth=shape.depth, min_samples_leaf=shape.cases, random_state=0)
     tree.fit([[case.known[name] for name in names] for case, _ in examples], answers)
@@ -133,7 +134,7 @@ def _fit(
 
 
 def _rule(tree: Any, names: Sequence[str], answer: Any, place: int = 0) -> Rule:
-    """scikit-learn's arrays as a rule; a node without children has -1 there."""
+    """A rule from scikit-learn's arrays, in which -1 is a missing child."""
     if tree.children_left[place] < 0:
         cases = int(tree.n_node_samples[place])
         return Answer(answer=answer(tree.value[place]), cases=cases)

@@ -1,7 +1,7 @@
 """Emergence of a tier (section 3.4, Table 11), with censored runs.
 
-A run without one is censored at its last generation. It is neither left out nor given a made-up
-value. For the rank test it ranks after the last generation, which is all that ranks need.
+A run in which the tier does not emerge is censored at its last generation; it is neither dropped
+nor given a substitute value. In the rank test its rank is after the last generation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def first(run: Run, tier: str) -> int | None:
 
 
 def ranks(firsts: Sequence[float | None], generations: int) -> list[float]:
-    """Values for a rank test: a run without one comes after the last generation."""
+    """Values for a rank test; a censored run ranks after the last generation."""
     return [float(generations if g is None else g) for g in firsts]
 
 
@@ -29,11 +29,11 @@ class EmergenceSummary:
     """One arm's times to emergence."""
 
     runs: int
-    emerged: int  # runs in which it happened
+    emerged: int  # number of runs in which the tier emerged
     mean: float | None  # generation; None when a run is censored
     sd: float | None  # sample standard deviation; None when a run is censored, nan for one run
-    median: float | None  # generation; None when half the runs or more never got there
-    watched: float  # generations lived through without one, mean over all runs
+    median: float | None  # generation; None if half of the runs or more are censored
+    watched: float  # restricted mean: generations without the tier, mean over all runs
 
     @property
     def never(self) -> bool:
@@ -42,10 +42,10 @@ class EmergenceSummary:
 
 
 def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummary:
-    """The figures that hold with censored runs, and those that hold only without.
+    """The summary of an arm's times to emergence.
 
-    `watched` is the restricted mean of survival analysis: a censored run counts
-    with the generations that it was really watched.
+    `watched` is the restricted mean of survival analysis: a censored run counts with its number of
+    generations.
     """
     reached = sorted(g for g in firsts if g is not None)
     n, whole = len(firsts), len(reached) == len(firsts)
@@ -61,7 +61,7 @@ def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummar
 
 
 def quantile(firsts: Sequence[float | None], share: float) -> float | None:
-    """Of all runs, linear between two of them; None: it falls among those without one."""
+    """A quantile over all runs, by linear interpolation; None if it is among censored runs."""
     reached = sorted(g for g in firsts if g is not None)
     at = share * (len(firsts) - 1)
     low, high = floor(at), ceil(at)
@@ -71,13 +71,13 @@ def quantile(firsts: Sequence[float | None], share: float) -> float | None:
 
 
 def still_without(firsts: Sequence[int | None], generations: int) -> list[float]:
-    """Share of the runs without one up to and including each generation (Kaplan-Meier)."""
+    """Share of runs without the tier up to and including each generation (Kaplan-Meier)."""
     n = len(firsts)
     return [sum(f is None or f > g for f in firsts) / n for g in range(generations)]
 
 
 def band(share: float, n: int) -> tuple[float, float]:
-    """95 % interval of a share of n runs (Wilson): all are watched to the last generation."""
+    """95 % interval of a share of n runs (Wilson)."""
     z = 1.959964
     middle, wide = share + z * z / (2 * n), z * sqrt(share * (1 - share) / n + z * z / (4 * n * n))
     return (middle - wide) / (1 + z * z / n), (middle + wide) / (1 + z * z / n)
@@ -86,10 +86,10 @@ def band(share: float, n: int) -> tuple[float, float]:
 def reduction(
     first_arm: EmergenceSummary, second_arm: EmergenceSummary
 ) -> tuple[float, str] | None:
-    """By which share the first arm is earlier, and what was compared; None: nothing can be.
+    """The relative reduction of the time to emergence in the first arm, and the compared statistic.
 
-    Means when every run got there, as in the paper; else medians; else the
-    generations watched without one.
+    The statistic is the mean if no run is censored, as in the paper; else the median; else the
+    restricted mean. None if no comparison is possible.
     """
     if not first_arm.emerged and not second_arm.emerged:
         return None

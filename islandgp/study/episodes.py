@@ -15,13 +15,13 @@ from islandgp.study.texts import note
 
 
 def episodes_until(run: Run) -> tuple[int, ...]:
-    """Episodes that a run asked for up to the end of each generation, those from a cache too."""
+    """Cumulative episodes of a run after each generation, including those from the cache."""
     each = zip(run.records, run.costs, strict=True)
     return tuple(accumulate(_episodes(record, cost, run.flat) for record, cost in each))
 
 
 def _episodes(record: GenerationRecord, cost: Cost, flat: Mapping[str, Any]) -> int:
-    """The episodes of a generation, by its record, by its costs, else by the configuration."""
+    """The episodes of a generation, from its record, its costs, or the configuration."""
     for known in (getattr(record, "episodes", None), cost.episodes):
         if isinstance(known, int) and known > 0:
             return known
@@ -30,16 +30,16 @@ def _episodes(record: GenerationRecord, cost: Cost, flat: Mapping[str, Any]) -> 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeCost:
-    """Episodes of an arm's runs: means over them."""
+    """Mean episodes of an arm's runs, by purpose."""
 
-    generations: float  # asked for in the generations
-    supervision: float  # that the supervisor ran for itself, such as trials of candidates
-    validation: float  # about, in which the best robot was chosen
-    library: int  # about, of the search for a library, once for all runs; 0: there was none
+    generations: float  # requested in the generations
+    supervision: float  # of the supervisor, such as trials of candidates
+    validation: float  # approximate number, for the choice of the best robot
+    library: int  # approximate number, of the search for a library, once for all runs; or 0
 
     @property
     def total(self) -> float:
-        """Of one run; the search for a library is not one run's."""
+        """Episodes of a run, without the search for a library."""
         return self.generations + self.supervision + self.validation
 
 
@@ -54,7 +54,7 @@ def episode_cost(arm: Arm) -> EpisodeCost:
 
 
 def _validation(run: Run) -> float:
-    """About as many episodes as `gp.validation` allows; 0: it was not validated, or cut."""
+    """The approximate number of validation episodes; 0 for a run without validation, or cut."""
     if not run.validation:
         return 0.0
     planned = int(run.flat["gp.population"]) * int(run.flat["gp.episodes"]) * len(run.records)
@@ -62,7 +62,7 @@ def _validation(run: Run) -> float:
 
 
 def _library(run: Run) -> int:
-    """At most as many episodes as the search for single behaviours has."""
+    """The approximate number of episodes of the search for single behaviours."""
     trees = run.flat.get("gp.founders") or any(g.tree for g in run.guidance)
     if run.flat.get("library.folder") is not None or not trees:
         return 0
@@ -70,7 +70,7 @@ def _library(run: Run) -> int:
 
 
 def cost_warnings(arms: Sequence[Arm]) -> Iterator[str]:
-    """A sentence for each way in which arms cost differently."""
+    """A sentence for each difference in the costs of arms."""
     costs = {arm.name: episode_cost(arm) for arm in arms}
     if len({round(cost.total) for cost in costs.values()}) > 1:
         first, *others = (f"{arm} {cost.total:,.0f}" for arm, cost in costs.items())

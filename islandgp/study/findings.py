@@ -1,4 +1,4 @@
-"""Every comparison of a study as one value: what was compared, and what the tests say."""
+"""Comparisons of two arms by a measure, with the results of their tests."""
 
 from __future__ import annotations
 
@@ -30,29 +30,29 @@ from islandgp.study.plan import Family
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Two arms compared by one measure."""
+    """A comparison of two arms by a measure."""
 
     measure: Measure
     arms: tuple[str, str]
     samples: tuple[tuple[float | None, ...], tuple[float | None, ...]]  # None: censored
-    generations: int  # that censored runs were watched for
+    generations: int  # at which runs are censored
     rank: RankTest
     rank_q: float  # p adjusted over the family
-    paired: PairedTest | None  # when the arms share seeds
+    paired: PairedTest | None  # if the arms share seeds
     paired_q: float | None
     log_rank: float | None  # p, for emergence
     log_rank_q: float | None
-    family: str = ""  # what its p-values are adjusted with
-    size: int = 1  # comparisons of that family
+    family: str = ""  # name of the family in which its p-values are adjusted
+    size: int = 1  # number of comparisons in the family
 
     @property
     def test(self) -> PairedTest | RankTest:
-        """The one that belongs to `shift`: paired where the arms share seeds."""
+        """The test of `shift`: the paired one if the arms share seeds."""
         return self.rank if self.paired is None else self.paired
 
     @property
     def p_bh(self) -> float:
-        """That test's p, adjusted over the family."""
+        """The p-value of `test`, adjusted over the family."""
         return self.rank_q if self.paired_q is None else self.paired_q
 
     @property
@@ -72,28 +72,27 @@ class Finding:
 
     @property
     def numbers(self) -> tuple[list[float], list[float]]:
-        """The samples as a rank test takes them; censored runs after the last generation."""
+        """The samples for a rank test; censored runs are after the last generation."""
         a, b = (ranks(sample, self.generations) for sample in self.samples)
         return a, b
 
     @property
     def endless(self) -> tuple[list[float], list[float]]:
-        """The samples as medians take them; a censored run's value is infinite."""
+        """The samples for medians; the value of a censored run is infinite."""
         a, b = ([inf if v is None else v for v in sample] for sample in self.samples)
         return a, b
 
     @property
     def hazard(self) -> Interval:
-        """Hazard ratio of the first arm to the second, for emergence: above 1 it comes sooner."""
+        """Hazard ratio of the first arm to the second, for emergence; above 1, it is earlier."""
         return hazard_ratio(*self.samples, horizon=self.generations)
 
     @property
     def shift(self) -> Interval:
         """Mean of the first arm minus mean of the second, with its 95 % interval.
 
-        Student's t of the paired differences where the arms share seeds, else Welch's. For
-        emergence it is that of the restricted means: of the generations without one. Nothing
-        is known (nan) where it happened in no run.
+        Student's t interval of the paired differences if the arms share seeds, else Welch's. For
+        emergence, the means are restricted means; nan if all runs are censored.
         """
         if self.never:
             return Interval(nan, nan, nan)
@@ -103,10 +102,10 @@ class Finding:
 def examine_all(
     study: Comparison, families: Sequence[Family], measures: Sequence[Measure]
 ) -> tuple[Finding, ...]:
-    """All pairs of the families by all measures.
+    """The comparisons of all pairs of arms by all measures.
 
-    Each kind of test is adjusted over its p-values in the family; the measures that a family
-    does not ask for are adjusted among themselves.
+    p-values are adjusted by kind of test over each family; those of measures outside a family are
+    adjusted separately.
     """
     arms = {arm.name: arm for arm in study.arms}
 
@@ -134,9 +133,9 @@ def examine(
     in_pairs: bool,
     enumerated: int = ENUMERATED,
 ) -> Finding:
-    """The tests of two samples, before they are adjusted for others.
+    """The tests of two samples, with unadjusted p-values.
 
-    `in_pairs` when their values belong together one by one; `enumerated` as in `rank_test`.
+    `in_pairs`: True if the values are pairs; `enumerated` as for `rank_test`.
     """
     a, b = (ranks(sample, generations) for sample in samples)
     rank = rank_test(a, b, enumerated=enumerated)
@@ -147,7 +146,7 @@ def examine(
 
 
 def adjust(findings: Sequence[Finding], family: str = "") -> tuple[Finding, ...]:
-    """The findings with Benjamini and Hochberg's p over the whole family, kind by kind."""
+    """The findings with p-values adjusted by Benjamini-Hochberg over the family, by kind."""
     rank, pairs, logs = (_adjusted(findings, kind) for kind in ("rank", "paired", "log_rank"))
     size = len(findings)
     return tuple(
@@ -164,5 +163,5 @@ def _adjusted(findings: Sequence[Finding], kind: str) -> list[Any]:
 
 
 def finding(findings: Sequence[Finding], key: str, arms: tuple[str, str]) -> Finding:
-    """The one of a measure and a pair of arms. Raises StopIteration when there is none."""
+    """The finding of a measure and a pair of arms. Raises StopIteration if there is none."""
     return next(f for f in findings if f.measure.key == key and f.arms == arms)

@@ -1,11 +1,11 @@
 """Evaluates the best trees in unseen worlds, and the library's trees in the worlds of the runs.
 
-A run chooses its champion, its best robot, in its own validation worlds. Here the champions of all
-runs are evaluated in the same unseen worlds, in the last stage.
+A run chooses its best robot in its own validation worlds. Here the best robots of all runs are
+evaluated in the same unseen worlds, in the last stage.
 
-A supervisor that injects trees of a library could hand them out as they are. So each of those
-has one episode in each generation's world, under its stage's multipliers, and what evolution
-adds is the difference of a run's highest fitness to the best of these trees.
+A supervisor may inject library trees that are good without evolution. So each library tree has one
+episode in each generation's world, under the stage's multipliers. The difference of a run's highest
+fitness to the best library tree is the effect of evolution.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from islandgp.study.arms import Comparison, Run
 from islandgp.study.lineage import most_injected
 
 REFERENCE_WORLDS: Final = 100
-"""Minimum number of worlds of a reference tree; for a single tree they cost little."""
+"""Minimum number of worlds of a reference tree."""
 
 
 @dataclass(frozen=True, slots=True)
 class Generalisation:
-    """One tree on the unseen worlds."""
+    """The results of a tree in unseen worlds."""
 
-    arm: str  # or what a reference tree is called
-    seed: int | None  # of the run whose champion it is; None: a reference tree
-    trained: float | None  # points, its fitness in the generation in which it lived
-    points: tuple[float, ...]  # in each unseen world, in an order that all trees share
-    reached: Mapping[str, float]  # by milestone: share of the worlds in which it is such a robot
+    arm: str  # or the name of a reference tree
+    seed: int | None  # of the run whose best robot it is; None: a reference tree
+    trained: float | None  # points, in training
+    points: tuple[float, ...]  # in each unseen world, in the same order for all trees
+    reached: Mapping[str, float]  # share of the worlds in which it reaches a milestone
     perturbed: tuple[float, ...] = ()  # points in these worlds after their perturbation, if any
 
     @property
@@ -56,7 +56,7 @@ class Generalisation:
 
     @property
     def worst(self) -> float:
-        """Points, the least of the worlds."""
+        """Points, lowest of the worlds."""
         return min(self.points)
 
     def minus(self, other: Generalisation) -> Interval:
@@ -66,9 +66,9 @@ class Generalisation:
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
-    """The first n world seeds of a stream of their own that no run of the study used.
+    """The first n world seeds of a separate stream that no run of the study used.
 
-    No tree is tuned on them: `islandgp play` counts its worlds from 0.
+    They differ from those of `islandgp play`, which are 0, 1, 2, ...
     """
     runs = [run for arm in study.arms for run in arm.runs]
     used = {world for run in runs for record in run.records for world in record.worlds}
@@ -79,7 +79,7 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 def reference_trees(study: Comparison) -> dict[str, str]:
     """The library's reference trees, and the library tree that was injected most often, if any.
 
-    Their canonical texts by names that hold a colon, so that no arm can have the same one.
+    Canonical texts by name; the names contain a colon, which names of arms cannot.
     """
     config = study.arms[0].runs[0].config
     texts = {f"library: {name}": text for name, text in library.reference_trees(config).items()}
@@ -98,11 +98,17 @@ def generalise(
     reference_trees: Mapping[str, str],
     reference_worlds: int = REFERENCE_WORLDS,
 ) -> tuple[Generalisation, ...]:
-    """Each run's champion, and trees from elsewhere, on the same unseen worlds.
+    """Evaluates each run's best robot, and reference trees, in the same unseen worlds.
 
-    `reference_trees` are those trees' canonical texts by what they are called. Every arm's trees
-    meet the first arm's world, so that they can be compared even where the worlds of arms
-    differ. A reference tree meets `reference_worlds` of them, the champions' `worlds` among them.
+    The world settings are those of the first arm, so trees are comparable even if the arms have
+    different ones.
+
+    Args:
+        study: the comparison.
+        make: creates an evaluator.
+        worlds: world seeds for the best robots.
+        reference_trees: canonical texts by name.
+        reference_worlds: world seeds for the reference trees; they include `worlds`.
 
     Raises:
         EvaluationError: an episode cannot be run.
@@ -141,7 +147,7 @@ def generalise(
 def _perturbed(
     study: Comparison, make: Callable[[Problem], Evaluator], jobs: Sequence[Job]
 ) -> dict[Job, Outcome]:
-    """The outcomes in the first arm's perturbed worlds; {} where it has none."""
+    """The outcomes in the first arm's perturbed worlds; {} without a perturbation."""
     run = study.arms[0].runs[0]
     if run.config.get("perturb") is None:
         return {}
@@ -149,7 +155,7 @@ def _perturbed(
 
 
 def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
-    """The outcome of each job, of which many can be the same."""
+    """The outcome of each job; equal jobs are run once."""
     with closing(evaluator):
         wanted = list(dict.fromkeys(jobs))
         return dict(zip(wanted, evaluator.evaluate(wanted), strict=True))
@@ -178,11 +184,11 @@ def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A tree that is not evolved, in the worlds of the runs."""
+    """A library tree evaluated in the worlds of the runs."""
 
     name: str  # of the library's tree
-    injectable: bool  # supervisors can inject it; else it is only a reference tree
-    fitness: Mapping[int, tuple[float, ...]]  # points in each generation, by the runs' seed
+    injectable: bool  # True: supervisors can inject it; False: a reference tree only
+    fitness: Mapping[int, tuple[float, ...]]  # points in each generation, by seed
 
 
 def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[Control, ...]:

@@ -1,4 +1,4 @@
-"""The trees of a run's library by name, as its configuration and its domain give them."""
+"""The trees of a run's library, by its configuration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from islandgp.supervision.library import LibrarySettings, library_folder
 
 
 def domain_of(config: Mapping[str, Any]) -> Domain | None:
-    """A run's domain; None where its class cannot be imported here."""
+    """A run's domain; None if its class cannot be imported."""
     keys = ("domain", "world", "rewards", "curriculum")
     return _domain(json.dumps({key: config[key] for key in keys}))
 
@@ -32,7 +32,7 @@ def _domain(config: str) -> Domain | None:
 def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
     """The names of the trees in a run's library folder, by their canonical text.
 
-    It is empty where the run had no folder, or where the folder is not there any more.
+    {} if the run had no folder, or if the folder no longer exists.
     """
     settings, domain = LibrarySettings.model_validate(config["library"]), domain_of(config)
     if settings.folder is None or domain is None:
@@ -49,13 +49,13 @@ def _names(folder: Path) -> Mapping[str, str]:
     for file in sorted(folder.glob("*.bt")):
         try:
             names[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
-        except TreeError:  # a file that is being edited is no tree of the run's
+        except TreeError:  # the file was changed since the run
             continue
     return names
 
 
 def trees_for_targets(config: Mapping[str, Any]) -> dict[str, str]:
-    """The canonical texts of the library's trees for targets, by name, as above."""
+    """The canonical texts of the library's trees for targets, by name; {} as above."""
     targets = LibrarySettings.model_validate(config["library"]).trees
     return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))
 

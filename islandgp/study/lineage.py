@@ -39,8 +39,8 @@ class Newcomer:
     origin: Origin  # INJECTED, EDITED or RANDOM
     generation: int  # of its first evaluation
     fitness: float  # points, in that generation
-    lived: int  # generations until its last descendant; 0: it had none
-    watched: int  # generations of the run after it
+    lived: int  # generations until its last descendant; 0: no descendants
+    watched: int  # generations of the run after its first evaluation
     descendants: int  # number of individuals
 
 
@@ -97,7 +97,7 @@ def injected_shares(run: Run) -> list[float]:
 def alive(newcomers: Sequence[Newcomer], generations: int) -> list[float]:
     """Share of newcomers with a descendant k = 0, 1, ... generations later (Kaplan-Meier).
 
-    A newcomer whose line lives in the last generation is censored there.
+    A newcomer with a living descendant in the last generation is censored.
     """
     shares, share = [], 1.0
     for k in range(generations):
@@ -190,7 +190,7 @@ def _original(i: IndividualRecord, known: dict[str, IndividualRecord]) -> Indivi
 
 
 def giver(run: Run, injected: IndividualRecord) -> str:
-    """The library tree that an injected individual is, by its file's name, else who gave it."""
+    """The file name of an injected library tree, or else the supervisor that wrote the tree."""
     guidance = run.records[int(injected.id.partition(".")[0]) - 1].guidance
     if guidance is None or guidance.tree is None:
         return "unknown"

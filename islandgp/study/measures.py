@@ -1,6 +1,6 @@
 """Measures of a run: the rows of Tables 9 to 11, diversity (Table 12), overhead (Table 14).
 
-The overhead is what supervision took, from the run's costs and records (section 3.9).
+The overhead is the cost of supervision, from the run's costs and records (section 3.9).
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from islandgp.text import title
 class Span:
     """A part of training in Tables 10 and 12: epochs 1-2, 3-5 and 6-8.
 
-    The paper prints generations 1-10, 11-25 and 26-41. Its own Tables 9 and 10
-    fit together only when they are generations 0-10, 11-25 and 26-40 counted
-    from the initial population (docs/study.md); so they are taken here.
+    The paper states generations 1-10, 11-25 and 26-41. Its Tables 9 and 10 are consistent only with
+    generations 0-10, 11-25 and 26-40, counted from the initial population (docs/study.md), which
+    are used here.
     """
 
     key: str
@@ -34,7 +34,7 @@ class Span:
     last: int  # of 40: its last generation
 
     def generations(self, of: int) -> range:
-        """Its generations in a run of `of` generations, the shares being those of 41."""
+        """Its generations in a run of `of` generations, with the same shares as in 41."""
         scale = (of - 1) / 40
         return range(_round(self.after * scale) + 1, _round(self.last * scale) + 1)
 
@@ -57,17 +57,17 @@ SPANS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number a run."""
+    """A number per run."""
 
     key: str
     label: str
     unit: str
-    of: Callable[[Run], float | None]  # None: it never happened (censored)
-    emergence: bool = False  # a generation, which may be censored
+    of: Callable[[Run], float | None]  # None: censored
+    emergence: bool = False  # True: a time to emergence, which may be censored
 
 
 def span_mean(run: Run, span: Span, value: Callable[[GenerationStats], float]) -> float:
-    """The mean of a number over a span's generations, nan when the run has none of them."""
+    """The mean of a value over a span's generations; nan if the run has none of them."""
     snapshots = run.snapshots
     inside = [value(snapshots[g]) for g in span.generations(len(snapshots))]
     return fmean(inside) if inside else float("nan")
@@ -82,7 +82,7 @@ diversity: Final[Callable[[GenerationStats], float]] = attrgetter("diversity")  
 def _by_span(
     key: str, label: str, unit: str, value: Callable[[GenerationStats], float]
 ) -> tuple[Measure, ...]:
-    """The mean of a number over each part of training."""
+    """Measures for the mean of a value over each part of training."""
 
     def measure(span: Span) -> Measure:
         name = f"{span.label} {label}"
@@ -92,7 +92,7 @@ def _by_span(
 
 
 def _mean(key: str, label: str, unit: str, value: Callable[[GenerationStats], float]) -> Measure:
-    """The mean of a number over all generations."""
+    """A measure for the mean of a value over all generations."""
     return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
 
 
@@ -118,7 +118,7 @@ def emergence(tier: str, agent: str = "Robot") -> Measure:
 
 
 def descendant(tier: str, agent: str = "Robot") -> Measure:
-    """The generation of a tier's first robot that is not itself an advised tree."""
+    """The generation of a tier's first robot that is not an advised tree."""
     return Measure(
         f"first_{tier}_descendant",
         f"First {title(tier)} {agent}, advised trees not counted",
@@ -140,11 +140,11 @@ OVERLAPPING: Final = _mean(
     attrgetter("overlapping"),
 )
 FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
-"""Measures that the paper compares without a test; they are a family of tests here."""
+"""Measures that the paper compares without a test; here they form a family of tests."""
 
 
 def main_family(milestones: Sequence[str], agent: str = "Robot") -> tuple[Measure, ...]:
-    """The rows of Tables 9 to 11: one family for Benjamini and Hochberg, in the paper of nine."""
+    """The measures of Tables 9 to 11: one family of tests, of nine in the paper."""
     return (*TABLE_9, *TABLE_10, *(emergence(tier, agent) for tier in milestones))
 
 
@@ -156,7 +156,7 @@ def all_measures(study: Comparison) -> tuple[Measure, ...]:
 
 
 def examined(study: Comparison, requested: Collection[str]) -> tuple[Measure, ...]:
-    """The measures that are tested: all but those of `descendant`, which have to be asked for."""
+    """The tested measures: all, but those of `descendant` only on request."""
     optional = {descendant(tier).key for tier in study.milestones} - set(requested)
     return tuple(m for m in all_measures(study) if m.key not in optional)
 
@@ -167,7 +167,7 @@ def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
 
 
 def _of_model(key: str) -> Callable[[Run], float]:
-    """A sum since the start, as `supervision.llm.ledger` keeps it; 0 offline."""
+    """A sum of `supervision.llm.ledger` over the run; 0 without a language model."""
     return lambda run: run.costs[-1].llm.get(key, 0)
 
 
@@ -177,7 +177,7 @@ OVERHEAD: Final[dict[str, Callable[[Run], float | None]]] = {
     "seconds": lambda r: sum(c.supervision for c in r.costs),  # that the run waited for decisions
     "simulation": lambda r: sum(c.evaluation for c in r.costs),  # s
     "operators": lambda r: sum(c.operators for c in r.costs),  # s, everything else in the loop
-    "simulated": lambda r: sum(c.simulated for c in r.costs),  # episodes really simulated
+    "simulated": lambda r: sum(c.simulated for c in r.costs),  # episodes, without the cache
     "requests": _of_model("requests"),  # retries and repairs included
     "latency": _of_model("latency_s"),  # s, all requests together
     "input_tokens": _of_model("input_tokens"),

@@ -1,6 +1,6 @@
 """Published figures, for comparison with those of a report.
 
-They are read from `paper.yaml` beside the domain's module. Figures of another simulator or of few
+They are read from `paper.yaml` next to the domain's module. Figures of another simulator or of few
 runs can be compared in direction, but not in magnitude.
 """
 
@@ -23,7 +23,7 @@ from islandgp.study.library import domain_of
 FILE: Final = "paper.yaml"
 
 MARK: Final = "paper*"
-"""Prefix of the head of a column with published figures."""
+"""Prefix of the heading of a column with published figures."""
 
 
 class Tested(BaseModel, frozen=True, extra="forbid"):
@@ -41,7 +41,7 @@ class Emergence(BaseModel, frozen=True, extra="forbid"):
 
     proposed: tuple[int, ...]
     baseline: tuple[int, ...]
-    earlier: float  # by which share
+    earlier: float  # relative reduction
     p_bh: float | None = None
 
 
@@ -75,7 +75,7 @@ class Claim(BaseModel, frozen=True, extra="forbid"):
 class PublishedFigures(BaseModel, frozen=True, extra="forbid"):
     """All figures of one publication."""
 
-    classes: str  # file of the classes to which they refer, beside this one or in conf
+    classes: str  # file of the classes to which they refer, next to this one or in conf
     note: str  # the source
     fitness: dict[str, Tested] = Field(default_factory=dict)  # by measure, as the next three
     emergence: dict[str, Emergence] = Field(default_factory=dict)  # by milestone

@@ -22,15 +22,15 @@ REST: Final = "other pairs"
 
 @dataclass(frozen=True, slots=True)
 class AnalysisPlan:
-    """The plan as given on the command line."""
+    """The analysis plan, by the options of the command."""
 
-    families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by question
+    families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by family
     primary: str | None = None  # key of the measure that is the primary endpoint
     margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
 
 
 NOTHING: Final = AnalysisPlan()
-"""No question beyond the default families."""
+"""The default plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +108,13 @@ def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
 def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     """The families of a comparison; every pair of arms is in one of them.
 
-    The first pair answers the paper's claims, by Tables 9 to 12. The plan's families follow; where
-    it has none, the arms that inject trees are one. Other pairs come last. A pair belongs to the
-    first family that has both of its arms. Beyond the claims a family's measures are those
-    with a margin, where the plan has any.
+    The first family is the first pair, for the paper's claims (Tables 9 to 12). The plan's families
+    follow; without any, the arms that inject trees are a family. The last family has all other
+    pairs. A pair belongs to the first family with both arms. Except for the claims, the measures of
+    a family are those with a margin, if the plan has margins.
 
     Raises:
-        StudyError: a family of the plan has no pair that is not in one before it.
+        StudyError: all pairs of a family are in earlier families.
     """
     paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
     measures = frozenset(plan.margins) or paper

@@ -1,11 +1,11 @@
-"""Scores of several arms in several worlds, as rows of a table; needs no runs, only scores.
+"""Summarises scores of several arms in several worlds; works with any scores.
 
     rows = summarise({"island": {"expert": [...], "random": [...]}, "cartpole": {...}})
     table = score_table(rows)  # study.tables.scores
     picture = profile_picture(scores)  # study.figures.profiles
 
-Each arm's aggregates are those of `study.aggregates`. Every arm is compared with one of them,
-the reference, and the p-values of all tests are adjusted together.
+The aggregates are those of `study.aggregates`. Every arm is compared with a reference arm; the
+p-values of all tests are adjusted together.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from islandgp.study.aggregates import (
 from islandgp.study.strata import Strata
 
 Scores = Mapping[str, Mapping[str, Sequence[float]]]
-"""Scores by world and arm, one a seed; higher is better."""
+"""Scores by world and arm, one per seed; higher is better."""
 
 ALL_WORLDS: Final = "all worlds"
 UNKNOWN: Final = Interval(nan, nan, nan)
@@ -45,31 +45,30 @@ class ScoreRow:
     world: str
     arm: str
     runs: int
-    mean: Interval  # these three are unknown (nan) over worlds that are not pooled
+    mean: Interval  # mean, median and IQM are nan over worlds that are not pooled
     median: Interval
     iqm: Interval
-    reference: str  # the arm that it is compared with, which may be itself
-    improvement: Interval | None = None  # chance to score higher; None: there is no comparison
-    test: ImprovementTest | None = None  # whether that chance is one half
-    p_bh: float | None = None  # its p, adjusted for all tests of the table
+    reference: str  # the arm with which it is compared; may be itself
+    improvement: Interval | None = None  # probability to score higher; None: no comparison
+    test: ImprovementTest | None = None  # of the probability against one half
+    p_bh: float | None = None  # its p, adjusted over all tests of the table
 
 
 def summarise(
     scores: Scores, *, reference: str | None = None, paired: bool = False, pool: bool = False
 ) -> tuple[ScoreRow, ...]:
-    """Mean, median, IQM and probability of improvement of each arm, in each world and over all.
+    """Mean, median, IQM and probability of improvement of each arm, by world and over all worlds.
 
-    Rows come world by world, in the order of the mapping; then those over all worlds, if there
-    are several, of the arms that have scores in each. p-values are adjusted over all rows by
-    Benjamini and Hochberg.
+    Rows are in the order of the worlds; if there are several, rows over all worlds follow, for arms
+    with scores in each. p-values are adjusted over all rows by Benjamini-Hochberg.
 
     Args:
-        scores: by world and arm, one a seed. An arm may lack a world.
-        reference: the arm that the others are compared with; default: the first arm named.
+        scores: by world and arm, one per seed. An arm may lack a world.
+        reference: the arm with which the others are compared; default: the first arm.
         paired: the k-th scores of all arms in a world are of one seed.
         pool: aggregate mean, median and IQM over all worlds too. Scores must then have one
             scale in all of them, for which `normalised` serves. The probability of improvement
-            needs none.
+            needs no common scale.
 
     Raises:
         StudyError: there are no scores, some are not finite, the reference is unknown, or arms
@@ -103,14 +102,14 @@ def world_rows(
     """A row for each arm, before p-values are adjusted.
 
     Args:
-        world: what the rows are called.
+        world: name of the rows.
         arms: scores of each arm, world by world.
-        reference: the arm that the others are compared with, where it is among them.
-        paired: arms whose scores are of the reference's seeds, one by one.
-        pool: whether to give mean, median and IQM.
+        reference: the arm with which the others are compared, if it is one of them.
+        paired: arms whose scores have the seeds of the reference's scores, in the same order.
+        pool: True: with mean, median and IQM.
 
     Raises:
-        StudyError: scores are missing or not finite, or a pair has one score only.
+        StudyError: scores are missing or not finite, or a score has no pair.
     """
     for arm, strata in arms.items():
         with _naming(arm, world):
@@ -131,7 +130,7 @@ def world_rows(
 
 @contextmanager
 def _naming(arm: str, world: str) -> Iterator[None]:
-    """Errors say of which arm and world they are."""
+    """Context in which errors name the arm and the world."""
     try:
         yield
     except StudyError as error:
@@ -139,7 +138,7 @@ def _naming(arm: str, world: str) -> Iterator[None]:
 
 
 def adjusted(rows: Sequence[ScoreRow]) -> tuple[ScoreRow, ...]:
-    """The rows with p adjusted for all of their tests by Benjamini and Hochberg."""
+    """The rows with p-values adjusted over all tests by Benjamini-Hochberg."""
     known = iter(benjamini_hochberg([row.test.p for row in rows if row.test is not None]))
     return tuple(row if row.test is None else replace(row, p_bh=next(known)) for row in rows)
 
@@ -147,11 +146,11 @@ def adjusted(rows: Sequence[ScoreRow]) -> tuple[ScoreRow, ...]:
 def normalised(
     scores: Scores, bounds: Mapping[str, tuple[float, float]]
 ) -> dict[str, dict[str, list[float]]]:
-    """The scores on one scale: in each world 0 at the first bound and 1 at the second.
+    """The scores on a common scale: in each world, 0 is the first bound and 1 the second.
 
     Args:
         scores: by world and arm.
-        bounds: by world, for instance the mean scores of a random tree and of one by hand.
+        bounds: by world, e.g. the mean scores of random and of hand-written trees.
 
     Raises:
         StudyError: a world has no bounds, or they are not two finite and different numbers.
@@ -172,7 +171,7 @@ def normalised(
 
 
 def arm_names(scores: Scores) -> list[str]:
-    """The arms in the order in which they are first named. Raises StudyError: there are none."""
+    """The arms in order of their first occurrence. Raises StudyError if there are none."""
     if not all(isinstance(each, Mapping) for each in scores.values()):
         raise StudyError(
             "Expected scores by world and arm, found a world without arms; give"

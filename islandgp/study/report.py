@@ -1,4 +1,4 @@
-"""The report of a comparison: its tables and figures, in the order of the paper."""
+"""The report of a comparison: tables and figures, in the order of the paper."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Findings = Sequence[Finding]
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading with the items below it."""
+    """A section: a heading with its items."""
 
     title: str
     items: tuple[Item, ...]
@@ -42,17 +42,17 @@ class ComparisonReport:
     comparability_warnings: tuple[str, ...]
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...]  # family by family
-    unseen: tuple[Generalisation, ...] = ()  # champions and reference trees in unseen worlds
-    scores: tuple[ScoreRow, ...] = ()  # of the best robots; (): they have none
+    unseen: tuple[Generalisation, ...] = ()  # best robots and reference trees in unseen worlds
+    scores: tuple[ScoreRow, ...] = ()  # of the best robots
 
     @property
     def tables(self) -> list[Table]:
-        """In the order of the page."""
+        """All, in the order of the page."""
         return [i for s in self.sections for i in s.items if isinstance(i, Table)]
 
     @property
     def pictures(self) -> list[Picture]:
-        """In the order of the page."""
+        """All, in the order of the page."""
         return [i for s in self.sections for i in s.items if isinstance(i, Picture)]
 
 
@@ -63,7 +63,7 @@ def build(
     controls: Sequence[Control] = (),
     plan: AnalysisPlan = NOTHING,
 ) -> ComparisonReport:
-    """The report; `unseen` and `controls` are empty where they were left out."""
+    """Build the report; `unseen` and `controls` are empty if they were left out."""
     requested = {*plan.margins, *filter(None, [plan.primary])}
     findings = examine_all(study, families(study, plan), examined(study, requested))
     robots = f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
@@ -221,8 +221,8 @@ def _beyond(
 def result(study: Comparison, plan: AnalysisPlan, findings: Sequence[Finding]) -> Iterator[str]:
     """A sentence for each pair of arms and measure.
 
-    The measure is the plan's primary endpoint; without one these are the mean over generations of
-    the highest fitness, and the first robot of the easiest milestone.
+    The measure is the plan's primary endpoint. Without one, there are two: the mean over
+    generations of the highest fitness, and the first robot of the easiest milestone.
     """
     without_plan = [MEAN_MAX.key, *(first_emergence(tier).key for tier in study.milestones[:1])]
     for key in without_plan if plan.primary is None else [plan.primary]:

@@ -35,7 +35,7 @@ class RunEntry:
 
 
 def find(folder: Path) -> list[RunEntry]:
-    """Every run's folder in or below a folder, by path.
+    """All run folders in a folder, sorted by path.
 
     Raises:
         StudyError: there is no such folder.
@@ -109,7 +109,7 @@ MLFLOW: Final = "mlflow:"
 
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
 _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
-"""A part of a selection; spaces inside of brackets and quotes belong to it."""
+"""A part of a selection; it may contain spaces in brackets and quotes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class Selection:
 
     @property
     def keys(self) -> frozenset[str]:
-        """The keys that it asks for."""
+        """The selected keys."""
         return frozenset(key for key, _ in self.wanted)
 
 
@@ -139,7 +139,7 @@ def parse_arm(text: str) -> tuple[str, str]:
 def parse_selection(text: str) -> Selection:
     """`supervisor=expert gp.population=30`, separated by spaces; a bare word is a sweep's name.
 
-    A value is read as YAML; `range(30)` and `range(100, 130)` take each number in them.
+    A value is YAML, or `range(30)` or `range(100, 130)` for each number in the range.
     """
     if text.startswith(MLFLOW):
         return Selection(text, ())
@@ -176,7 +176,7 @@ def matches(run: RunEntry, selection: Selection) -> bool:
 def _equal(have: Any, wanted: Any) -> bool:
     """True if a recorded value equals the value in a selection; numbers in any notation.
 
-    YAML takes `1e-1` for a text; beside a recorded number it is a number.
+    YAML reads `1e-1` as text; compared with a recorded number, it is a number.
     """
     if isinstance(have, list) and isinstance(wanted, list):
         return len(have) == len(wanted) and all(map(_equal, have, wanted))
@@ -189,7 +189,7 @@ def _equal(have: Any, wanted: Any) -> bool:
 
 
 def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
-    """The arm of the finished runs that fit, and notes on those that are left out.
+    """The arm of the finished runs that match, and notes on those that are left out.
 
     Raises:
         StudyError: no run matches; the message lists the existing runs.
@@ -257,7 +257,7 @@ def overview(runs: Sequence[RunEntry]) -> list[str]:
 
 
 def in_short(numbers: Sequence[int]) -> str:
-    """Rising numbers in short: 0-4, 7."""
+    """Rising numbers as ranges: 0-4, 7."""
     spans: list[list[int]] = []
     for n in numbers:
         if spans and n == spans[-1][1] + 1:

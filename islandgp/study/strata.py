@@ -11,16 +11,16 @@ from islandgp.errors import StudyError, brief
 from islandgp.statistics import DECIMALS
 
 Strata = Sequence[Sequence[float]]
-"""An arm's scores, one sequence a world."""
+"""An arm's scores, one sequence per world."""
 
-MOST_SCORES: Final = 10_000  # of an arm in a world
-LARGEST: Final = 1e100  # of a score in size, so that sums are finite
+MOST_SCORES: Final = 10_000  # most scores of an arm in a world
+LARGEST: Final = 1e100  # largest absolute value of a score, so that sums are finite
 
 
 def in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tuple[Any, Any]]:
-    """Both arms' scores in each world, sorted: by pairs where `paired`, else each by itself.
+    """Both arms' scores in each world, sorted: as pairs if `paired`, else independently.
 
-    They are rounded to DECIMALS, as `rank_test` rounds them.
+    They are rounded to DECIMALS, as in `rank_test`.
     """
     first_arrays, second_arrays = arrays_of(first), arrays_of(second)
     if len(first_arrays) != len(second_arrays):
@@ -42,7 +42,7 @@ def in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tu
 
 
 def arrays_of(strata: Strata) -> list[Any]:
-    """The scores as arrays. Raises StudyError where they are none."""
+    """The scores as arrays. Raises StudyError for invalid scores."""
     try:
         arrays = [np.asarray(each, float) for each in strata]
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""A table as a value, as CSV, and how numbers are written in it."""
+"""Tables of a report: their data, CSV, and the formats of numbers."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from islandgp.study.aggregates import EXACT_PAIRS, ImprovementTest
 Tested = RankTest | PairedTest | ImprovementTest
 
 Row = Iterable[tuple[str, str]]
-"""Columns, each with its cell."""
+"""A row: the cell of each column."""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Cells are formatted text; exact numbers are in runs.csv and tests.csv."""
+    """A table with formatted cells; exact numbers are in runs.csv and tests.csv."""
 
-    key: str  # file name without its ending
+    key: str  # file name without extension
     title: str
-    columns: tuple[str, ...]  # those that begin with paper.MARK hold the paper's figures
+    columns: tuple[str, ...]  # a heading with the prefix paper.MARK is of published figures
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, key: str, title: str, rows: Iterable[Row | Mapping[str, str]], *notes: str) -> Self:
-        """A table of one row or more, all of the same columns."""
+        """A table of one or more rows with the same columns."""
         pairs = [list(row.items() if isinstance(row, Mapping) else row) for row in rows]
         columns = tuple(column for column, _ in pairs[0])
         return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in pairs), notes)
 
 
 def to_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Comma-separated, a header line first."""
+    """The rows as CSV with a header line."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
@@ -49,11 +49,11 @@ MINUS: Final = "\N{MINUS SIGN}"
 NONE: Final = "\N{EN DASH}"
 NEVER: Final = "\N{INFINITY}"
 DIGITS: Final = {"points": 0, "generation": 1, "Eq. (3)": 3, "rate": 3}
-"""Decimals by a measure's unit."""
+"""Number of decimals by unit."""
 
 
 def number(x: float | None, digits: int = 0) -> str:
-    """12,345 or 12,345.6; a dash for nothing, a sign for never."""
+    """A number as 12,345 or 12,345.6; a dash for None, a sign for infinity."""
     if x is None or isnan(x):
         return NONE
     if isinf(x):
@@ -65,7 +65,7 @@ def number(x: float | None, digits: int = 0) -> str:
 
 
 def spread(mean: float, sd: float, digits: int = 0) -> str:
-    """Mean ± standard deviation, which is a dash for a single value."""
+    """Mean ± standard deviation; a dash for the deviation of a single value."""
     return f"{number(mean, digits)} ± {number(sd, digits)}"
 
 
@@ -103,7 +103,7 @@ def signed_interval(i: Interval, digits: int = 0) -> str:
 
 
 def probability(p: float | None) -> str:
-    """A p-value with three decimals, more where it is small."""
+    """A p-value with three decimals, or more for a small one."""
     if p is None:
         return NONE
     if p < 1e-4:
@@ -126,7 +126,7 @@ _SHORT: Final = {
 
 
 def kind(test: Tested) -> str:
-    """The kind of a p-value, in a word or two."""
+    """The kind of a p-value, abbreviated."""
     return _SHORT.get(test.kind, "asymptotic")
 
 
@@ -136,5 +136,5 @@ def tested(test: Tested) -> str:
 
 
 def effect(r: float) -> str:
-    """The effect size with its sign, as the paper prints it."""
+    """The effect size with its sign, as in the paper."""
     return f"{r:+.2f}".replace("-", MINUS)

@@ -10,12 +10,12 @@ import yaml
 
 
 def note(key: str, **values: object) -> str:
-    """A note below a table, or a paragraph, with `values` for the names in braces."""
+    """A note below a table, or a paragraph, filled in with `values`."""
     return str(_texts()["notes"][key]).format(**values)
 
 
 def title_and_caption(figure: str, **values: object) -> tuple[str, str]:
-    """The caption of a figure; `values` as in `note`."""
+    """The title and the caption of a figure, filled in with `values`."""
     texts = _texts()["figures"][figure]
     return texts["title"].format(**values), texts["caption"].format(**values)
 

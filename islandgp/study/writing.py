@@ -1,4 +1,4 @@
-"""A report's files: page, Markdown, tables, figures, and the exact numbers behind them."""
+"""Writes a report's files: page, Markdown, tables, figures, and CSV with exact numbers."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 def to_page(report: ComparisonReport) -> str:
-    """The page; its figures are inside as SVG."""
+    """The report as an HTML page with embedded SVG figures."""
     return _template("page.html").render(report=report)
 
 
 def to_markdown(report: ComparisonReport) -> str:
-    """The whole report as Markdown; figures are links to their files."""
+    """The report as Markdown with links to the figures' files."""
     return _template("report.md").render(report=report)
 
 
@@ -54,12 +54,12 @@ def _template(name: str) -> Template:
 
 
 def _unbroken(text: str) -> str:
-    """A cell whose numbers are kept in one piece where a line wraps."""
+    """A cell in which numbers are not broken at line ends."""
     return re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
 
 
 def write(report: ComparisonReport, study: Comparison, folder: Path) -> list[Path]:
-    """Writes the report's files; other files of the folder stay. Returns the paths written."""
+    """Writes the report's files, and keeps other files in the folder. Returns the written paths."""
     files: dict[str, bytes] = {
         "index.html": to_page(report).encode(),
         "report.md": to_markdown(report).encode(),
@@ -81,7 +81,7 @@ def write(report: ComparisonReport, study: Comparison, folder: Path) -> list[Pat
 
 
 def runs_csv(study: Comparison) -> str:
-    """Every run's measures; an empty cell is a tier that never emerged, or no validation."""
+    """The measures of every run; a cell is empty without emergence or validation."""
     measures = all_measures(study)
     rows = []
     for arm in study.arms:
@@ -95,7 +95,7 @@ def runs_csv(study: Comparison) -> str:
 
 
 def champions_csv(champions: Sequence[Generalisation]) -> str:
-    """Champions in unseen worlds, and paired differences to each reference tree, in points."""
+    """Best robots in unseen worlds, with paired differences to each reference tree, in points."""
     reference_trees = [g for g in champions if g.seed is None]
     columns = [
         "arm",
@@ -121,9 +121,9 @@ def champions_csv(champions: Sequence[Generalisation]) -> str:
 
 
 def tests_csv(findings: Sequence[Finding]) -> str:
-    """Every comparison; the mean of a sample with censored runs is left empty.
+    """All comparisons. The mean of a sample with censored runs is empty.
 
-    Its median is left empty when half of the runs or more are censored.
+    Its median is empty if half of the runs or more are censored.
     """
     rows = [_row(f) for f in findings]
     return to_csv([*rows[0]], [[*row.values()] for row in rows])
@@ -179,7 +179,7 @@ def _two(name: str, values: Iterable[object]) -> dict[str, object]:
 
 
 def _known(x: float) -> float | None:
-    """None, which is an empty cell, for NaN."""
+    """None (an empty cell) for NaN."""
     return None if isnan(x) else x
 
 

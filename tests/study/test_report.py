@@ -276,7 +276,7 @@ def test_a_run_that_is_cut_has_no_validated_mean() -> None:
     report = build(compare_arms(arms, force=True), (), 0)
     (section,) = (s for s in report.sections if s.title == "Scores of the best robots")
     (reason,) = section.items
-    assert "were cut where the shortest run ends" in str(reason)
+    assert "were cut to the length of the shortest run" in str(reason)
     assert report.scores == ()
 
 

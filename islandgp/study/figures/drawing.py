@@ -1,8 +1,8 @@
 """Common parts of figures: colours and lines of arms and categories, curves, bars, legends.
 
-Arms have strong colours and differ in line and marker as well; categories (classes,
-components, patterns) have pale colours and hatching, and never an arm's colour. So a
-figure reads in grey, and for colour-blind readers.
+Arms have strong colours, and also differ in line style and marker. Categories (classes, components,
+patterns) have pale colours with hatching. So figures are readable in grey and by colour-blind
+readers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Arms: Okabe and Ito's palette, from dark to light enough to differ in grey.
+# Arms: Okabe and Ito's palette, ordered by lightness.
 PALETTE: Final = (
     *("#0072B2", "#D55E00", "#009E73", "#CC79A7"),
     *("#E69F00", "#56B4E9", "#555555", "#BBBBBB"),
@@ -35,22 +35,22 @@ PALE: Final = (
     *("#99DDFF", "#FFAABB", "#BBCC33", "#EEDD88"),
     *("#77AADD", "#EE8866", "#44BB99", "#AAAA00"),
 )
-NEUTRAL: Final = "#dddddd"  # of a category that is the rest
-LineStyle = str | tuple[int, tuple[float, ...]]  # as matplotlib takes it
+NEUTRAL: Final = "#dddddd"  # of a residual category
+LineStyle = str | tuple[int, tuple[float, ...]]  # as in matplotlib
 LINES: Final[tuple[LineStyle, ...]] = (
     *("-", "--", "-.", ":"),
     *((0, (9, 2)), (0, (6, 1, 1, 1, 1, 1)), (0, (1.5, 0.8)), (0, (9, 1, 3, 1))),
 )
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "*")
-# Lines only: dots are curves, and make an SVG ten times as large.
+# Markers without circles, which make an SVG ten times as large.
 HATCHES: Final = ("", "////", "\\\\\\\\", "xxxx", "----", "||||", "++++", "//")
 INK: Final = "#222222"
 FAINT: Final = "#8a8a8a"
-WIDTH: Final = 7.2  # inches: the text width of a page
+WIDTH: Final = 7.2  # text width of a page, inches
 DPI: Final = 150
-LETTERS: Final = 110  # of a line of a legend
-ACROSS: Final = 4  # most panels of arms side by side
-ROW: Final = 2.2  # inches, of each further row of them
+LETTERS: Final = 110  # characters of a line in a legend
+ACROSS: Final = 4  # most panels in a row
+ROW: Final = 2.2  # height of a further row of panels, inches
 THOUSANDS: Final = "{x:,.0f}"  # formats of ticks: 30,000
 PERCENT: Final = "{x:.0%}"
 
@@ -59,7 +59,7 @@ PERCENT: Final = "{x:.0%}"
 class Picture:
     """A finished figure."""
 
-    key: str  # file name without its ending
+    key: str  # file name without extension
     title: str
     caption: str
     svg: str
@@ -86,14 +86,14 @@ class Style:
 
 
 def arm_styles(study: Comparison) -> Iterator[tuple[Arm, Style]]:
-    """The arms in order, each with its look."""
+    """The arms in order, each with its style."""
     for i, arm in enumerate(study.arms):
         yield arm, nth_style(i)
 
 
 def nth_style(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
-    """The look of the i-th arm, or with PALE of the i-th category; 64 of them differ."""
-    again = i // len(palette)  # how often its colour was taken before
+    """The style of the i-th arm, or with PALE of the i-th category; 64 styles are distinct."""
+    again = i // len(palette)  # number of earlier styles with the same colour
     return Style(
         palette[i % len(palette)],
         LINES[(i + again) % len(LINES)],
@@ -110,9 +110,9 @@ def picture(
     width: float = WIDTH,
     **values: object,
 ) -> Picture:
-    """Draws on a figure of `width` x `height` inches and saves it both ways.
+    """Draws a figure of `width` x `height` inches, and renders it as SVG and PNG.
 
-    Its title and caption are those of `key` in texts.yaml, with `values` in them.
+    Title and caption are those of `key` in texts.yaml, filled in with `values`.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -136,10 +136,10 @@ def curve_picture(
     height: float = 3.6,
     **values: Any,
 ) -> Picture:
-    """A number by generation: each arm's mean with a band of ±1 SD over its runs.
+    """A curve per arm over generations: the mean over runs with a band of ±1 SD.
 
-    `of` is the number, `label` that of the y axis, and `dress` sets what else there is to set;
-    the others as in `picture`.
+    `of` returns the value of a generation, `label` is that of the y axis, and `dress` sets further
+    properties of the axes; the other arguments are those of `picture`.
     """
 
     def draw(figure: Figure) -> None:
@@ -158,7 +158,7 @@ def curve_picture(
 def band(
     axes: Axes, arm: Arm, style: Style, x: Sequence[float], rows: Sequence[Sequence[float]]
 ) -> None:
-    """An arm's mean with a band of ±1 SD over its runs; `rows` are runs, each with a value an x."""
+    """An arm's mean with a band of ±1 SD over its runs; `rows` has a row per run."""
     a = np.asarray(rows, float)  # runs x places
     mean = a.mean(axis=0)
     if len(a) > 1:
@@ -170,12 +170,12 @@ def band(
 
 
 def marks(style: Style) -> dict[str, Any]:
-    """The marker of a line: every fifth point has one."""
+    """The marker of a line, at every fifth point."""
     return {"marker": style.marker, "markevery": 5, "markersize": 4}
 
 
 def dots(style: Style) -> dict[str, Any]:
-    """The look of an arm's points."""
+    """The style of an arm's points."""
     return {"color": style.colour, "marker": style.marker, "edgecolor": "white", "linewidth": 0.4}
 
 
@@ -197,10 +197,10 @@ def panel_picture(
     columns: int,
     **values: Any,
 ) -> Picture:
-    """A panel an arm over generations; `fill` draws into one of them.
+    """A panel per arm over generations; `fill` draws one of them.
 
-    They share the y axis, with its label, and a legend of so many columns. `height` is that of
-    a single row; the others as in `picture`.
+    Panels share the y axis and a legend with `columns` columns. `height` is that of a row; the
+    other arguments are those of `picture`.
     """
 
     def draw(figure: Figure) -> None:
@@ -209,7 +209,7 @@ def panel_picture(
             fill(axes, arm)
             epoch_lines(axes, study)
             axes.set_title(plain(arm.name))
-        for axes in panels[-ACROSS:]:  # none is below them
+        for axes in panels[-ACROSS:]:  # the lowest panel of each column
             axes.set_xlabel("Generation")
         for axes in panels[::ACROSS]:
             axes.set_ylabel(label)
@@ -220,7 +220,7 @@ def panel_picture(
 
 
 def stack(axes: Axes, rows: Any, labels: Sequence[str] = (), *, neutral: int | None = None) -> None:
-    """Areas upon each other by generation, a row of `rows` each; `neutral` is that of the rest."""
+    """Stacked areas over generations, one per row of `rows`; `neutral` is the residual one."""
     styles = [nth_style(k, PALE) for k in range(len(rows))]
     axes.stackplot(
         range(len(rows[0])),
@@ -239,12 +239,12 @@ def named(arm: Arm) -> str:
 
 
 def plain(name: str) -> str:
-    """A name as matplotlib shows it: `$` begins no formula, `_` hides no line of a legend."""
+    """A name escaped for matplotlib: `$` would begin a formula, `_` would hide a legend entry."""
     return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
 
 
 def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:
-    """The arms side by side in each of `n` groups: arm, look, group, place on the x axis, width."""
+    """The bars of arms in each of `n` groups: (arm, style, group, x, width)."""
     width = 0.8 / len(study.arms)
     for i, (arm, style) in enumerate(arm_styles(study)):
         for k in range(n):
@@ -252,7 +252,7 @@ def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, 
 
 
 def sideways(at: float, n: int, width: float) -> list[float]:
-    """Places for `n` points around `at`, in their order, so that they do not hide each other."""
+    """x positions of `n` points around `at`, side by side."""
     return [at + ((i + 0.5) / n - 0.5) * width * 0.6 for i in range(n)]
 
 
@@ -281,7 +281,7 @@ def bar(
 
 
 def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
-    """Dashed lines where an epoch ends; with `stages`, the curriculum's stages by name on top."""
+    """Dashed lines at the ends of epochs; with `stages`, also the names of the stages."""
     plan = Curriculum(**study.arms[0].runs[0].config["curriculum"])
     n = study.generations
     starts = [0]
@@ -313,9 +313,9 @@ def epoch_lines(axes: Axes, study: Comparison, *, stages: bool = False) -> None:
 
 
 def legend(figure: Figure, axes: Axes, columns: int | None = None) -> None:
-    """The legend of a figure's axes below them, where it hides no data.
+    """A legend below the axes of a figure.
 
-    `columns` is by default as many as the labels have room for, at most four.
+    `columns` is by default the number that the labels' widths allow, at most four.
     """
     handles, labels = axes.get_legend_handles_labels()
     columns = columns or max(1, min(4, LETTERS // (max(map(len, labels), default=1) + 5)))

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Firsts = Sequence[int | None]  # the generation of each run's first one
+Firsts = Sequence[int | None]  # the first generation of each run with the tier, or None
 
-PANELS = 3  # beside each other
+PANELS = 3  # most panels in a row
 BANDS = 3  # most arms with distinguishable bands
 NUMBERED = 4  # most arms whose bars and boxes have room for numbers
-HEIGHT, ROW = 2.9, 0.17  # inches, of the curves, and of an arm's numbers below them
+HEIGHT, ROW = 2.9, 0.17  # inches, of the curves, and of a row of numbers below them
 
 
 def figure_6(study: Comparison) -> drawing.Picture:
@@ -72,7 +72,7 @@ def _boxes(axes: Axes, study: Comparison) -> None:
 
 
 def box(firsts: Firsts, never: float) -> dict[str, float]:
-    """Median, quartiles and extremes over all runs; one among the runs without is at `never`."""
+    """Median, quartiles and extremes over all runs; those among censored runs are at `never`."""
     shares = {"whislo": 0.0, "q1": 0.25, "med": 0.5, "q3": 0.75, "whishi": 1.0}
     quantiles = {name: quantile(firsts, share) for name, share in shares.items()}
     return {name: never if g is None else g for name, g in quantiles.items()}
@@ -126,7 +126,7 @@ def _numbered(study: Comparison) -> bool:
 
 
 def emergence_curves(study: Comparison) -> drawing.Picture:
-    """Share of runs that have had one, by generation: the log-rank test's view."""
+    """Share of runs in which a tier has emerged, by generation, as in the log-rank test."""
     tiers = study.milestones
     rows, columns = -(-len(tiers) // PANELS), min(PANELS, len(tiers))
     below = ROW * (len(study.arms) + 1)
@@ -179,7 +179,7 @@ def _curve(axes: Axes, study: Comparison, arm: Arm, firsts: Firsts, style: drawi
 
 
 def _at_risk(axes: Axes, last: int, firsts: Firsts, colour: str, row: int) -> None:
-    """The number of runs that had none before some generations, and of those that never had."""
+    """The numbers of runs at risk before some generations, and of censored runs."""
     for generation in sorted({round(last * k / 4) for k in range(5)}):
         n = sum(g is None or g >= generation for g in firsts)
         _beside(axes, generation / last, row, str(n), color=colour, ha="center")

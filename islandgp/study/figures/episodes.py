@@ -1,4 +1,4 @@
-"""Curves against the episodes that runs asked for, in place of their generations."""
+"""Curves by episodes, instead of generations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CURVES: Final[tuple[tuple[str, Callable[[GenerationStats], float], str], ...]] =
     ("Behavioural diversity", diversity, "Eq. (3)"),
     ("Mutation rate", attrgetter("rate"), "Rate"),
 )
-"""Title, number and y axis of each panel of means."""
+"""Title, value and y axis of each panel of means."""
 
 
 def by_episodes(study: Comparison) -> drawing.Picture:
@@ -56,15 +56,14 @@ def by_episodes(study: Comparison) -> drawing.Picture:
 def at_episodes(
     arm: Arm, of: Callable[[GenerationStats], float]
 ) -> tuple[Sequence[float], list[list[float]]]:
-    """A number of the last generation that a run has finished, by episodes.
+    """A value of the last finished generation, by number of episodes.
 
     Args:
-        arm: whose runs may have asked for different numbers of episodes.
-        of: the number of a generation.
+        arm: its runs may have different numbers of episodes per generation.
+        of: returns the value of a generation.
 
     Returns:
-        Numbers of episodes that all runs have reached and none has exceeded, rising; and each
-        run's values there.
+        Rising numbers of episodes, within the range of all runs; and the values of each run there.
     """
     each = [(episodes_until(run), [of(s) for s in run.snapshots]) for run in arm.runs]
     start, end = max(x[0] for x, _ in each), min(x[-1] for x, _ in each)
@@ -80,7 +79,7 @@ def _emergence(axes: Axes, study: Comparison, tier: str) -> None:
     """The share of each arm's runs that have had a robot of a tier."""
     for arm, style in drawing.arm_styles(study):
         until = [episodes_until(run) for run in arm.runs]
-        end = min(x[-1] for x in until)  # every run is watched up to here
+        end = min(x[-1] for x in until)  # all runs have at least so many episodes
         firsts = [first(run, tier) for run in arm.runs]
         at = sorted(x[g] for x, g in zip(until, firsts, strict=True) if g is not None)
         steps = [episodes for episodes in at if episodes <= end]

@@ -1,4 +1,4 @@
-"""Numbers by generation: Figures 4, 5, 7 and 8, components, diversity and classes."""
+"""Figures over generations: Figures 4, 5, 7 and 8, components, diversity and classes."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def figure_7(study: Comparison) -> drawing.Picture:
 
 
 def figure_8(study: Comparison) -> drawing.Picture | None:
-    """Patterns of decisions; None when no arm's supervisor names any."""
+    """Decision patterns; None if no supervisor classifies them."""
     arms = [arm for arm in study.arms if any(g.pattern for run in arm.runs for g in run.guidance)]
     if not arms:
         return None
@@ -105,7 +105,7 @@ def _pattern_totals(axes: Axes, arm: Arm) -> None:
 
 
 def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
-    """Bars upon each other: the share of the arm's runs with a pattern after each generation."""
+    """Stacked bars: the share of the arm's runs with a pattern after each generation."""
     base = np.zeros(study.generations - 1)
     for i, pattern in enumerate(Pattern):
         style = drawing.nth_style(i, drawing.PALE)
@@ -164,7 +164,7 @@ def diversity_by_generation(study: Comparison) -> drawing.Picture:
 
 
 def archive_by_generation(study: Comparison) -> drawing.Picture:
-    """Coverage and QD score of the archives, all of which have one grid."""
+    """Coverage and QD score of the archives, which must have the same grid."""
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
@@ -187,7 +187,7 @@ def archive_by_generation(study: Comparison) -> drawing.Picture:
 
 
 def classes(study: Comparison) -> drawing.Picture:
-    """The shares of the exclusive classes, and of the labels beside them."""
+    """The shares of the exclusive classes and of the labels."""
     exclusive = study.classes.specialists
     labels = [name for name in study.classes.behaviours if name not in exclusive.of]
 

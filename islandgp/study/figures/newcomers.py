@@ -1,4 +1,4 @@
-"""Newcomers' lines, and champions in unseen worlds."""
+"""Figures of newcomers' lineages, and of best robots in unseen worlds."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
 
 
 def generalisation(results: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
-    """Champions in unseen worlds, by arm and against their fitness in training."""
+    """Best robots in unseen worlds, by arm and against their fitness in training."""
     champions = {
         arm.name: [g for g in results if g.arm == arm.name and g.seed is not None]
         for arm in study.arms

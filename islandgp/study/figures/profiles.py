@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PANELS: Final = 2  # side by side; more could not be read in a narrow column
-WIDTH: Final = 5.6  # inches, so that letters can be read where it is shown 400 pixels wide
+PANELS: Final = 2  # most panels in a row, for narrow pages
+WIDTH: Final = 5.6  # inches; text is readable at a width of 400 pixels
 HEIGHT: Final = 2.3  # inches, of a panel
-LETTERS: Final = 60  # of a line of the legend
+LETTERS: Final = 60  # characters of a line in the legend
 BANDS: Final = 4  # most arms with distinguishable bands
 
 Panels = dict[str, dict[str, Strata]]  # by title and arm
@@ -28,14 +28,14 @@ Panels = dict[str, dict[str, Strata]]  # by title and arm
 def profile_picture(
     scores: Scores, *, pool: bool = False, label: str = "Score", key: str = "profiles"
 ) -> drawing.Picture:
-    """A panel for each world, a line for each arm, with its 95 % band of up to four arms.
+    """Performance profiles: a panel per world, a line per arm, with 95 % bands for up to four arms.
 
     Args:
-        scores: by world and arm, one a seed.
+        scores: by world and arm, one per seed.
         pool: a further panel over all worlds, of the arms that have scores in each; scores
             must have one scale in all of them (`study.profiles.normalised`).
         label: of the x axes.
-        key: file name of the picture without its ending.
+        key: file name of the picture without extension.
 
     Raises:
         StudyError: there are no scores, or some are not finite.
@@ -67,7 +67,7 @@ def profile_picture(
 
 
 def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: bool) -> None:
-    """The profiles of some arms, each with the look of its place among all of them."""
+    """The profiles of some arms, each with the style of its index among all arms."""
     at = thresholds(*strata.values())
     margin = 0.04 * (at[-1] - at[0]) or max(0.5, 0.04 * abs(at[0]))
     ends = at[0] - margin, at[-1] + margin
@@ -129,5 +129,5 @@ def _legend(figure: Figure, arms: list[str]) -> None:
 
 
 def _across(arms: list[str]) -> int:
-    """Columns of the legend."""
+    """The number of columns of the legend."""
     return max(1, min(4, LETTERS // (max(map(len, arms)) + 7)))

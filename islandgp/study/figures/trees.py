@@ -1,4 +1,4 @@
-"""Figures 9 and 10: an early injected tree and a late evolved one, drawn."""
+"""Figures 9 and 10: drawings of an early injected tree and a late evolved one."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EARLY: Final = 2  # the generation of the paper's example
 class Specimen:
     """A tree to draw, with the values of its caption."""
 
-    figure: str  # its key
+    figure: str  # key of the figure
     tree: str  # canonical text
     values: Mapping[str, object]  # of its caption
 
@@ -43,9 +43,9 @@ def early_injected(study: Comparison) -> Specimen | None:
 
 
 def late_evolved(study: Comparison) -> Specimen:
-    """The fittest bred tree of the last stage, of the last milestone if there is one in any run.
+    """The fittest bred tree of the last stage, preferably one that reaches the last milestone.
 
-    A tree that is still as a supervisor gave it comes last: it shows no evolution.
+    An unchanged tree of a supervisor is used only if there is no other, as it is not evolved.
     """
     tier = study.milestones[-1]
     injected = {
@@ -78,14 +78,14 @@ def late_evolved(study: Comparison) -> Specimen:
 
 
 def _last_stage(run: Run) -> range:
-    """The generations in the last stage that the run reached."""
+    """The generations of the last stage of a run."""
     last = run.snapshots[-1].stage
     start = next(s.generation for s in run.snapshots if s.stage == last)
     return range(start, len(run.records))
 
 
 def _values(study: Comparison, arm: Arm, run: Run, tree: str, key: str) -> dict[str, object]:
-    """Values of a caption: run, name in the library, size, and the tree in the publication."""
+    """Values of a caption: run, name in the library, size, and the corresponding published tree."""
     name, node = library_names(run.config).get(tree), parse(tree)
     figure = study.paper.drawn_after.get(name) if study.paper and name else None
     after = f", modelled on the paper's {figure}" if figure else ""

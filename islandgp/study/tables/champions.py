@@ -1,4 +1,4 @@
-"""Individuals: how many show a behaviour (Table 13), the champions, and trees without evolution."""
+"""Tables on individuals: behaviours (Table 13), best robots, and library trees as controls."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _list(names: Sequence[str]) -> str:
 
 
 def components_table(study: Comparison) -> Table:
-    """The champions' fitness by component, Eq. (1)."""
+    """The best robots' fitness by component, Eq. (1)."""
     champions = [(arm.name, [run.champion.record for run in arm.runs]) for arm in study.arms]
     rows = [
         [
@@ -76,7 +76,7 @@ def components_table(study: Comparison) -> Table:
 
 
 def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
-    """Best robots in unseen worlds, with trees from elsewhere as reference trees."""
+    """Best robots and reference trees in unseen worlds."""
     arms = list(dict.fromkeys(g.arm for g in results if g.seed is not None))
     champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
     reference_trees = [g for g in results if g.seed is None]
@@ -117,7 +117,7 @@ def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
 
 
 def _minus(mine: Sequence[Generalisation], reference_trees: Sequence[Generalisation]) -> Row:
-    """Mean difference of the champions to each reference tree, with its interval over runs."""
+    """Mean difference of the best robots to each reference tree, with its interval over runs."""
     for y in reference_trees:
         over = [g.minus(y).estimate for g in mine]
         cell = signed_interval(mean_interval(over)) if over else NONE
@@ -125,7 +125,7 @@ def _minus(mine: Sequence[Generalisation], reference_trees: Sequence[Generalisat
 
 
 def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
-    """Highest fitness of each arm, and of the library's trees, which are not evolved."""
+    """Highest fitness of each arm, and of the library's trees."""
     seeds = sorted(trees[0].fitness)
     best = {seed: best_of(trees, seed) for seed in seeds}
     rows = [
@@ -139,7 +139,7 @@ def controls_table(study: Comparison, trees: Sequence[Control]) -> Table:
 
 
 def _highest(name: str, series: Sequence[Sequence[float]], difference: str = NONE) -> Row:
-    """A tree or an arm, by the highest fitness of each generation of each run."""
+    """The row of a tree or an arm, from the highest fitness of each generation of each run."""
     yield "Highest fitness of", name
     for span in SPANS:
         means = [fmean(v[g] for g in span.generations(len(v))) for v in series]
@@ -153,7 +153,7 @@ def _series(arm: Arm) -> list[list[float]]:
 
 
 def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
-    """Over all generations, seed by seed; a dash where a run's worlds were not tried."""
+    """The difference over all generations by seed; a dash if a run's worlds were not evaluated."""
     if any(run.seed not in best for run in arm.runs):
         return NONE
     pairs = zip(arm.runs, _series(arm), strict=True)
@@ -193,7 +193,7 @@ def one_grid(study: Comparison) -> bool:
 
 
 def archive_table(study: Comparison) -> Table:
-    """Coverage and QD score after the last generation that all runs have: descriptive."""
+    """Coverage and QD score after the last generation that all runs have, without tests."""
     rows = []
     for arm in study.arms:
         last = [run.archives[study.generations - 1] for run in arm.runs]

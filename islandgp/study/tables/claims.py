@@ -1,4 +1,4 @@
-"""The primary endpoint, a paper's claims and further questions: one estimand a row."""
+"""Tables of the primary endpoint, a paper's claims and further families: one estimand per row."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def claims_table(
     paper: PublishedFigures,
     margins: Mapping[str, float],
 ) -> Table:
-    """One row a claim, the first arm standing for the paper's proposed system."""
+    """One row per claim; the first arm is compared with the paper's proposed system."""
     claim_findings = [finding(findings, claim.measure, arms) for claim in paper.claims]
     rows = (
         [
@@ -63,7 +63,7 @@ def claims_table(
 def questions_table(
     key: str, name: str, findings: Sequence[Finding], margins: Mapping[str, float]
 ) -> Table:
-    """A family beyond the paper's claims, by pair of arms and measure."""
+    """The table of a further family, by pair of arms and measure."""
     rows = (
         [
             ("Arms", f"{f.arms[0]} minus {f.arms[1]}"),
@@ -105,7 +105,7 @@ def primary_table(f: Finding, margin: float | None) -> Table:
 
 
 def estimate_cells(f: Finding) -> Row:
-    """Unit, difference with its interval, and share: all of the same difference of means."""
+    """Cells of the difference of means: unit, difference with its interval, share."""
     yield "unit", "generations without one" if f.measure.emergence else f.measure.unit
     (a, _), (b, sd) = map(mean_sd, f.numbers)
     shift, digits = f.shift, DIGITS[f.measure.unit]

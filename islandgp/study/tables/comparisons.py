@@ -1,4 +1,4 @@
-"""Two arms by several measures: Tables 9 to 12, medians, and what so many runs can show."""
+"""Tables that compare two arms by several measures: Tables 9 to 12, medians, power."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def families_note(findings: Sequence[Finding]) -> str:
 
 
 def difference(f: Finding) -> str:
-    """By which share the means differ; by how much, where a share would say nothing."""
+    """The relative difference of the means, or the absolute one if a share has no meaning."""
     (a, _), (b, sd) = (mean_sd(sample) for sample in f.numbers)
     share = change(a, b, sd)
     if share is not None:
@@ -71,7 +71,7 @@ def rank_cells(f: Finding) -> Row:
 
 
 def _result_cells(f: Finding) -> Row:
-    """Mean and deviation of each arm, and how they differ."""
+    """Mean and deviation of each arm, and their difference."""
     for arm, sample in zip(f.arms, f.numbers, strict=True):
         yield arm, spread(*mean_sd(sample), DIGITS[f.measure.unit])
     yield "difference", difference(f)
@@ -79,11 +79,11 @@ def _result_cells(f: Finding) -> Row:
 
 
 T = TypeVar("T")
-Cells = Mapping[str, Callable[[T], str]]  # by column, how its cell is made
+Cells = Mapping[str, Callable[[T], str]]  # the function for the cells of each column
 
 
 def published(known: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
-    """The columns of published figures: dashes where none are known of a key, None: no columns."""
+    """The cells of published figures; dashes if there are none for a key, {} for known=None."""
     if known is not None:
         row = known.get(key)
         for head, cell in cells.items():
@@ -118,7 +118,7 @@ def footnotes(paper: PublishedFigures | None) -> tuple[str, ...]:
 def by_pair(
     study: Comparison, findings: Sequence[Finding], measures: Sequence[Measure]
 ) -> Iterator[tuple[str, str, list[Finding]]]:
-    """For each pair of arms, ends of a table's key and title, and the findings of measures."""
+    """For each pair of arms: suffixes of a table's key and title, and the findings of measures."""
     keys, several = {m.key for m in measures}, len(study.pairs) > 1
     for a, b in ((a.name, b.name) for a, b in study.pairs):
         selected = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
@@ -134,7 +134,7 @@ def paper_tables(
     row: Callable[[Finding, PublishedFigures | None], Row],
     *notes: str,
 ) -> Iterator[Table]:
-    """One of Tables 9 to 12 for each pair of arms: a row for each measure, made by `row`."""
+    """One of Tables 9 to 12 for each pair of arms; `row` creates the row of a measure."""
     for end, of, selected in by_pair(study, findings, measures):
         more = [note("censored")] if any(f.censored for f in selected) else []
         yield Table.of(
@@ -157,14 +157,14 @@ def fitness_row(f: Finding, paper: PublishedFigures | None) -> Row:
 
 
 def diversity_row(f: Finding, paper: PublishedFigures | None) -> Row:
-    """Cells of Table 12, with the tests that the paper does not make."""
+    """Cells of Table 12, with tests that the paper does not have."""
     yield "Measure", f.measure.label
     yield from _result_cells(f)
     yield from published(paper.diversity if paper else None, f.measure.key, DIVERSITY)
 
 
 def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
-    """Cells of Table 11, section 3.4: when the first robot of a milestone came."""
+    """Cells of Table 11, section 3.4: the generation of the first robot of a milestone."""
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
     share = NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})"
@@ -195,7 +195,7 @@ def when(s: EmergenceSummary) -> str:
 
 
 def without(s: EmergenceSummary) -> str:
-    """The mean number of generations without one; "all" of them where there never was one."""
+    """The mean number of generations without one; "all" of them if there never was one."""
     return f"all {s.watched:g}" if s.never else number(s.watched, 1)
 
 
@@ -222,7 +222,7 @@ def runs_table(study: Comparison) -> Table:
 
 
 def _beside(place: int, paper: PublishedFigures | None, tiers: Sequence[str]) -> Row:
-    """The paper's run of that number, empty beyond its last one."""
+    """The paper's run with this number; empty after its last one."""
     known = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
     for who in ("proposed", "baseline"):
         for tier, row in known:
@@ -266,7 +266,7 @@ def _pairs(f: Finding) -> Row:
 
 
 def power_table(study: Comparison, family: int) -> Table:
-    """The smallest differences that so many runs can show at all."""
+    """The smallest differences that tests with so many runs can detect."""
     rows = []
     for n1, n2 in dict.fromkeys((len(a.runs), len(b.runs)) for a, b in study.pairs):
         for label, level in ((f"{LEVEL:g}", LEVEL), (f"{LEVEL:g} / {family}", LEVEL / family)):

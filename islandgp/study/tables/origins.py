@@ -1,4 +1,4 @@
-"""Descent: how long newcomers' lines last, where the first robots and the champions come from."""
+"""Tables of descent: survival of newcomers, origins of the first robots and the best robots."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from islandgp.study.table import NONE, Table, number
 from islandgp.study.texts import note
 from islandgp.text import title
 
-LATER: Final = 5  # generations after which the lineage table asks who is alive
+LATER: Final = 5  # generations after which survival is reported
 
 EVOLVED: Final = (lineage.RANDOM, lineage.BRED, lineage.HEIR)
-"""The rows that are always there."""
+"""Rows that are in every table."""
 
 
 def lineage_table(study: Comparison) -> Table:
@@ -41,7 +41,7 @@ def lineage_table(study: Comparison) -> Table:
                     "share of the final elite": f"{elite:.0%}",
                 }
                 rows.append(row)
-    return Table.of("lineage", "What became of newcomers", rows, note("lineage"))
+    return Table.of("lineage", "Survival of newcomers", rows, note("lineage"))
 
 
 def edits_table(study: Comparison) -> Table | None:
@@ -63,7 +63,7 @@ def edits_table(study: Comparison) -> Table | None:
                 "mean generations lived": number(fmean(f.lived for f in evaluated), 1),
             }
             rows.append(row)
-    return Table.of("edits", "What became of edits", rows, note("edits")) if rows else None
+    return Table.of("edits", "Results of edits", rows, note("edits")) if rows else None
 
 
 def sources_table(study: Comparison) -> Table:

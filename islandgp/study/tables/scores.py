@@ -20,10 +20,10 @@ UNSEEN: Final = "mean in unseen worlds"
 
 
 def champion_scores(study: Comparison, unseen: Sequence[Generalisation]) -> Scores:
-    """The scores of the runs' best robots in points, by what they are and arm, in order of seeds.
+    """The scores of the runs' best robots in points, by kind of score and arm, in order of seeds.
 
-    The validation mean is left out where a run was not validated, that in unseen worlds where
-    there were none.
+    The kinds are the validation mean, unless a run was not validated, and the mean in unseen
+    worlds, if there were any.
     """
     scores: dict[str, dict[str, list[float]]] = {}
     means = {arm.name: [run.validation_mean for run in arm.runs] for arm in study.arms}
@@ -59,14 +59,14 @@ def score_table(
     world: str = "World",
     notes: tuple[str, ...] = (),
 ) -> Table:
-    """The rows as people read them; what is not known is a dash, for which a note has the reason.
+    """The rows as a table; unknown values are dashes, with the reason in a note.
 
     Args:
-        rows: one row or more, as `summarise` gives them.
-        key: file name of the table without its ending.
+        rows: at least one, as returned by `summarise`.
+        key: file name of the table without extension.
         title: of the table.
         world: heading of the first column.
-        notes: more notes below the table.
+        notes: further notes below the table.
     """
     digits = {row.world: _digits([r for r in rows if r.world == row.world]) for row in rows}
     return Table.of(
@@ -120,10 +120,10 @@ def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
 
 
 def scores_csv(rows: Sequence[ScoreRow], world: str = "world") -> str:
-    """The exact numbers behind `score_table`; an empty cell is not known.
+    """The exact numbers of `score_table` as CSV; an empty cell is unknown.
 
     Args:
-        rows: as there.
+        rows: as for `score_table`.
         world: heading of the first column.
     """
     columns = [world, "arm", "runs"]

@@ -1,4 +1,4 @@
-"""Supervision: what was decided (section 3.7); what runs cost in episodes and time (Table 14)."""
+"""Tables of supervision: decisions (section 3.7), and costs in episodes and time (Table 14)."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
 
 Overheads = Mapping[str, Sequence[Any]]
-"""Each of OVERHEAD, run by run."""
+"""The values of OVERHEAD, by run."""
 
 
 def decisions_table(study: Comparison) -> Table:
-    """Section 3.7: how often each pattern, phase, target and crisis came."""
+    """Section 3.7: the frequencies of patterns, phases, targets and crises."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
     paper = study.paper
 
@@ -66,7 +66,7 @@ def _share(share: float | None) -> str:
 
 
 def overhead_table(study: Comparison) -> Table:
-    """One column an arm."""
+    """Table 14, with a column per arm."""
     each = [
         {name: [of(run) for run in arm.runs] for name, of in OVERHEAD.items()} for arm in study.arms
     ]
@@ -114,7 +114,7 @@ def episodes_table(study: Comparison) -> Table:
 
 
 def _ratio(a: str, b: str, write: Callable[[float], str]) -> Callable[[Overheads], str]:
-    """The sum of one number over all runs as a share of another's; a dash where that is 0."""
+    """The ratio of two sums over all runs; a dash if the second is 0."""
     return lambda o: write(sum(o[a]) / sum(o[b])) if sum(o[b]) else NONE
 
 
@@ -148,7 +148,7 @@ _ROWS: Final[tuple[tuple[str, str, str | Callable[[Overheads], str], int], ...]]
     ("Output tokens", "", "output_tokens", 0),
     ("Cost (US dollars)", "", _dollars, 0),
 )
-"""Label, key of the published overhead, name in OVERHEAD or how a cell is made, decimals."""
+"""Label, key of the published overhead, name in OVERHEAD or function for the cell, decimals."""
 
 
 def _time_to(tier: str, arm: Arm) -> str:
