@@ -200,7 +200,7 @@ class Island:
     def _scene(self, island: State, fixed: tuple[Thing, ...]) -> Scene:
         world, robot, people = self.world, island.robot, island.humanoids
         reach, size = world.robot.pickup_reach / 2, world.humanoids.radius
-        items = _lying(tuple(island.ground.items()), reach)
+        items = _lying(island.ground.items(), reach)
         if robot.driving:
             items = (*items, Thing("goal", robot.wish[0], robot.wish[1], GOAL_SIZE))
         positions = island.physics.humanoid_positions()

@@ -56,6 +56,7 @@ class Ground:
         self.seen = bytearray(first + later)
         self.room = most - first  # how many items more may come
         self.due = 0  # step from which a look can give something else
+        self._items: tuple[complex, ...] | None = None  # `items`; None: changed since the last call
 
     @property
     def count(self) -> int:
@@ -65,18 +66,22 @@ class Ground:
     def drop(self, item: int) -> None:
         """The item appears."""
         self.there[item] = True
+        self._items = None
         self.room -= 1
 
     def take(self, item: int) -> None:
         """The item is gone."""
         self.there[item] = False
+        self._items = None
         self.room += 1
         self.due = 0
 
-    def items(self) -> list[complex]:
+    def items(self) -> tuple[complex, ...]:
         """Positions of all items, x + iy in metres, in the order of their appearance."""
-        places = zip(self.places.x, self.places.y, self.there, strict=True)
-        return [complex(x, y) for x, y, is_present in places if is_present]
+        if self._items is None:
+            places = zip(self.places.x, self.places.y, self.there, strict=True)
+            self._items = tuple(complex(x, y) for x, y, is_present in places if is_present)
+        return self._items
 
     def nearest(self, x: float, y: float) -> tuple[int, float, float]:
         """The nearest item around, and the metres to it and to the next (-1, inf: no item)."""
