@@ -27,6 +27,8 @@ from islandgp.bt.core.condition import (
     ConditionExpr,
     combine,
     negate,
+    terms,
+    with_term,
 )
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, POLICIES
@@ -47,6 +49,7 @@ from islandgp.bt.core.node import (
     leaf,
     walk,
 )
+from islandgp.bt.export.behaviortree_cpp import losses
 from islandgp.bt.export.plan import NAV2
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -83,6 +86,7 @@ class Case(NamedTuple):
     boards: Sequence[Sequence[float]]  # a value per key, for each tick
     results: Sequence[int]  # of the leaves, one after the other, again from the first
     seen: Trace | None = None  # of a recorded episode: as `ours`, without who is fresh
+    plain: bool = False  # True: with nodes of the library and of Nav2 alone, and leaves as Nav2's
 
 
 def named(tree: Node) -> Node:
@@ -172,6 +176,62 @@ def cases_with(kind: str, number: int) -> Iterator[Case]:
         if any(node.kind == kind for node in walk(tree)):
             yield Case(named(tree), random_boards(rng), random_results(rng))
             number -= 1
+
+
+def comparing_keys(number: int) -> Iterator[Case]:
+    """Random trees that mostly compare numbers with each other, and not with a constant."""
+    numbers = [name for name, key in VOCABULARY.keys.items() if not key.flag]
+    rng = Random("keys")
+
+    def pair() -> Condition:
+        left, right = rng.sample(numbers, 2)
+        return Condition(left, rng.choice(OPERATORS), 0.0, right)
+
+    def changed(expr: ConditionExpr) -> ConditionExpr:
+        for index, _ in enumerate(terms(expr)):
+            if rng.random() < 0.8:
+                expr = with_term(expr, index, pair()) or expr
+        return expr
+
+    def visit(node: Node) -> Node:
+        args = node.args
+        if isinstance(args, GuardArgs):
+            args = args._replace(condition=changed(args.condition))
+        return Node(node.kind, args, tuple(map(visit, node.children)))
+
+    for case in random_cases(number):
+        yield case._replace(tree=visit(case.tree))
+
+
+PLAIN: Final = ("selector", "sequence", "reactive_selector", "reactive_sequence", "inverter",
+                "force_success", "force_failure", "when")  # fmt: skip
+"""Kinds whose plain form in BehaviorTree.CPP has no loss, unless a guard interrupts."""
+
+
+def nav2_cases(kind: str, number: int) -> Iterator[Case]:
+    """Random trees with nodes of a kind of Nav2, without a loss in their plain files.
+
+    An `every` is a child of a pipeline at the root, and a case ends with that pipeline: Nav2's
+    RateController starts its child at once after a node above was reset.
+    """
+    rng = Random(kind)
+    kinds = [*PLAIN, *(["pipeline", "recovery"] if kind == "every" else [kind] * 5)]
+    while number:
+        tree = random_tree(rng, rng.randint(2, 5), kinds)
+        if kind == "every":
+            children = (random_tree(rng, 3, kinds) for _ in range(2))
+            rates = (Node(kind, random_args(rng, kind), (child,)) for child in children)
+            tree = Node("pipeline", (), (*rates, tree))
+        tree, boards, results = named(tree), random_boards(rng), random_results(rng)
+        found = any(node.kind == kind for node in walk(tree))
+        if not found or not {loss.about for loss in losses(tree)} <= {"nav2", "clock"}:
+            continue
+        if kind == "every":
+            trace = ours(tree, boards, results, PLACES)
+            last = next((i for i, t in enumerate(trace) if not t.endswith("RUNNING")), len(trace))
+            boards = boards[: last + 1]
+        yield Case(tree, boards, results, plain=True)
+        number -= 1
 
 
 def in_subtrees(tree: Node, rng: Random) -> Node:
@@ -276,14 +336,15 @@ def differing(expected: Trace, run: Callable[[], Trace]) -> int | None:
 def tried(cases: Iterable[Case], cpp: BehaviorTreeCpp) -> Row:
     """Runs the cases in all engines."""
     row = Row()
-    for tree, boards, results, seen in cases:
+    for tree, boards, results, seen, plain in cases:
         expected = ours(tree, boards, results, PLACES)
         if seen is not None:  # the case is the episode
             assert [tick.replace("!", "") for tick in expected] == seen
+        library = partial(cpp.trace, tree, boards, results, plain=plain, restarting=plain)
         engines: tuple[Callable[[], Trace], ...] = (
             partial(in_py_trees, tree, boards, results, PLACES),
-            partial(cpp.trace, tree, boards, results),
-            partial(cpp.trace, tree, boards, results, how="once"),
+            partial(library, how="exactly"),
+            partial(library, how="once"),
         )
         found = [differing(expected, run) for run in engines]
         row.trees += 1
@@ -306,8 +367,12 @@ def groups() -> Iterator[tuple[str, Iterable[Case]]]:
             for seed, case in enumerate(random_cases(300))
         ),
     )
-    for kind in (kind for kind in INNER if kind not in NAV2):  # both libraries reject those
+    yield "random trees that compare two keys", comparing_keys(300)
+    for kind in (kind for kind in INNER if kind not in NAV2):
         yield f"random trees with `{kind}`", cases_with(kind, 50)
+    for kind in (kind for kind in INNER if kind in NAV2):
+        number = 400 if kind == "every" else 100  # its cases are short
+        yield f"random trees with `{kind}`, models of Nav2's nodes", nav2_cases(kind, number)
     problem = composed().problem()
     first = random_trees(composed(), 100)
     yield (

@@ -147,10 +147,14 @@ class BehaviorTreeCpp:
         *,
         plain: bool = False,
         how: str = "exactly",
+        restarting: bool = False,
     ) -> Trace:
-        """What the library does; `how` is once or exactly, the tick function."""
+        """What the library does; `how` is once or exactly, the tick function.
+
+        `restarting`: leaves start again after their end, as those of Nav2 do.
+        """
         xml = behaviortree_cpp.to_xml(tree, plain=plain, step_s=1.0)
-        return self.trace_of(xml, leaves(tree), boards, results, how=how)
+        return self.trace_of(xml, leaves(tree), boards, results, how=how, restarting=restarting)
 
     def trace_of(
         self,
@@ -160,12 +164,14 @@ class BehaviorTreeCpp:
         results: Sequence[int],
         *,
         how: str = "exactly",
+        restarting: bool = False,
     ) -> Trace:
         """What the library does with the XML of any file."""
         names = sorted(set(names))
         codes = {FAILURE: "F", SUCCESS: "S", RUNNING: "R"}
         words = [
-            "1", how, f"{len(xml.encode())} {xml}", str(len(names)), *names,
+            "1", how, "restarting" if restarting else "stateful",
+            f"{len(xml.encode())} {xml}", str(len(names)), *names,
             str(len(self._keys)), *self._keys,
             str(len(boards)), *(repr(float(value)) for board in boards for value in board),
             str(len(results)), *(codes[result] for result in results),

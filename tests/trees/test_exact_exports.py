@@ -17,6 +17,7 @@ from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.plan import NAV2
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree
@@ -26,9 +27,11 @@ from tests.trees.exactness import (
     EXAMPLES,
     PAGE,
     PLACES,
+    comparing_keys,
     exactness,
     in_subtrees,
     named,
+    nav2_cases,
     random_cases,
     recorded,
     tried,
@@ -199,6 +202,29 @@ def test_recorded_episodes(cpp: BehaviorTreeCpp, path: Path) -> None:
     row = tried([recorded(tree, island())], cpp)
     assert row.ticks > 500  # a poor tree ends early
     assert row.calls >= row.ticks
+    assert set(row.differences) == {0}
+
+
+@pytest.mark.parametrize("kind", sorted(NAV2))
+def test_models_of_nav2(cpp: BehaviorTreeCpp, kind: str) -> None:
+    """Nav2's kinds do what models of Nav2's nodes do in BehaviorTree.CPP."""
+    row = tried(nav2_cases(kind, cases(60)), cpp)
+    assert row.calls > row.ticks > row.trees
+    assert row.differences == (None, 0, 0)  # the export to py_trees rejects them
+
+
+def test_an_ended_action_in_a_pipeline(cpp: BehaviorTreeCpp) -> None:
+    """The stated loss: a StatefulActionNode of the library does not start again there."""
+    tree = named(parse("pipeline { PatrolWaypoint PatrolWaypoint }"))
+    boards, results = [[0.0] * len(PLACES)] * 2, [SUCCESS, RUNNING]
+    assert ours(tree, boards, results, PLACES)[1] == "Leaf0! Leaf1 = RUNNING"
+    assert cpp.trace(tree, boards, results, plain=True)[1] == "Leaf1 = SUCCESS"
+
+
+def test_compared_keys(cpp: BehaviorTreeCpp) -> None:
+    """Guards that compare two keys are the same in both libraries."""
+    row = tried(comparing_keys(cases(60)), cpp)
+    assert row.calls > row.trees
     assert set(row.differences) == {0}
 
 

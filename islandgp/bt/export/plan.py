@@ -87,7 +87,8 @@ NAV2: Final = frozenset({"every", "pipeline", "round_robin", "recovery"})
 PLUGINS = Loss(
     "nav2",
     "PipelineSequence, RoundRobin, RecoveryNode and RateController are nodes of Nav2, which the"
-    " program has to register; they were compared with islandgp's only by reading their sources",
+    " program has to register; an action below a PipelineSequence has to start again after its end,"
+    " as Nav2's actions do and a StatefulActionNode does not",
 )
 
 OWN: Final = frozenset({

@@ -2,6 +2,7 @@
 //
 // Standard input, word by word: a number of cases, then for each
 //     once|exactly            the tick function
+//     stateful|restarting     leaves of the library, or as Nav2's: they start again after their end
 //     BYTES XML               the file, after its length
 //     LEAVES NAME...
 //     KEYS NAME b|d...        blackboard entries and their types
@@ -17,6 +18,7 @@
 #include <vector>
 
 #include "islandgp_nodes.hpp"
+#include "nav2_nodes.hpp"
 
 namespace
 {
@@ -48,11 +50,33 @@ private:
   Script* script_;
 };
 
+class RestartingLeaf : public BT::ActionNodeBase
+{
+public:
+  RestartingLeaf(const std::string& name, const BT::NodeConfig& config, Script* script)
+    : BT::ActionNodeBase(name, config), script_(script)
+  {}
+  static BT::PortsList providedPorts() { return {}; }
+  BT::NodeStatus tick() override
+  {
+    const bool resumed = status() == BT::NodeStatus::RUNNING;
+    return script_->call(registrationName(), resumed ? "" : "!");
+  }
+  void halt() override
+  {
+    if(status() == BT::NodeStatus::RUNNING) script_->said += "-" + registrationName() + " ";
+    resetStatus();
+  }
+
+private:
+  Script* script_;
+};
+
 void run_case()
 {
-  std::string how;
+  std::string how, kind;
   std::size_t bytes = 0, leaves = 0, keys = 0, ticks = 0, results = 0;
-  std::cin >> how >> bytes;
+  std::cin >> how >> kind >> bytes;
   std::cin.get();
   std::string xml(bytes, ' ');
   std::cin.read(xml.data(), static_cast<std::streamsize>(bytes));
@@ -78,10 +102,16 @@ void run_case()
   {
     BT::BehaviorTreeFactory factory;
     islandgp::register_nodes(factory);
-    for(const auto& name : names) factory.registerNodeType<Leaf>(name, &script);
+    nav2_model::register_nodes(factory);
+    for(const auto& name : names)
+    {
+      if(kind == "restarting") factory.registerNodeType<RestartingLeaf>(name, &script);
+      else factory.registerNodeType<Leaf>(name, &script);
+    }
     auto tree = factory.createTreeFromText(xml);
     for(std::size_t tick = 0; tick < ticks; tick++)
     {
+      nav2_model::now = static_cast<long>(tick);
       for(std::size_t key = 0; key < keys; key++)
       {
         const double value = values[tick * keys + key];
