@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
+from islandgp.bt.core.source import shown
 from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
@@ -100,11 +102,17 @@ def read_map(file: Path) -> RobotMap:
         raise ConfigError(
             f"{file}: expected a short file without anchors (&name, *name); write each entry out"
         )
+    loader = yaml.SafeLoader(text)
     try:
-        plain = yaml.safe_load(text)
+        root = loader.get_single_node()
+        plain = loader.construct_document(root) if root else None
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         first = " ".join(str(error).split())[:200]
         raise ConfigError(f"{file}: expected YAML, found: {first}") from None
+    finally:
+        loader.dispose()
+    if repeated := [*_repeated_keys(root)]:
+        raise ConfigError("\n".join(f"{file}:{each}" for each in repeated))
     if not isinstance(plain, dict):
         raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
     faults: list[str] = []
@@ -121,6 +129,30 @@ def read_map(file: Path) -> RobotMap:
         except ValidationError as error:
             faults += _lines("", error)
     raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
+
+
+def _repeated_keys(root: Any) -> Iterator[str]:
+    """A line for each key that a mapping below a YAML node has again; YAML keeps only the last."""
+    waiting = [root]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, list | tuple):
+            waiting += reversed(node)
+            continue
+        entries = getattr(node, "value", None)
+        if not isinstance(entries, list):
+            continue
+        waiting.append(entries)
+        first: dict[tuple[str, str], int] = {}
+        for key, _ in entries if node.id == "mapping" else ():
+            line = key.start_mark.line + 1
+            if (key.tag, str(key.value)) in first:
+                yield (
+                    f"{line}:{key.start_mark.column + 1}: expected each key once, found"
+                    f" {shown(str(key.value))} again, as in line"
+                    f" {first[key.tag, str(key.value)]}; rename or remove one"
+                )
+            first.setdefault((key.tag, str(key.value)), line)
 
 
 def _entry(

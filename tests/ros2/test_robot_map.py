@@ -49,6 +49,15 @@ def test_the_pages_map(page: Path) -> None:
         ("actions: [", "expected YAML"),
         ("actions: []", "actions: "),
         ("keys: {}", "actions: field required"),
+        (
+            "actions:\n  Go: {action: /a, type: p/action/T}\n  Go: {action: /b, type: p/action/T}",
+            ":3:3: expected each key once, found 'Go' again, as in line 2; rename or remove one",
+        ),
+        (
+            "actions: {Go: {action: /a, action: /b, goal: {x: [{y: 1, y: 2}]}}}",
+            ":1:28: expected each key once, found 'action' again",
+        ),
+        ("actions: {}\nkeys: {}\nactions: {}", ":3:1: expected each key once, found 'actions'"),
         ("actions: {Go: 5}", "actions.Go: expected `action: NAME` or `service: NAME`, found '5'"),
         ("actions: {Go: {action: /a, service: /b}}", "actions.Go: expected `action: NAME` or"),
         ("actions: {Go: {action: /a}}", "actions.Go.type: field required"),
