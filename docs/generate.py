@@ -1,17 +1,18 @@
 """Writes what is generated from the language's declarations and the island's vocabulary.
 
-    python docs/generate.py
+    python docs/generate.py [--costs]
 
 These are the tables of docs/language.md and docs/llm/, between
 `<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
-`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. What
-runs cost is measured in two runs with the mock, which takes a minute.
+`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. With
+`--costs` it also measures what runs cost, in two runs with the mock, for docs/llm/cost.md.
 """
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from statistics import fmean
@@ -273,6 +274,7 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 if __name__ == "__main__":
     LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
     STATE.write_text(filled(STATE.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
-    costs = {"costs": cost_table(measured_characters())}
-    COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")
+    if "--costs" in sys.argv[1:]:
+        costs = {"costs": cost_table(measured_characters())}
+        COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")
     TEXTMATE.write_text(textmate(), encoding="utf-8")

@@ -227,7 +227,8 @@ def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterabl
     """
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
-    if missing := kinds.intersection(unfit):
+    known = {*_KINDS, "selector", "sequence", "when", "action"}
+    if missing := kinds.intersection(unfit) | (kinds - known):
         other = "as plain XML" if missing <= NAV2 and not plain else "in another form"
         raise DomainError(
             f"Expected a tree without {min(missing)}, for which there is no exact node; export"

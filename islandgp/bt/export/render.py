@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from islandgp.bt.core.kinds import KINDS, kind_of
+from islandgp.bt.core.kinds import KINDS, NodeKind, kind_of
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.printer import head
 
@@ -120,7 +120,7 @@ def to_svg(tree: Node) -> str:
     boxes, width, height = lay_out(tree)
     style = "".join(
         f".{name} path{{fill:{kind.look.fill};stroke:{kind.look.line}}}"
-        for name, kind in KINDS.items()
+        for name, kind in _kinds_in(tree)
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}"'
@@ -193,6 +193,12 @@ def to_dot(tree: Node) -> str:
     return "\n".join([*lines, "}", ""])
 
 
+def _kinds_in(tree: Node) -> list[tuple[str, NodeKind]]:
+    """The kinds of a tree's nodes, by name."""
+    kinds = {node.kind for node in walk(tree)}
+    return [(name, kind) for name, kind in KINDS.items() if name in kinds]
+
+
 def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
@@ -201,7 +207,7 @@ def to_mermaid(tree: Node) -> str:
         lines.append(f'  n{place}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
         if parent >= 0:
             lines.append(f"  n{parent} --- n{place}")
-    for name, kind in KINDS.items():
+    for name, kind in _kinds_in(tree):
         fill, line = kind.look.fill, kind.look.line
         lines.append(f"  classDef {name} fill:{fill},stroke:{line},color:#1b2733")
     return "\n".join(lines) + "\n"
