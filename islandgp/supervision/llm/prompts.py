@@ -113,7 +113,9 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
 _FILES: Final = ("domain:", "include:", "library:")
 """Rules of the grammar that are used in files only."""
 
-_OF_ARGUMENTS: Final = re.compile(r"^values?: .*\n|(?<=^action: NAME) values\?", re.MULTILINE)
+_OF_ARGUMENTS: Final = re.compile(
+    r"^(?:values?: |FILE: | *\| FILE \| NAME values).*\n|(?<=^action: NAME) values\?", re.MULTILINE
+)
 """The rules of the grammar for arguments of actions."""
 
 
@@ -130,7 +132,6 @@ def shown_grammar(*, arguments: bool) -> str:
         if "docs/" not in part and not any(line.startswith(_FILES) for line in part.splitlines())
     ]
     shown = "\n\n".join(parts).replace("domain? include* ", "")
-    shown = re.sub(r"^FILE: .*\n", "", shown, flags=re.MULTILINE)
     more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
     shown = re.sub(
         rf"^ *\|? *({more})\b.*\n| *\| _number\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE
