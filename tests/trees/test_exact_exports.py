@@ -90,20 +90,20 @@ def test_behaviortree_cpp(
 @pytest.mark.slow
 def test_many_interruptions_in_py_trees() -> None:
     """So it is for trees with many guards that interrupt."""
-    for tree, boards, results, _ in random_cases(cases(1000)):
+    for tree, boards, results, *_ in random_cases(cases(1000)):
         assert in_py_trees(tree, boards, results, PLACES) == ours(tree, boards, results, PLACES)
 
 
 def test_many_interruptions_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And there."""
-    for tree, boards, results, _ in random_cases(cases(1000)):
+    for tree, boards, results, *_ in random_cases(cases(1000)):
         assert cpp.trace(tree, boards, results) == ours(tree, boards, results, PLACES)
 
 
 @pytest.mark.slow
 def test_subtrees_in_py_trees() -> None:
     """Subtrees are functions of their names there, and change nothing of what the tree does."""
-    for tree, boards, results, _ in random_cases(cases(150)):
+    for tree, boards, results, *_ in random_cases(cases(150)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         for plain in (False, True):
             alone = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
@@ -113,7 +113,7 @@ def test_subtrees_in_py_trees() -> None:
 
 def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     """And SubTrees there."""
-    for tree, boards, results, _ in random_cases(cases(300)):
+    for tree, boards, results, *_ in random_cases(cases(300)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         expected = ours(parted, boards, results, PLACES)
         for how in ("exactly", "once"):
