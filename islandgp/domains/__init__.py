@@ -1,1 +1,1 @@
-"""Worlds for robots. Configuration names them; no other module of the package does."""
+"""The domains of the package. Only the configuration names them, no other module."""

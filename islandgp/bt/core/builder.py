@@ -1,4 +1,4 @@
-"""Builds nodes from parse trees; checks names, numbers and sizes, which the grammar cannot."""
+"""Builds nodes from parse trees; checks names, numbers and sizes, which the grammar does not."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
 MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
-MAX_INSTANCES: Final = 1_000  # different arguments with which subtrees are used
+MAX_INSTANCES: Final = 1_000  # most combinations of subtrees and arguments
 
 # lark.Tree and lark.Token: trees mix both, at places determined by the grammar.
 _Tree: TypeAlias = Any
@@ -52,8 +52,8 @@ class NodePlace(NamedTuple):
 class Builder:
     """Builds the tree of one text.
 
-    Sizes are counted while building, with a `use` as large as its subtree, so
-    that subtrees which double each other are refused before they are expanded.
+    Sizes are counted while building, with a `use` as large as its subtree, so subtrees that double
+    each other are rejected before they are expanded.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Builder:
         self._marked = marked
         self._scope = Scope(source, named=named)
         self._vocabulary = vocabulary
-        self._later: set[str] = set()  # subtrees whose definition is not finished
+        self._later: set[str] = set()  # subtrees that are not yet defined
         self.nodes = 0  # of the tree that is being built, so far
         self.levels = 0
         self._templates: dict[str, Template] = {}
@@ -198,7 +198,7 @@ class Builder:
         return replace(word, part=BuiltSubtree(node, 1, 1, [argument], self._scope.source))
 
     def _inner(self, tree: _Tree, word: _Token, name: str, level: int) -> BuiltSubtree:
-        """A tree that is built inside of the one that is being built, on a level of it."""
+        """Build a tree inside the tree that is being built, with its root on `level`."""
         if self._open >= MAX_LEVELS:
             raise self._too_many(word)
         outside = self._name, self._base, self.nodes, self.levels, self._places
@@ -220,7 +220,7 @@ class Builder:
         return BuiltSubtree(node, self.nodes, self.levels, self._places, self._scope.source)
 
     def _whole(self, tree: _Tree, name: str = "", base: int = 1) -> Node:
-        """A tree whose root is on the level `base` of all that is being built."""
+        """Build a tree whose root is on the level `base` of the whole tree."""
         self.nodes = self.levels = 0
         self._name, self._base, self._places = name, base, []
         return self._node(tree, 1)
@@ -275,7 +275,7 @@ class Builder:
         return written_node(tree, replace(self._scope, named=True, values=own))
 
     def _placed(self, tree: _Tree, name: _Token, *values: _Tree, level: int) -> Node:
-        """The action or subtree that is passed for a parameter, in the parameter's place."""
+        """The action or subtree that is passed for a parameter, at the parameter's place."""
         if values:
             raise self._scope.source.error_at(
                 name, f"parameter {shown(name)} takes no arguments", expected=f"`{name}` alone"
@@ -356,7 +356,7 @@ def _open(parameter: _Token, source: Source) -> ScopedWord:
 
 
 def _identity(argument: ScopedWord) -> Hashable:
-    """Equal for arguments with which a subtree is the same, its places too."""
+    """Equal for arguments with which a subtree is the same, including its places."""
     if argument.open:
         return None
     if argument.part is not None:

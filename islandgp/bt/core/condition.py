@@ -50,7 +50,7 @@ OPPOSITE: Final = {
     "is": "not",
     "not": "is",
 }
-"""The operator that holds where another one does not."""
+"""The negation of each operator."""
 
 
 MIRRORED: Final = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}

@@ -11,8 +11,8 @@ from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError
 
-MAX_TERMS: Final = 16  # comparisons and flags of a condition
-MAX_NESTED: Final = 16  # levels of a condition: each `and`, `or`, `not` and `(` adds one
+MAX_TERMS: Final = 16  # most comparisons and flags of a condition
+MAX_NESTED: Final = 16  # most levels; each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, at places determined by the grammar.
 _Tree: TypeAlias = Any

@@ -31,7 +31,7 @@ _SIGNS = {
     "\N{LEFT DOUBLE QUOTATION MARK}": '"', "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
     "[": "{", "]": "}", "'": '"', "%": "a number without a unit",
 }  # fmt: skip
-"""Signs of other languages, with ours; longer ones first."""
+"""Operators and signs of other languages, with the correct form; longer ones first."""
 
 _WORDS = {
     "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
@@ -41,7 +41,7 @@ _WORDS = {
     "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
     **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
 }  # fmt: skip
-"""Words of other languages, with ours."""
+"""Keywords of other languages, with the correct form."""
 
 _TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!="}
 """Operators of other languages that the parser reads as two signs."""
@@ -204,7 +204,7 @@ def _parameters(words: Sequence[Token]) -> set[str]:
 
 
 def _called(words: Sequence[Token]) -> str:
-    """The name before the open parenthesis that the words end in; "" if there is none."""
+    """The name before the last open parenthesis; "" if there is none."""
     for at in range(len(words) - 1, 0, -1):
         if words[at] in (")", "{", "}"):
             return ""
@@ -261,7 +261,7 @@ def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]
 def _unexpected_end(
     source: Source, before: Sequence[Token], accepted: Collection[str], words: Vocabulary
 ) -> TreeError:
-    """Points behind the last word."""
+    """The error after the last word of a text that ends too early."""
     if not before:
         expected, _ = _expected(accepted, (), words)
         return source.error("there is no tree in the text", 1, 1, expected=expected)
@@ -333,7 +333,7 @@ def _instead(
     accepted: Collection[str],
     words: Vocabulary,
 ) -> str:
-    """What is probably meant by a word that the grammar doesn't accept there; "" if unknown."""
+    """The likely correction of a word that the grammar does not accept; "" if unknown."""
     previous = str(before[-1]) if before else ""
     start = token.start_pos or 0
     for signs in (source.text[start : start + 2], source.text[max(0, start - 1) : start + 1]):

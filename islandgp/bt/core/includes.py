@@ -1,4 +1,4 @@
-"""Files that a tree file includes: found below its folder, each read once, all within limits."""
+"""Reads the files that a tree file includes, within its folder and within limits."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from islandgp.errors import LimitError
 
 _INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
-MAX_FILES: Final = 50  # that a file includes, however indirectly
-MAX_READ: Final = 100_000  # characters of a file that `mentioned` reads; no tree has more
+MAX_FILES: Final = 50  # most included files, directly or indirectly
+MAX_READ: Final = 100_000  # most characters that `mentioned` reads of a file
 
 
 class ParsedFile(NamedTuple):

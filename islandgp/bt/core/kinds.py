@@ -75,7 +75,7 @@ class Look(NamedTuple):
 class NodeKind:
     """A kind of node: its arguments, children and appearance, and the rules for its status."""
 
-    meaning: str  # one line for people
+    meaning: str  # one line, for documentation
     children: tuple[int, int]  # fewest and most
     look: Look
     args: type[Any] = tuple  # the class of Node.args
@@ -143,7 +143,7 @@ ABORTS: Final = {
 }
 """The abort rules of a `when`, with their meanings."""
 POLICIES: Final = {"one": "one child", "all": "all children"}
-"""Numbers of children that decide a parallel."""
+"""Thresholds of a parallel, with their meanings."""
 REPEATS: Final = (1, 100)
 """Fewest and most repetitions."""
 SECONDS: Final = (0.001, 100_000)

@@ -30,7 +30,7 @@ from islandgp.resources import resource
 if TYPE_CHECKING:
     from lark import Lark, Token
 
-MAX_CHARACTERS: Final = 100_000  # of a text
+MAX_CHARACTERS: Final = 100_000  # most characters of a text
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
 _DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
 
@@ -60,7 +60,7 @@ def parse(
 
     Raises:
         TreeError: the text is not a tree of the language; the message shows the
-            place and what would have been accepted.
+            place and the accepted words.
         UnknownNameError: an action, a key, a constant or a subtree does not exist.
         OtherDomainError: the text names another domain.
         LimitError: the text is too long, or the tree too deep or too large for any
@@ -126,7 +126,7 @@ def parse_placed(
     name: str = "<tree>",
     folder: Path | None = None,
 ) -> PlacedTree:
-    """The tree of a text, and where its nodes are written. Arguments and errors as in `parse`."""
+    """The tree of a text with the places of its nodes. Arguments and errors as in `parse`."""
     parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
     built(Builder(parts[-1].source, vocabulary), parts)
     builder = Builder(parts[-1].source, vocabulary, named=True)
@@ -138,7 +138,7 @@ def tree_errors(
 ) -> list[TreeError]:
     """The distinct errors in a text, in its order. Arguments as in `parse`.
 
-    All wrong names and numbers, or else the first fault of syntax.
+    All errors of names and numbers, or else the first syntax error.
     """
     errors: list[TreeError] = []
     try:
@@ -191,7 +191,7 @@ def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
 
 
 def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
-    """Refuses a tree whose canonical text `parse` would refuse. Raises LimitError."""
+    """Raises LimitError if the canonical text of a tree would be too long for `parse`."""
     # Two lines a node, indented by two blanks a level; the words are those of the text.
     if not expanded and 2 * len(source.text) + 4 * indents <= MAX_CHARACTERS:
         return

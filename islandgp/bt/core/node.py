@@ -1,7 +1,6 @@
-"""The nouns of the tree language: nodes with their arguments, and how large a tree may be.
+"""Nodes of Behaviour Trees with their arguments, and limits of trees (section 2.2.3).
 
-Section 2.2.3 of the paper. The kinds of nodes are declared in `kinds`; actions
-and blackboard keys are a domain's (`vocabulary`).
+`kinds` declares the kinds of nodes; a domain declares actions and blackboard keys (`vocabulary`).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ class ActionArgs(NamedTuple):
     """Arguments of a leaf."""
 
     name: str  # of the action
-    values: tuple[tuple[str, Value], ...] = ()  # what the tree gives to the action's arguments
+    values: tuple[tuple[str, Value], ...] = ()  # (argument, value) of the action
 
 
 class GuardArgs(NamedTuple):
@@ -73,7 +72,7 @@ class SecondsArgs(NamedTuple):
     seconds: float  # of the domain's clock, within SECONDS
 
     def ticks(self, step_s: float) -> int:
-        """The first tick, counted from 0, that is at least that late; ticks are `step_s` apart."""
+        """The index of the first tick at or after this time; ticks are `step_s` seconds apart."""
         return max(1, ceil(Fraction(str(self.seconds)) / Fraction(str(step_s))))
 
 
@@ -84,11 +83,11 @@ Policy: TypeAlias = str | float
 class ParallelArgs(NamedTuple):
     """Arguments of a parallel."""
 
-    success: Policy = "all"  # how many children must succeed
-    failure: Policy = "one"  # how many must fail
+    success: Policy = "all"  # number of children that must succeed
+    failure: Policy = "one"  # number of children that must fail
 
     def needed(self, children: int) -> tuple[int, int]:
-        """Numbers of successes and of failures that decide, for a number of children."""
+        """The numbers of successes and failures that end a parallel of `children` children."""
         success, failure = (
             {"one": 1, "all": children}[policy] if isinstance(policy, str) else int(policy)
             for policy in self
@@ -192,7 +191,7 @@ def comments_of(node: Node) -> tuple[tuple[str, ...], ...]:
 
 
 def walk(node: Node) -> Iterator[Node]:
-    """The nodes of a tree in document order (a parent before its children)."""
+    """Iterates over the nodes of a tree in document order (parents before their children)."""
     yield node
     for child in node.children:
         yield from walk(child)
@@ -252,7 +251,7 @@ def replace_at(tree: Node, index: int, new: Node) -> Node:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The largest tree that is allowed; a `use` counts expanded."""
+    """Limits of a tree's size; a `use` counts expanded."""
 
     max_depth: int  # levels, >= 1
     max_nodes: int  # nodes, >= 1
@@ -264,7 +263,7 @@ def within(node: Node, limits: Limits) -> bool:
 
 
 def check_limits(node: Node, limits: Limits) -> None:
-    """Raises LimitError for a tree that is too deep or too large."""
+    """Raises LimitError if a tree is too deep or too large."""
     for unit, value, most in (
         ("levels", depth(node), limits.max_depth),
         ("nodes", size(node), limits.max_nodes),

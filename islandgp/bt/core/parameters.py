@@ -1,11 +1,11 @@
-"""Arguments of actions, as a domain declares them: numbers, whole numbers, words, flags and texts.
+"""Arguments of actions, declared by a domain: numbers, whole numbers, words, flags and texts.
 
     "MoveTo": Action("goes to a place", arguments={
         "goal": one_of("where to", ("dock", "door")),
         "speed": real("how fast", 0.1, 1.0, unit="m/s", default=0.5),
     })
 
-A tree writes `MoveTo(goal: door, speed: 0.8)`. What it leaves out has its default.
+A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out have their defaults.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NO_YES: Final = ("no", "yes")
 """The words of a flag."""
 
 LARGEST: Final = 1_000_000  # magnitude of a number
-SMALLEST_STEP: Final = 1e-9  # between two random numbers
+SMALLEST_STEP: Final = 1e-9  # smallest step of random numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +35,8 @@ class Parameter:
     default: Value  # a number, or a word; of a flag "no" or "yes"
     low: float = 0.0  # of a number
     high: float = 1.0
-    step: float | None = None  # random numbers are `low` and a multiple of it; None: any number
-    logarithmic: bool = False  # random numbers are as likely from 1 to 10 as from 10 to 100
+    step: float | None = None  # random numbers are `low` plus a multiple of it; None: any number
+    logarithmic: bool = False  # True: random numbers are log-uniform
     words: tuple[str, ...] = ()  # of a word or a flag
     unit: str = ""
 
@@ -117,7 +117,7 @@ def value_range(parameter: Parameter) -> str:
 
 
 def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
-    """An action as it is written, with the values that its arguments can have."""
+    """An action as text, with the ranges of its arguments."""
     ranges = (f"{key}: {value_range(each)}" for key, each in parameters.items())
     return f"{name}({', '.join(ranges)})" if parameters else name
 
@@ -156,7 +156,7 @@ def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Par
 
 
 def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:
-    """The value of each parameter where a leaf has these arguments, as a tree writes it."""
+    """The value of each parameter of a leaf with these arguments, as in the text of a tree."""
     values = dict(args.values)
     return {key: values.get(key, each.default) for key, each in parameters.items()}
 

@@ -1,6 +1,6 @@
-"""Prints a tree as canonical text: the genome that is hashed, cached, logged and sent.
+"""Prints trees as canonical text, the genome in records, caches and messages.
 
-Equal trees have equal text, and parsing the text gives the tree again.
+Equal trees have equal texts, and parsing a text returns an equal tree.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from islandgp.bt.core.node import (
 
 WIDTH = 80  # columns of a line
 INDENT = "  "
-INLINE_LEVELS = 3  # levels that one line may hold: deeper ones are hard to read
+INLINE_LEVELS = 3  # most levels in one line
 
 
 class Named(float):
-    """A number that is written by a name: of a constant or a parameter, or a word of a key."""
+    """A number that is printed as a name: of a constant or parameter, or a word of a key."""
 
     def __new__(cls, name: str, value: float) -> Self:
         named = super().__new__(cls, value)
@@ -61,7 +61,7 @@ def to_text(node: Node) -> str:
 def with_subtrees(tree: Node, *, comments: bool = True) -> str:
     """The text of a tree with its named subtrees defined above it, and with its comments.
 
-    A name defines the first tree that bears it; one that differs is written where it is used.
+    A name defines the first tree with this name; a different one is printed at its use.
     """
     bodies: dict[str, Node] = {}
     texts: list[str] = []
@@ -87,7 +87,7 @@ def with_subtrees(tree: Node, *, comments: bool = True) -> str:
 
 
 def number_text(value: float) -> str:
-    """A number without exponent and without needless decimals, `25`, `12.5`, or its name."""
+    """A number without exponent and trailing zeros, `25`, `12.5`, or its name."""
     if isinstance(value, Named):
         return value.name
     if value == int(value):
@@ -134,11 +134,11 @@ def _argument(argument: Argument, value: Any) -> str:
 
 
 def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
-    """A condition as it is written; `brackets`: around one that is joined."""
+    """A condition as text; with `brackets`, a joined condition is in brackets."""
     if isinstance(expr, Compound):
         if expr.word == "not":
             return f"not {condition_text(expr.parts[0], brackets=True)}"
-        # `and` binds more than `or`, so only an `or` in an `and` needs them.
+        # `and` binds more tightly than `or`, so only an `or` in an `and` needs them.
         inside = [condition_text(part, brackets=expr.word == "and") for part in expr.parts]
         text = f" {expr.word} ".join(inside)
         return f"({text})" if brackets else text
@@ -168,7 +168,7 @@ def _has_comments_below(node: Node) -> bool:
 
 
 def inline(node: Node, levels: int) -> str | None:
-    """The node as one line of any length; None if that would be hard to read."""
+    """The node as one line of any length; None if it is nested too deeply for one line."""
     if not node.children:
         return head(node)
     if levels == 1 or (len(node.children) > 1 and any(c.children for c in node.children)):

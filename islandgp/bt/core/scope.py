@@ -1,4 +1,4 @@
-"""The words of a text of trees: numbers, constants and parameters of subtrees."""
+"""Resolves the words of a tree's text: numbers, constants and parameters of subtrees."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ScopedWord:
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The names that are known at a place of a text."""
+    """The names that are defined at a place of a text."""
 
     source: Source
     constants: dict[str, float] = field(default_factory=dict)  # that are defined so far

@@ -1,4 +1,4 @@
-"""A text, and errors that point into it.
+"""The text of a tree, and error messages that show places in it.
 
     my_tree.bt:3:14: unknown action 'MoveToGarbag'
         sequence { MoveToBloc Grasp }
@@ -6,7 +6,7 @@
     Expected a node (selector, ...) or an action (MoveToBlock, ...).
     Did you mean MoveToBlock?
 
-The words of such a message are chosen in `diagnosis` and `builder`.
+`diagnosis` and `builder` choose the texts of such messages.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 _BEFORE_NODE: Final = re.compile(r"\s*(subtree\s+\w+\s*(\([^)]*\))?\s*=\s*)?(use\s+)?")
 _QUOTED: Final = re.compile(r'"[^"]*"')
-_EXCERPT = 100  # columns of a source line that a message shows
-_LONGEST_GUESS = 40  # characters; no word of the language is nearly as long
+_EXCERPT = 100  # most columns of a source line in a message
+_LONGEST_GUESS = 40  # most characters of a word for which a correction is searched
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A text and the name that messages call it by, e.g. its file name."""
+    """A text with its name in messages, e.g. its file name."""
 
     text: str  # line ends are "\n"
     name: str
@@ -112,7 +112,7 @@ def _lines(text: str) -> list[str]:
 
 
 def closest(word: str, words: Iterable[str]) -> str:
-    """The word that was probably meant; empty when none is near."""
+    """The closest word; "" if none is close."""
     if len(word) > _LONGEST_GUESS:
         return ""
     by_lower_case = {each.lower(): each for each in words}

@@ -59,7 +59,7 @@ class BuiltSubtree:
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """The definition of a subtree. With parameters it is built for each set of arguments."""
+    """The definition of a subtree. One with parameters is built for each set of arguments."""
 
     parameters: Mapping[str, Fitting]  # in order
     body: _Tree

@@ -1,8 +1,7 @@
-"""The words that a domain gives to the tree language: its actions and blackboard keys.
+"""The vocabulary of a domain: its actions and blackboard keys (section 2.2.3).
 
-Section 2.2.3 of the paper. The parser, the generator of random trees, the prompts,
-the exporters and the documentation all read the vocabulary; actions and keys are
-declared nowhere else.
+The parser, random trees, prompts, exporters and documentation all use the vocabulary; actions and
+keys are declared nowhere else.
 """
 
 from __future__ import annotations
@@ -45,12 +44,12 @@ class Action:
 
     meaning: str  # one line: what it does, when it succeeds and fails
     statuses: frozenset[int] = STATUSES  # that it can return
-    to_start: tuple[Condition, ...] = ()  # what it fails at once without
-    to_succeed: tuple[Condition, ...] = ()  # true on the blackboard of the tick in which it does
+    to_start: tuple[Condition, ...] = ()  # it fails in its first tick unless these hold
+    to_succeed: tuple[Condition, ...] = ()  # these hold in the tick in which it succeeds
     changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
-    """Actions whose success often comes right before it. Random trees put some of them in front."""
+    """Actions that often succeed right before it. Random trees insert some of them before it."""
     arguments: Mapping[str, Parameter] = field(default_factory=dict)
     """By name, in the order in which trees are written."""
     condition: bool = False  # never RUNNING and without effect; see `condition_leaf`
@@ -69,16 +68,16 @@ def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = Non
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A blackboard entry that a `when` can ask for."""
+    """A blackboard entry that conditions can read."""
 
     meaning: str  # one line, with the unit
     flag: bool = True  # yes or no; False: a number
     low: float = 0.0  # least value
     high: float = 1.0  # greatest threshold of a random tree
     step: float = 1.0  # distance between two thresholds of random trees, > 0
-    most: float | None = None  # greatest value in any world; None: there is no such value
+    most: float | None = None  # greatest value in any world; None: unbounded
     noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
-    whole: bool = False  # a number that has no decimals: so has what it is compared with
+    whole: bool = False  # True: a whole number, compared with whole numbers only
     words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
 
     @property
@@ -128,12 +127,12 @@ def number(
     most: float | None = None,
     noise: float = 0.0,
 ) -> Key:
-    """A key that is a number of at least `low`; random thresholds lie on a grid up to `high`."""
+    """A key that is a number >= `low`; random thresholds are on a grid up to `high`."""
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
 
 
 def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | None = None) -> Key:
-    """A key that is a whole number, compared with whole numbers only; else as `number`."""
+    """A key that is a whole number, compared with whole numbers only; otherwise as `number`."""
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, whole=True)
 
 
@@ -288,7 +287,7 @@ class Vocabulary:
                 _check_range(key, where)
 
     def __hash__(self) -> int:
-        """Of the names alone: the mappings of a vocabulary have no hash."""
+        """The hash of the names, as mappings have no hash."""
         return hash((self.domain, *self.actions, *self.keys))
 
     @cached_property

@@ -1,6 +1,6 @@
 """Completions and meanings for a tree file in an editor.
 
-Places are offsets into the text as the editor has it. The text may be wrong anywhere.
+Places are offsets into the editor's text, which may have errors anywhere.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ def _parameters(text: str, folder: Path) -> dict[str, str]:
 
 
 def _unfinished(code: Sequence[str]) -> str:
-    """The subtree whose definition the words have not come to the end of; "" for none."""
+    """The subtree whose definition is not complete at the end of the words; "" for none."""
     if "subtree" not in code:
         return ""
     name, *rest = [*code[len(code) - code[::-1].index("subtree") :], ""]
@@ -253,7 +253,7 @@ def _begin(text: str, offset: int) -> int:
 
 
 def _at(text: str, offset: int) -> tuple[Word, str] | None:
-    """The word at a place, which is no comment, and the one before it."""
+    """The word at a place outside comments, and the word before it."""
     previous = ""
     for word in words_of(text):
         if word.text[0] == "#":

@@ -1,4 +1,4 @@
-"""`fmt`: a tree file in canonical form, with its comments and named subtrees.
+"""`fmt`: formats a tree file, and keeps its comments and named subtrees.
 
 A file without comments, subtrees, blank lines and long conditions comes out as
 `to_text` prints its tree. Otherwise each comment keeps its place: a comment on its own line
@@ -42,7 +42,7 @@ _NODES: Final = (*KINDS, "use")
 def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) -> str:
     """The canonical form of a file; formatting it again changes nothing.
 
-    It need not hold a tree; `folder`: that of the file, for what it includes.
+    The file need not have a tree; `folder` is that of the file, for included files.
 
     Raises:
         TreeError: the text is not a tree of the language.
@@ -79,7 +79,7 @@ class _Word(NamedTuple):
 
 
 class _Formatter:
-    """Puts the comments and blank lines of a file to what the grammar has found in it."""
+    """Adds the comments and blank lines of a file to its parsed parts."""
 
     def __init__(self, part: ParsedFile, builder: Builder) -> None:
         """`builder` has built the file."""
@@ -205,7 +205,7 @@ def _below(tree: Any) -> list[Any]:
 
 
 def _own_lines(comments: Iterable[_Comment], blank_behind: bool, indent: str) -> Iterator[str]:
-    """Comments on lines of their own, and the blank line behind them."""
+    """Comments on separate lines, with the blank line after them."""
     for comment in comments:
         if comment.blank_before:
             yield ""
@@ -215,7 +215,7 @@ def _own_lines(comments: Iterable[_Comment], blank_behind: bool, indent: str) ->
 
 
 def _aside(comment: str) -> str:
-    """A comment behind a word."""
+    """A comment at the end of a line."""
     return f"  {comment}" if comment else ""
 
 

@@ -1,4 +1,4 @@
-"""Names that a tree file gives: where they are defined and used, and their rename."""
+"""Names in a tree file: their definitions and uses, and renaming."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Occurrence(NamedTuple):
 
 
 def occurrences(text: str) -> Iterator[Occurrence]:
-    """All names of subtrees, constants and parameters in a text, which may be wrong anywhere."""
+    """All names of subtrees, constants and parameters in a text, which may have errors."""
     words = code_words(text)
     owner, parameters, body_end = "", set[str](), -1
     of_uses: list[bool] = []  # of each open bracket, whether it follows a `use` and its name
@@ -146,7 +146,7 @@ def defines(text: str, symbol: Symbol) -> Word | None:
 
 
 def references(text: str, symbol: Symbol) -> list[Word]:
-    """The words of a text that name a symbol, its definition among them."""
+    """The words of a text that name a symbol, including its definition."""
     return [each.word for each in occurrences(text) if each.symbol == symbol]
 
 
@@ -160,7 +160,7 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
         folder: of the file, for what it includes.
 
     Raises:
-        TreeError: there is no such name, another file defines it, or `new` cannot take its place.
+        TreeError: there is no such name, another file defines it, or `new` is not possible.
     """
     occurrence = symbol_at(text, offset)
     if occurrence is None:

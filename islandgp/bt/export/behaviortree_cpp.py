@@ -2,9 +2,8 @@
 
 The file holds the tree `Robot`, one for each named subtree, and the model of the
 actions for Groot. The blackboard keys keep their names; numbers and flags must be on the blackboard
-before the first tick. Where the library's own nodes behave differently, the file
-has nodes of `nodes/islandgp_nodes.hpp`; a plain file has none of them, and `losses`
-lists its differences in meaning.
+before the first tick. If the library's nodes behave differently, the file uses nodes of
+`nodes/islandgp_nodes.hpp`; a plain file does not, and `losses` lists its differences in behaviour.
 
 One tick here is one call of `Tree::tickExactlyOnce()`.
 """
@@ -57,7 +56,7 @@ class NodeType(NamedTuple):
 
     tag: str
     attributes: tuple[str, ...] = ()  # names of our arguments there, in our order
-    ours: str = ""  # Control, Decorator: what Groot must know of a node of ours; "": the library's
+    ours: str = ""  # Control or Decorator, for Groot, of a node of ours; "": of the library
 
 
 NODES: Final[dict[str, NodeType]] = {
@@ -88,10 +87,10 @@ NODES: Final[dict[str, NodeType]] = {
     "wait_ticks": NodeType("WaitTicks", ("ticks", "seconds"), "Decorator"),
     "timeout_ticks": NodeType("TimeoutTicks", ("ticks", "seconds"), "Decorator"),
 }
-"""By the kinds of `plan`."""
+"""Node types by the kinds of `plan`."""
 
 NOTES: Final = ("name", "_description", "_fullpath", "_uid")
-"""Attributes without a meaning for the tree; as comments, `# name: ...`, in the language."""
+"""Attributes without an effect on the tree; they become comments, `# name: ...`."""
 _NOTE: Final = re.compile(rf"({'|'.join(NOTES)}): (.*)")
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
@@ -108,7 +107,7 @@ BUILT_IN: Final = frozenset((
     "Switch5", "Switch6", "TestNode", "Timeout", "UnsetBlackboard", "WaitValueUpdate",
     "WasEntryUpdated", "WhileDoElse",
 ))  # fmt: skip
-"""Names of nodes of the library, which no action can have."""
+"""Names of nodes of the library, which actions cannot have."""
 
 REPEAT = Loss(
     "repeat",
@@ -129,7 +128,7 @@ EQUAL = Loss("equal", "== and != treat two numbers that differ by at most 0.0000
 
 
 def losses(tree: Node) -> list[Loss]:
-    """The differences in meaning of a plain file, each kind once."""
+    """The differences in behaviour of a plain file, each kind once."""
     differences = guard_losses(tree)
     for node in walk(tree):
         if isinstance(node.args, CountArgs) and node.kind not in NAV2 and differs(node):
@@ -148,7 +147,7 @@ def losses(tree: Node) -> list[Loss]:
 
 
 def differs(node: Node) -> bool:
-    """True if the library's node for a parallel, a repeater or a `when` differs in meaning."""
+    """True if the library's node for a parallel, a repeater or a `when` behaves differently."""
     if isinstance(node.args, SecondsArgs):
         return True
     if isinstance(node.args, CountArgs):
@@ -170,9 +169,9 @@ def to_xml(
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
     Args:
-        tree: what to write; each named subtree becomes a separate tree in the file.
+        tree: the tree; each named subtree becomes a separate tree in the file.
         vocabulary: its actions and keys.
-        plain: only nodes of the library; `losses` lists the differences.
+        plain: True: use only nodes of the library; `losses` lists the differences.
         step_s: seconds between two ticks, for a wait or a timeout that is not plain.
 
     Raises:
@@ -242,7 +241,7 @@ def header() -> str:
 
 
 def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
-    """The plan with flags of actions and words of keys as the library reads them."""
+    """The plan with flags of actions and words of keys in the library's form."""
     args = part.args
     if isinstance(args, ActionArgs):
         arguments = vocabulary.action(args.name).arguments

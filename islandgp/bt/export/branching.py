@@ -34,14 +34,14 @@ SKIPPED = Loss(
 
 
 def only_if(test: Test, child: Node, abort: str) -> Node:
-    """A node that fails where the test does not hold; `abort` none or self."""
+    """A node that fails if the test does not hold; `abort` is none or self."""
     if isinstance(test, Condition | Compound):
         return guarded(test, child, abort)
     return Node("sequence" if abort == "none" else "reactive_sequence", (), (test, child))
 
 
 def implies(test: Test, child: Node, abort: str) -> Node:
-    """A node that succeeds where the test does not hold; `abort` none or self."""
+    """A node that succeeds if the test does not hold; `abort` is none or self."""
     if isinstance(test, Condition | Compound):
         return _inverted(guarded(test, _inverted(child), abort))
     return Node(
@@ -50,12 +50,12 @@ def implies(test: Test, child: Node, abort: str) -> Node:
 
 
 def unless(test: Test) -> Test:
-    """The test that holds where another one does not."""
+    """The negation of a test."""
     return _inverted(test) if isinstance(test, Node) else negated(test)
 
 
 def negated(expr: ConditionExpr) -> ConditionExpr:
-    """The condition that holds where another one does not."""
+    """The negation of a condition."""
     return negate(expr) if isinstance(expr, Compound) else opposite(expr)
 
 

@@ -1,8 +1,8 @@
 """A vocabulary from a file, for a robot whose domain is not installed here.
 
 The file is a domain's schema as JSON, as `islandgp domain NAME --json` prints it, or
-BehaviorTree.CPP XML with a `TreeNodesModel`. A model declares no blackboard entries,
-so the keys are those that the tree asks: a number where it compares, else a flag.
+BehaviorTree.CPP XML with a `TreeNodesModel`. A model declares no blackboard entries, so the keys
+are those that the tree reads: numbers if they are compared, else flags.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ _WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
 def declared(
     text: str, tree: str, *, name: str, tree_name: str = "<tree>", folder: Path | None = None
 ) -> Vocabulary:
-    """The vocabulary that a file declares.
+    """The vocabulary declared in a file.
 
     Args:
         text: the declaration.

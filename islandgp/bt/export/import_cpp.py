@@ -1,4 +1,4 @@
-"""Reads BehaviorTree.CPP XML, version 4, for the nodes that the language has too.
+"""Reads BehaviorTree.CPP XML, version 4, with nodes that have an equivalent in the language.
 
 The nodes of `nodes/islandgp_nodes.hpp` are those of the language. Of the library's
 own, a condition at the front of a ReactiveSequence checks itself. Differences in
@@ -139,7 +139,7 @@ def read_tree(
 
 
 class _Importer(SubtreeReader):
-    """Reads the nodes of a file; how SubTrees are read, the base class has."""
+    """Reads the nodes of a file; the base class reads SubTrees."""
 
     def preconditions(self, element: Element, names: Sequence[str]) -> Node:
         """A node with the conditions that its attributes ask before it starts."""

@@ -1,4 +1,4 @@
-"""Trees as JSON, without loss: reading what was written gives the tree again.
+"""Trees as JSON; reading a written file returns an equal tree.
 
 docs/exports.md shows the format. An argument's name is that of `KINDS`. The condition of a `when`
 is written as `key`, `op` and `number`, or as nested objects if it is joined. Comments and named

@@ -17,7 +17,7 @@ GATES: Final = {
 """Decorators that become a leaf and their child, by the composite that holds both.
 
 In a sequence the leaf succeeds when the child is due. In a selector the leaf, a condition, is
-inverted: where it fails, the decorator succeeds without its child.
+inverted: if it fails, the decorator succeeds without its child.
 """
 
 GATE = Loss(

@@ -1,4 +1,4 @@
-"""A tree in the terms that BehaviorTree.CPP and py_trees share.
+"""Converts a tree to nodes that BehaviorTree.CPP and py_trees have in common.
 
 Neither has abort rules. Both have composites with memory and composites that start
 with their first child in each tick ("reactive"). A guard that checks itself becomes a
@@ -8,7 +8,7 @@ branches are nested as one child, which has its own memory:
 
     selector { A  when p { B }  C }    ->    fallback(A, reactive_fallback(guard(p, B), C))
 
-With `differs` the plan has no loss: where the library's nodes differ it uses ours (`nodes/`).
+With `differs` the plan has no loss: it uses our nodes (`nodes/`) if the library's nodes differ.
 A selector or sequence that observes guards becomes an interruptible one, its guards become
 `When` nodes, and `differs` returns True for the other nodes that need one of ours.
 """
@@ -42,7 +42,7 @@ class TargetNode(NamedTuple):
 
 
 class Loss(NamedTuple):
-    """A difference in meaning after an export or an import."""
+    """A difference in behaviour after an export or an import."""
 
     about: str  # level, order, resumed, inner, ...: the rows of docs/exports.md
     message: str
@@ -118,7 +118,7 @@ _KINDS: Final = {
     "round_robin": ("round_robin", "round_robin"),
     "recovery": ("recovery", "recovery"),
 }
-"""By kind the library's node and ours."""
+"""The library's node and ours, by kind."""
 
 
 def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) -> TargetNode:
@@ -156,7 +156,7 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
 
 
 def _composite(node: Node) -> TargetNode:
-    """Runs of reactive branches and of plain ones, each run nested in the one before it."""
+    """Groups of reactive and of plain branches, each nested in the previous group."""
     plain = "fallback" if node.kind == "selector" else "sequence"
     branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
     run: list[TargetNode] = [plan(node.children[-1])]
@@ -221,9 +221,9 @@ def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterabl
 
     Args:
         tree: to be exported.
-        plain: with nodes of the library alone, which count seconds.
+        plain: True: only nodes of the library, which measure seconds.
         step_s: seconds between two ticks; our nodes count ticks.
-        unfit: kinds that the library has no node for.
+        unfit: kinds without a node in the library.
     """
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
@@ -247,7 +247,7 @@ def subtree_of(part: TargetNode) -> str:
 
 
 def fresh_name(name: str, unfit: set[str]) -> str:
-    """A word like `name` that is not among the unfit ones: `recharge(20, 3)` is recharge_20_3."""
+    """A valid name like `name` that is not in `unfit`: recharge_20_3 for `recharge(20, 3)`."""
     word = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
     word = word if word[:1].isalpha() or word[:1] == "_" else f"tree_{word}"
     candidate, number = word, 1
@@ -315,5 +315,5 @@ def parts(part: TargetNode) -> Iterator[TargetNode]:
 
 
 def own_nodes(name: str) -> str:
-    """The text of a file in `nodes`: our nodes for a library, or a template."""
+    """The text of a file in `nodes`."""
     return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")

@@ -57,7 +57,7 @@ _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=
 
 
 def losses(tree: Node) -> list[Loss]:
-    """The differences in meaning of a plain module, each kind once."""
+    """The differences in behaviour of a plain module, each kind once."""
     differences = guard_losses(tree)
     nodes = list(walk(tree))
     if any(differs(node) and isinstance(node.args, ParallelArgs) for node in nodes):
@@ -68,7 +68,7 @@ def losses(tree: Node) -> list[Loss]:
 
 
 def differs(node: Node) -> bool:
-    """True if the library's node for a parallel, a repeater or a `when` differs in meaning."""
+    """True if the library's node for a parallel, a repeater or a `when` behaves differently."""
     if isinstance(node.args, SecondsArgs):
         return True
     if not isinstance(node.args, ParallelArgs):
@@ -185,7 +185,7 @@ _AROUND: Final = {
 
 
 def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
-    """The Python text before and behind a node's children."""
+    """The Python text before and after a node's children."""
     kind, args = part.kind, part.args
     if kind == "subtree":
         return f"{subtree_of(part)}(action", ")"

@@ -1,8 +1,7 @@
 """Pictures of trees: in a terminal, as SVG, and as text for Mermaid and Graphviz.
 
-The SVG is self-contained: the root is at the left, with a row for each leaf. So order from top to
-bottom is the order in which branches are tried, as in the text, and a large tree grows
-downwards instead of getting too wide to read.
+The SVG is self-contained. The root is at the left, and each leaf has a row. So branches are tried
+from top to bottom, as in the text, and a large tree grows in height, not in width.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ def branches(node: Node, before: str = "", below: str = "") -> Iterator[tuple[st
 
 
 def to_lines(tree: Node) -> list[str]:
-    """The tree as plain text, a node a line."""
+    """The tree as plain text, one node per line."""
     return [before + label(node) for before, node in branches(tree)]
 
 
 def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
-    """The tree in colours, with a note behind each node (in document order) if there are any."""
+    """The tree in colours, with an optional note after each node (in document order)."""
     from rich.text import Text
 
     drawn = [

@@ -18,16 +18,16 @@ _WORD: Final = re.compile(
 
 
 def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
-    """The condition that a script asks.
+    """The condition of a script.
 
     Raises:
-        ValueError: it cannot be the condition of a `when`; the message has the reason.
+        ValueError: the script has no equivalent condition; the message has the reason.
     """
     return _Script(code, vocabulary).read()
 
 
 class _Script:
-    """Reads a script from left to right. There, && and || bind equally, and ! more than both."""
+    """Reads a script from left to right; && and || have equal precedence, and ! a higher one."""
 
     def __init__(self, code: str, vocabulary: Vocabulary) -> None:
         self._code, self._vocabulary = code, vocabulary

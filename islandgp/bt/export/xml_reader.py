@@ -1,4 +1,4 @@
-"""XML with the line of each element, for messages that point into the file."""
+"""Reads XML with the line of each element, for error messages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from xml.parsers import expat
 
 from islandgp.errors import TreeError
 
-DEEPEST = 300  # levels of elements
+DEEPEST = 300  # most levels of elements
 
 
 class Text(NamedTuple):

@@ -51,8 +51,8 @@ class _ReadSubtree(NamedTuple):
 class SubtreeReader(ABC):
     """Reads each tree of a file once, however often it is used.
 
-    Sizes are counted with a SubTree as large as its tree, so that trees which double each other
-    are refused before they are expanded.
+    Sizes are counted with a SubTree as large as its tree, so trees that double each other are
+    rejected before they are expanded.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class SubtreeReader(ABC):
         return self._read[key]
 
     def count(self, element: Element, nodes: int, levels: int) -> None:
-        """Counts nodes below the present level. Raises LimitError if they are too many."""
+        """Counts nodes below the present level. Raises LimitError if there are too many."""
         self._nodes += nodes
         self._levels = max(self._levels, self.level + levels)
         if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:

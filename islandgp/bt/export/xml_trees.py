@@ -10,7 +10,7 @@ from islandgp.bt.core.source import shown
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import TreeError
 
-MAX_XML: Final = 1_000_000  # characters of an included file; a longer one is not read whole
+MAX_XML: Final = 1_000_000  # most characters of an included file
 
 
 class XmlTree(NamedTuple):
@@ -26,7 +26,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
     Args:
         main: the root of the file.
         name: of the file, in messages.
-        folder: of the file; what it includes is there or below. None: it includes none.
+        folder: of the file; included files are there or below. None: includes are errors.
 
     Raises:
         TreeError: a file has another format, cannot be read, or defines an ID again.
@@ -106,7 +106,7 @@ def _read(element: Element, file: str, path: Path, folder: Path | None) -> tuple
     """The root of an included file, and the file's name in messages."""
     written = element.attributes["path"]
     try:
-        if not path.is_file():  # no pipe, which would be waited for
+        if not path.is_file():  # reading a pipe could block
             raise element.error(f"there is no file {shown(written)}", file)
         with path.open(encoding="utf-8") as opened:
             text = opened.read(MAX_XML)

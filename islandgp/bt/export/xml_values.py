@@ -1,6 +1,6 @@
 """The arguments of nodes from the attributes of XML elements.
 
-Each function raises ValueError with what was expected and found; the caller adds the place.
+Each function raises ValueError with the expected and the actual value; the caller adds the place.
 """
 
 from __future__ import annotations

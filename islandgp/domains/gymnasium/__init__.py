@@ -1,4 +1,4 @@
-"""Any environment of Gymnasium with numbers to observe and actions to choose, by configuration."""
+"""Environments of Gymnasium with numeric observations, as domains by configuration."""
 
 from islandgp.domains.gymnasium.domain import Gymnasium
 

@@ -1,4 +1,4 @@
-"""An environment of Gymnasium as a domain: a tick is a step, and the tree chooses its action."""
+"""A Gymnasium environment as a domain: each tick is a step, with an action chosen by the tree."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from islandgp.ticking import EventLog, Leaf, Stepped, must_be_values, once_a_thr
 Observations: TypeAlias = Mapping[str, settings.Observation]
 
 HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
-"""Wrappers of `gymnasium.make` that the domain does without: `ticks` limits the time."""
+"""Arguments of `gymnasium.make` without its time limit, which `ticks` replaces."""
 
 
 @once_a_thread
 def environment(name: str, options: str, render: bool) -> Any:
-    """An environment; shared by all episodes of a thread, which reset it.
+    """Creates an environment; all episodes of a thread share it and reset it.
 
     Args:
-        name: as `gymnasium.make` takes it.
+        name: as for `gymnasium.make`.
         options: further arguments, as JSON.
-        render: whether pictures will be asked for.
+        render: True if frames are needed.
     """
     with warnings.catch_warnings():
         # Importing Box2D emits warnings about its types; where warnings are errors, it crashes.
@@ -56,7 +56,7 @@ def environment(name: str, options: str, render: bool) -> Any:
 
 
 class Gymnasium(Stepped):
-    """The domain of one environment."""
+    """The domain of a Gymnasium environment."""
 
     World: ClassVar[type[BaseModel]] = settings.GymnasiumWorld
 
@@ -67,7 +67,7 @@ class Gymnasium(Stepped):
 
     @classmethod
     def make(cls, world: settings.GymnasiumWorld, rewards: RewardTable) -> Self:
-        """See `Domain`. Raises ConfigError where the environment is not there, or another one."""
+        """See `Domain`. Raises ConfigError if the environment is missing or does not fit."""
         if find_spec("gymnasium") is None:
             raise ConfigError(
                 f"domain={world.name}: expected the package gymnasium, found none; install it"
@@ -78,10 +78,10 @@ class Gymnasium(Stepped):
         return domain
 
     def environment(self, *, render: bool) -> Any:
-        """The environment of this thread. Raises ConfigError if it cannot be made.
+        """The environment of this thread. Raises ConfigError if it cannot be created.
 
         Args:
-            render: whether frames will be asked for; without OpenGL, MuJoCo's have none.
+            render: True if frames are needed; without OpenGL, MuJoCo's environments have none.
         """
         world = self.world
         try:
@@ -117,7 +117,7 @@ def _spaces(env: Any) -> Spaces:
 
 
 class _Episode:
-    """One episode; points go to the tree's action that chose the environment's."""
+    """One episode. Points are credited to the tree's action that chose the environment's."""
 
     def __init__(
         self, world: settings.GymnasiumWorld, env: Any, spaces: Spaces, seed: int, log: EventLog
@@ -140,7 +140,7 @@ class _Episode:
         self._flags = [i for i, (_, o) in enumerate(observed) if o.flag]
 
     def leaf(self, choice: settings.Choice, name: str) -> Leaf:
-        """Chooses an action of the environment, and succeeds at once."""
+        """A leaf that chooses an action of the environment, and succeeds immediately."""
         places = {key: each.at for key, each in choice.arguments.items()}
 
         chosen = (choice.do, name)
@@ -160,7 +160,7 @@ class _Episode:
         return fill if places else choose
 
     def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
-        """See `Stepped`: without a dict between the observation and the blackboard."""
+        """See `Stepped`. Reads observations directly, without a dict."""
         places, flags, words, none = self._keys, self._flags, self._words, self._none
 
         def read() -> list[float]:
@@ -209,14 +209,14 @@ class _Episode:
 
     @cached_property
     def _picture(self) -> Scene:
-        """The environment's own picture, as it is whenever it is asked for."""
+        """The environment's picture, rendered when it is requested."""
         height, width, _ = self.env.render().shape
         bounds = (0.0, 0.0, float(width), float(height))
         return Scene(bounds, frame=lambda: png(self.env.render()[:: self.shrink, :: self.shrink]))
 
     @cached_property
     def _between(self) -> Scene:
-        """A tick without a frame: the one before is shown on."""
+        """A tick without a frame, in which the previous one is shown."""
         return Scene(self._picture.bounds)
 
 
@@ -263,7 +263,7 @@ def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]
 
 
 def _check(world: settings.GymnasiumWorld, env: Any) -> None:
-    """Raises ConfigError where the environment has not what the configuration names."""
+    """Raises ConfigError if the environment lacks an observation or action of the configuration."""
     spaces = Spaces.of(env, world.environment)
     for name, observation in world.observations.items():
         if observation.at is not None and observation.at not in spaces.places:

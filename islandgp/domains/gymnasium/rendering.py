@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 BACKENDS: Final = ("egl", "osmesa", "glfw") if sys.platform == "linux" else ("glfw",)
-PATIENCE: Final = 60.0  # s for one backend
+PATIENCE: Final = 60.0  # time limit for a backend, s
 
 RENDER: Final = """
 from gymnasium.envs.mujoco.mujoco_rendering import OffScreenViewer
@@ -27,7 +27,7 @@ def is_mujoco(env: Any) -> bool:
 
 
 def without_shadows(env: Any) -> Any:
-    """The environment, whose frames a processor alone renders ten times as fast."""
+    """The environment without shadows, with which a CPU renders ten times as fast."""
     quality = env.unwrapped.model.vis.quality
     quality.shadowsize = quality.offsamples = 0
     return env
@@ -51,8 +51,8 @@ def import_fault(message: str) -> str:
 def choose_backend() -> bool:
     """Set `MUJOCO_GL` to the first backend that renders a frame; False if none does.
 
-    `MUJOCO_GL`, where it is set, is the only one tried. Each is tried in a child process: without
-    a display, MuJoCo may abort the process that renders.
+    If `MUJOCO_GL` is set, only this backend is tried. Each is tried in a child process, because
+    MuJoCo may abort the rendering process without a display.
     """
     chosen = os.environ.get("MUJOCO_GL")
     backend = next((each for each in ((chosen,) if chosen else BACKENDS) if _renders(each)), "")

@@ -16,13 +16,13 @@ Read = Callable[[Any], list[float]]
 class Spaces:
     """Conversion of an environment's observations and actions."""
 
-    read: Read  # an observation as its numbers
+    read: Read  # (observation) -> its numbers
     places: Mapping[int | str, int]  # their indices, by place and, of a Dict, by `key.place`
-    observed: int  # numbers of an observation
-    act: Callable[[Any], Any] | None  # an action from a list of numbers; None: it is a number
+    observed: int  # number of values in an observation
+    act: Callable[[Any], Any] | None  # (list of numbers) -> action; None: an action is a number
     none: int | tuple[float, ...]  # the first of each choice, or zeros
     choices: tuple[range, ...] = ()  # the values of each choice; empty: of a Box
-    bounds: tuple[tuple[float, float], ...] = ()  # of a Box: of each number
+    bounds: tuple[tuple[float, float], ...] = ()  # of each number of a Box
 
     @classmethod
     def of(cls, env: Any, name: str) -> Spaces:
@@ -33,7 +33,7 @@ class Spaces:
         return cls(read, places, len(paths), *_actions(env.action_space, name))
 
     def named(self) -> str:
-        """The places of an observation, in words."""
+        """The places of an observation as text."""
         words = [place for place in self.places if isinstance(place, str)]
         return f"0 to {self.observed - 1}" + (f" or one of {', '.join(words)}" if words else "")
 

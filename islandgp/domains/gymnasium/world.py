@@ -1,4 +1,4 @@
-"""The configuration of an environment: which numbers are keys, which actions there are."""
+"""The configuration of an environment: observations as keys, actions, and events."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OWN: Final = {
     "reward": Event("the environment's own reward of a step", "reward"),
     "step": Event("steps"),
 }
-"""Events that every environment has, and what signals can be of beside observations."""
+"""Events of every environment, which signals can use in addition to observations."""
 
 
 class Observation(BaseModel, frozen=True, extra="forbid"):
@@ -31,11 +31,11 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     divide: int = Field(default=1, ge=1)  # whole-number division, to read a part of a code
     modulo: int | None = Field(default=None, ge=2)  # remainder, after the division
     sum: dict[Word, FiniteFloat] = Field(default_factory=dict)
-    """In place of `at`: the weights of other observations, whose values are added up."""
+    """Instead of `at`: weights of other observations, for a weighted sum."""
     meaning: str  # one line, with the unit
-    flag: bool = False  # yes or no: above one half or not
+    flag: bool = False  # True: a flag, yes for values above one half
     words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
-    range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values beyond it are cut to it
+    range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values are clipped to it
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
     noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
 
@@ -57,13 +57,13 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Values beyond it are cut to it."""
+        """The range to which values are clipped."""
         if self.words:
             return 0, len(self.words) - 1
         return (-inf, inf) if self.flag else self.range
 
     def key(self) -> Key:
-        """The key that it becomes."""
+        """The key for the vocabulary."""
         if self.flag:
             return flag(self.meaning)
         if self.words:
@@ -94,7 +94,7 @@ class Filled(BaseModel, frozen=True, extra="forbid"):
         return self
 
     def parameter(self) -> Parameter:
-        """The argument that it becomes."""
+        """The parameter for the vocabulary."""
         low, high = self.range
         return real(
             self.meaning,
@@ -116,7 +116,7 @@ class Choice(BaseModel, frozen=True, extra="forbid"):
 
 
 class Signal(BaseModel, frozen=True, extra="forbid"):
-    """An event in each step in which a number lies between two levels."""
+    """An event in each step in which a value is between two bounds."""
 
     of: str  # an observation, `reward`, or `step`, the number of steps so far
     meaning: str  # one line
@@ -128,7 +128,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     """The configuration group `world`."""
 
     name: Word  # of the domain, as `domain NAME` in a tree file
-    environment: str = Field(min_length=1)  # as gymnasium.make takes it
+    environment: str = Field(min_length=1)  # as for gymnasium.make
     options: dict[str, Any] = Field(default_factory=dict)  # further arguments of gymnasium.make
     ticks: int = Field(ge=1, le=1_000_000)  # steps of an episode, at most
     step_s: float = Field(default=1.0, gt=0)  # simulated s of a step
@@ -141,9 +141,9 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     takes; None: the first of each choice, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
     delay: int = Field(default=0, ge=0, le=MOST_DELAY)
-    """Ticks by which perturbed worlds may delay what the tree sees, at most."""
-    shrink: int = Field(default=1, ge=1, le=64)  # of frames each so many-th pixel is kept
-    frame_every: int = Field(default=1, ge=1, le=1000)  # ticks from one frame to the next
+    """Most ticks of delay in perturbed worlds."""
+    shrink: int = Field(default=1, ge=1, le=64)  # factor by which frames are reduced in size
+    frame_every: int = Field(default=1, ge=1, le=1000)  # ticks between two frames
 
     @model_validator(mode="after")
     def _actions_do_something(self) -> Self:

@@ -1,4 +1,4 @@
-"""The island as a domain: its episodes as outcomes, and what an observer sees of them."""
+"""The island as a domain: its episodes, and their data for observers."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ EARNED_BY: Final[Mapping[str, str]] = {
     IslandEvent.PATROL: "PatrolWaypoint",
     IslandEvent.DISCOVERY: "PatrolWaypoint",
 }
-"""The action that an event's points are credited to; the other events belong to none."""
+"""The action to which an event's points are credited; other events have no action."""
 
 GOAL_SIZE: Final = 1.5  # m, in pictures
 
@@ -50,7 +50,7 @@ class Island:
     faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
-        """Raises ConfigError where obstacles do not fit, DomainError where an action lacks."""
+        """Raises ConfigError if obstacles do not fit, DomainError if an action is missing."""
         if missing := self.schema.vocabulary.actions.keys() - self.actions.keys():
             raise DomainError(
                 f"Expected a function in {type(self).__name__}.actions for each action of its"
@@ -107,7 +107,7 @@ class Island:
             raise
 
     def _action_in(self, late: Overdue) -> str:
-        """The action in whose function it was raised, or ""."""
+        """The action in whose function the error was raised, or ""."""
         names = {getattr(act, "__code__", None): name for name, act in self.actions.items()}
         names_found = (names.get(frame.f_code, "") for frame, _ in walk_tb(late.__traceback__))
         return next(filter(None, names_found), "")
@@ -181,7 +181,7 @@ class Island:
         )
 
     def _fixed(self) -> tuple[Thing, ...]:
-        """The things that do not move, for every picture of an episode."""
+        """The things that do not move, for all pictures of an episode."""
         world = self.world
         stations = (
             ("waypoint", world.waypoints),

@@ -26,7 +26,7 @@ Award = Callable[[IslandEvent, float], float]  # the points of an event, by its 
 
 
 class IslandEventLog:
-    """The events of an episode in order, and the fitness that they add up to."""
+    """The events of an episode in order, and their total fitness."""
 
     __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since")
 
@@ -39,7 +39,7 @@ class IslandEventLog:
         self.negative_since = -1  # step since which fitness is below 0, or -1
 
     def log(self, step: int, event: IslandEvent, amount: float) -> None:
-        """Writes an event down and adds its points."""
+        """Records an event and adds its points."""
         self.events.append((step, event, amount))
         self.fitness = fitness = self.fitness + self.award(event, amount)
         if fitness > self.best:

@@ -1,4 +1,4 @@
-"""Garbage on the ground, found by place: the cost of a look does not grow with the island."""
+"""Garbage on the ground, in a grid, so the cost of a look does not grow with the island."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from islandgp.domains.island.schedule import Schedule
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """Positions of all items of an episode, by the item's number."""
+    """Positions of all items of an episode, by index."""
 
     x: tuple[float, ...]  # m
     y: tuple[float, ...]  # m
     near: tuple[tuple[int, ...], ...]  # of each cell: the items in it and in the eight around it
     cell: float  # m, the width of a cell
-    columns: int  # cells in a row, with a ring of empty ones, which keeps neighbours simple
+    columns: int  # cells in a row, including empty ones at the margin
 
     def around(self, x: float, y: float) -> tuple[int, ...]:
         """The items of the nine cells around a point: all that are within `cell` metres."""
@@ -45,16 +45,16 @@ def _places(schedule: Schedule, side: float, cell: float) -> Places:
 
 
 class Ground:
-    """The items of an episode: which lie on the ground, and which the robot has seen."""
+    """The items of an episode: those on the ground, and those that the robot has seen."""
 
     def __init__(self, schedule: Schedule, *, most: int, side: float, cell: float) -> None:
-        """At most `most` items lie on an island of `side` metres at once."""
+        """At most `most` items are on the ground of an island of `side` metres."""
         first, later = len(schedule.garbage), len(schedule.spawns) - 1
         self.places = _places(schedule, side, cell)
         self.first = first  # items at the start, which have the lowest numbers
         self.there = bytearray(b"\1" * first + b"\0" * later)
         self.seen = bytearray(first + later)
-        self.room = most - first  # how many items more may come
+        self.room = most - first  # number of items that can still appear
         self.due = 0  # step from which a look can give something else
         self._items: tuple[complex, ...] | None = None  # `items`; None: changed since the last call
 
@@ -64,13 +64,13 @@ class Ground:
         return sum(self.there)
 
     def drop(self, item: int) -> None:
-        """The item appears."""
+        """Add an item."""
         self.there[item] = True
         self._items = None
         self.room -= 1
 
     def take(self, item: int) -> None:
-        """The item is gone."""
+        """Remove an item."""
         self.there[item] = False
         self._items = None
         self.room += 1

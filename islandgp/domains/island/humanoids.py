@@ -12,7 +12,7 @@ from islandgp.domains.island.world import HumanoidSettings
 
 
 class Humanoids:
-    """All humanoids of an episode; an index is one's name."""
+    """All humanoids of an episode, by index."""
 
     def __init__(self, settings: HumanoidSettings, bodies: tuple[pymunk.Body, ...]) -> None:
         self.settings = settings
@@ -35,7 +35,7 @@ class Humanoids:
         return self.items[h] >= self.settings.ask_from
 
     def turn(self, h: int, vx: float, vy: float, step: int) -> None:
-        """`h` takes a new heading and finds one more item; who begins to ask wants a look."""
+        """`h` takes a new heading and finds one more item; if it begins to ask, a look is due."""
         engine.steer(self.bodies[h], (vx, vy))
         items = self.items[h]
         if items < self.settings.most_items:
@@ -44,7 +44,7 @@ class Humanoids:
                 self.look_at(h, step)
 
     def hand_over(self, h: int, room: int) -> int:
-        """`h` gives away what fits into `room`; returns the number of items."""
+        """`h` gives at most `room` items; returns the number."""
         handed_over = min(self.items[h], room)
         self.items[h] -= handed_over
         self.look_at(h, 0)
@@ -56,7 +56,7 @@ class Humanoids:
         self.due = min(self.due, step)
 
     def look_at_all(self, step: int) -> None:
-        """A look at everybody is due at `step`."""
+        """A look at every humanoid is due at `step`."""
         for h in range(len(self.dues)):
             self.dues[h] = step
         self.due = step

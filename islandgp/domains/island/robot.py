@@ -1,8 +1,7 @@
 """The robot: battery, wheels and load, and its straight legs around obstacles.
 
-Charge is counted in whole millionths of a percent, and distance in whole steps
-of driving, so that many steps at once add up to exactly what they add up to
-one by one.
+Charge is counted in whole millionths of a percent, and distance in whole steps of driving, so the
+sum over many steps does not depend on how they are grouped.
 
 The way to a goal consists of straight legs: to the goal itself if no obstacle is in the way, else
 along the tangent of the first obstacle. If another obstacle is in the way to the tangent point,
@@ -79,13 +78,13 @@ TOLERANCE = 1e-6  # m, far above the rounding of positions
 
 
 def steps_to(distance: float, stride: float) -> int:
-    """The first step, >= 1, at which `distance` metres can be behind, at `stride` metres a step."""
+    """The first step, >= 1, after which `distance` metres can be driven, at `stride` per step."""
     steps = ceil((distance - TOLERANCE) / stride)
     return steps if steps > 1 else 1
 
 
 class IslandRobot:
-    """The robot's own state, changed by actions and by time."""
+    """The state of the robot, changed by actions and by time."""
 
     def __init__(
         self,
@@ -123,7 +122,7 @@ class IslandRobot:
         self.heading = 1 + 0j  # unit direction of the leg
         self.leg_end = 0  # step at which the next leg is planned
         self.odometer = 0  # steps spent driving
-        # what counts once
+        # events that count once
         self.spent = FULL  # charge used since the last charging attempt that counted
         self.fined_at = -1  # clearing point where an empty delivery has cost in this visit, or -1
 
@@ -133,7 +132,7 @@ class IslandRobot:
         return self.settings.capacity - self.load
 
     def drive_to(self, x: float, y: float, reach: float, lead: float = inf) -> None:
-        """Wants to be within `reach` metres of (x, y); the last wish in a tick counts.
+        """Sets the goal: to be within `reach` metres of (x, y). The last goal of a tick counts.
 
         `lead`: metres by which this goal is nearer than any other that the same action,
         called fresh, may choose.
@@ -186,7 +185,7 @@ class IslandRobot:
         return step + max(1, -((mark - level) // drain))
 
     def spend(self, steps: int) -> None:
-        """Lets `steps` steps of the present doing pass for battery and odometer."""
+        """Updates battery and odometer for `steps` steps of the present activity."""
         if self.charging and not self.driving:
             self.battery = min(FULL, self.battery + steps * self.charge)
             return

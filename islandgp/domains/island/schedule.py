@@ -35,7 +35,7 @@ class Schedule:
 def obstacles(world: IslandWorld) -> tuple[Circle, ...]:
     """Rocks and trees, apart from each other and from every place the robot must reach.
 
-    Raises ConfigError when they do not fit on the island.
+    Raises ConfigError if they do not fit on the island.
     """
     rng = np.random.default_rng(world.obstacles.layout_seed)
     keep = [
@@ -82,7 +82,7 @@ def _free_points(
 
 @lru_cache(maxsize=16)  # more than the worlds of a validation
 def draw_schedule(world: IslandWorld, seed: int) -> Schedule:
-    """The schedule of `seed`: a function of its arguments alone."""
+    """The schedule of `seed`, a function of the arguments."""
     rng = np.random.default_rng(seed)
     clear = world.robot.radius + world.robot.pickup_reach
     steps = round(world.episode.length / world.episode.step)

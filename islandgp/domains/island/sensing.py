@@ -1,8 +1,8 @@
 """Perception: camera and LiDAR with a range of 15 m, and the blackboard (section 2.2.3).
 
-A look also gives the step from which another one could differ, from the
-distance to the nearest thing that matters and the speed at which it can come
-nearer. Until then no look is needed; this is exact, not a guess.
+A look also computes the step from which another look could have a different result, by the distance
+and the maximum speed of the nearest relevant thing. Until then no look is needed, and the results
+are exact.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ assert tuple(VOCABULARY.keys) == (
     "foundGarbage",
     "isHumanoidWantToClear",
 )
-TOGETHER = 20  # steps: looks at humanoids that are due so soon are done in one go
+TOGETHER = 20  # steps within which looks at humanoids are done together
 
 
 def sense(island: State, *, always: bool = False) -> bool:
@@ -156,7 +156,7 @@ def _look_at(island: State, h: int) -> bool:
 
 
 def discover(island: State, things: int) -> None:
-    """Things seen for the first time count while the robot is on patrol (Table 3)."""
+    """Records things seen for the first time, which count while the robot patrols (Table 3)."""
     if not island.patrolling:
         return
     island.log(IslandEvent.DISCOVERY, things)

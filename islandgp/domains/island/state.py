@@ -1,4 +1,4 @@
-"""One episode's island as it is now: the single mutable thing of a simulation."""
+"""The state of the island in an episode; the only mutable object of a simulation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Deadlines:
 
     @staticmethod
     def of(settings: EpisodeSettings) -> Deadlines:
-        """The settings' seconds as steps."""
+        """The limits of the settings, in steps."""
         seconds = (settings.length, settings.stagnation, settings.stagnation_low_battery)
         length, stagnation, longer = (max(1, round(s / settings.step)) for s in seconds)
         low, negative = (
@@ -46,7 +46,7 @@ class Deadlines:
 
 @dataclass(slots=True)
 class State:
-    """Everything that a tick can see or change."""
+    """Everything that a tick can read or change."""
 
     world: IslandWorld
     limits: Deadlines
@@ -84,17 +84,17 @@ class State:
     aim: complex = 0j  # where it saw that humanoid, x + iy in metres
 
     def log(self, event: IslandEvent, amount: float) -> None:
-        """Writes an event of this step down."""
+        """Records an event of this step."""
         self.event_log.log(self.step, event, amount)
 
     def act(self, event: IslandEvent, amount: float) -> None:
-        """A non-movement action with its event."""
+        """Records a non-movement action with its event."""
         self.log(event, amount)
         self.acted = self.stirred = True
         self.last_action = self.step
 
     def wake_at(self, step: int) -> None:
-        """Asks for a tick at `step` at the latest."""
+        """Requests a tick at `step` at the latest."""
         if step < self.wake:
             self.wake = step
 

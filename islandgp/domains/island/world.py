@@ -1,7 +1,7 @@
-"""Settings of the simulated world, section 2.2.2.
+"""Settings of the island, section 2.2.2.
 
-The values are in `conf/world/`; this module has their meanings and ranges. Lengths are in metres,
-times in simulated seconds, charge in percent.
+The values are in `conf/world/`; this module defines their meanings and ranges. Lengths are in
+metres, times in simulated seconds, charge in percent.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RobotSettings(BaseModel, frozen=True, extra="forbid"):
     charge_rate: Positive  # %/s
     charge_below: Percent  # charging starts only below this level
     charge_again: Percent  # charge to be used up before another charging attempt counts
-    patrol_segment: Positive  # m, the stretch of patrol that is judged as one
+    patrol_segment: Positive  # m, a stretch of patrol in which discoveries are rewarded once
 
 
 class GarbageSettings(BaseModel, frozen=True, extra="forbid"):
@@ -61,7 +61,7 @@ class HumanoidSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class ObstacleSettings(BaseModel, frozen=True, extra="forbid"):
-    """Rocks and trees: the same on every day of the island."""
+    """Rocks and trees, which are the same in every world."""
 
     count: int = Field(ge=0, le=500)  # on the island
     radius: tuple[Positive, Positive]  # m, least and most
@@ -95,7 +95,7 @@ class EpisodeSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 class IslandWorld(BaseModel, frozen=True, extra="forbid"):
-    """One island; together with a seed it fixes everything but the robot's tree."""
+    """The settings of an island. With a seed, they define a world."""
 
     side: Positive  # m
     start: Point

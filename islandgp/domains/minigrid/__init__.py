@@ -1,4 +1,4 @@
-"""MiniGrid of the Farama Foundation: a robot that looks for keys, doors and goals in a maze."""
+"""MiniGrid of the Farama Foundation: a robot searches for keys, doors and goals in a maze."""
 
 from islandgp.domains.minigrid.domain import MiniGrid
 

@@ -25,12 +25,12 @@ class Levels(BaseModel, frozen=True, extra="forbid"):
     """The configuration group `world`."""
 
     levels: tuple[str, ...] = Field(min_length=1)
-    """Names as MiniGrid has them, without `MiniGrid-` and the version; a seed plays one of them."""
+    """MiniGrid's names without `MiniGrid-` and the version; a seed selects one of them."""
     ticks: int = Field(ge=1, le=10_000)  # steps of an episode, at most; a level may have fewer
 
 
 class MiniGrid(Stepped):
-    """The domain."""
+    """The MiniGrid domain."""
 
     World: ClassVar[type[BaseModel]] = Levels
     Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]] = GridRobot
@@ -38,7 +38,7 @@ class MiniGrid(Stepped):
 
     @classmethod
     def make(cls, world: Levels, rewards: RewardTable) -> Self:
-        """See `Domain`. Raises ConfigError without MiniGrid, or for a level that it has not."""
+        """See `Domain`. Raises ConfigError if MiniGrid or a level is missing."""
         if find_spec("minigrid") is None:
             raise ConfigError(
                 "domain=minigrid: expected the package minigrid, found none; install it with"

@@ -1,7 +1,7 @@
 """The robot's map of a level, and shortest paths in it.
 
-Places are bits of an integer: a set of places is a number, and a step of a search in all
-directions is four shifts. The field of view is MiniGrid's own (`Grid.process_vis`).
+A set of places is an integer with a bit per place, so a search step in all directions is four
+shifts. The field of view is that of MiniGrid (`Grid.process_vis`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ RIGHT, DOWN, LEFT, UP = range(4)  # MiniGrid's directions
 
 
 class Memory:
-    """A level as the robot knows it.
+    """The robot's map of a level.
 
     Attributes:
         stride: places from one row to the next, a margin included.
@@ -55,7 +55,7 @@ class Memory:
         return shifted
 
     def look(self, x: int, y: int, direction: int) -> int:
-        """Sees what is in view from a place; returns how many places are new."""
+        """Updates the map with the view from a place; returns the number of new places."""
         upright = direction in (UP, DOWN)
         stride, opaque = (self.stride, self._opaque) if upright else (self._tall, self._opaque_down)
         ahead, across = (y, x) if upright else (x, y)
@@ -92,13 +92,13 @@ class Memory:
 
     @property
     def frontier(self) -> int:
-        """Known free places beside a place that it has not seen."""
+        """Known free places next to an unseen place."""
         return self.free & self.seen & self.around(self.inside & ~self.seen)
 
     def way(self, start: int, ends: int) -> list[int] | None:
         """The places of a shortest known way to one of `ends`, the first step first.
 
-        None where there is no way; [] where it is there.
+        None if there is no way; [] if it is at one already.
         """
         if start & ends:
             return []

@@ -1,4 +1,4 @@
-"""One episode in MiniGrid: a skill for each action, and a step of the environment a tick."""
+"""An episode in MiniGrid: a skill for each action, and one environment step per tick."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 TURN_LEFT, TURN_RIGHT, FORWARD, TAKE, PUT, TOGGLE, WAIT = range(7)  # MiniGrid's actions
 STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction
-TILE: Final = 20  # pixels of a place in pictures
+TILE: Final = 20  # pixels per place in pictures
 
 Skill = Generator[None, None, bool]
 
 
 @cache
 def levels() -> dict[str, str]:
-    """The levels in which nothing moves by itself: by short name the newest of Gymnasium."""
+    """The levels without moving obstacles: the newest Gymnasium id by short name."""
     import gymnasium
     import minigrid  # noqa: F401 -- it registers its levels
 
@@ -38,7 +38,7 @@ def levels() -> dict[str, str]:
 
 @once_a_thread
 def environment(level: str) -> Any:
-    """The environment of a level; shared by all episodes of a thread, which reset it.
+    """Creates the environment of a level; all episodes of a thread share it and reset it.
 
     Observations are switched off: `memory` computes the same view forty times as fast.
     """
@@ -57,7 +57,7 @@ def mission(level: str, seed: int) -> str:
 
 
 def beside(what: str) -> Callable[[GridRobot], Skill]:
-    """The skill to go to a place beside the nearest of these things seen, and to face it."""
+    """The skill to go next to the nearest seen thing of this kind, and to face it."""
 
     def skill(self: GridRobot) -> Skill:
         places = self._places[what] & self.memory.seen
@@ -73,7 +73,7 @@ def beside(what: str) -> Callable[[GridRobot], Skill]:
 
 
 class GridRobot:
-    """One episode: a method for each action. `step` lets the environment take the step."""
+    """One episode: a method for each action; `step` executes the chosen environment action."""
 
     def __init__(self, world: Levels, seed: int, log: EventLog) -> None:
         self.log = log
@@ -87,10 +87,10 @@ class GridRobot:
         self._survey()
         self._look()
 
-    # What it knows
+    # Knowledge
 
     def _survey(self) -> None:
-        """Takes in where things are; they change by the robot's hand alone."""
+        """Reads the positions of things, which only the robot changes."""
         places: dict[str, int] = dict.fromkeys(
             ("free", "clear", "key", "door", "locked", "goal", "object", "thing"), 0
         )
@@ -207,7 +207,7 @@ class GridRobot:
         yield from self._do(FORWARD)
 
     def _face(self, place: int) -> Generator[None, None, None]:
-        """Turns towards one of the four places around, the shorter way; else does nothing."""
+        """Turns to a neighbouring place by the shorter way; does nothing for any other place."""
         stride = self.memory.stride
         around = (self.here << 1, self.here << stride, self.here >> 1, self.here >> stride)
         if place not in around:  # another skill, in parallel, has led it away
