@@ -5,17 +5,20 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.kinds import ABORTS, POLICIES, REPEATS, TIMED
+from islandgp.bt.core.kinds import ABORTS, KINDS, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, SecondsArgs, leaf
+from islandgp.bt.export.plan import EXPORTED, NAV2
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from tests.made import CLASSES, state
 
 _KEYS = VOCABULARY.keys
-TURNS = ["inverter", "inverter", "force_success", "force_failure", "until_failure"]
-NAV2 = ("pipeline", "round_robin", "recovery", "every")  # kinds that only Nav2 has
+_EXACT = EXPORTED - NAV2  # kinds with an exact export
+_PLAIN = [name for name, kind in KINDS.items() if not kind.arguments]
+TURNS = ["inverter", *(name for name in _PLAIN if KINDS[name].decorates)]
+COMPOSITES = [name for name in _PLAIN if not KINDS[name].decorates]
 _FLAGS = [name for name, key in _KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
@@ -90,21 +93,26 @@ def nodes(
     """Valid trees, about `max_leaves` leaves at most, of every kind of node.
 
     `timed`: those that count seconds, too; `reactive`: reactive composites, too; `nav2`: those of
-    NAV2, too; `pairs`: guards that compare two keys, too.
+    Nav2 and others without an exact export, too; `pairs`: guards that compare two keys, too.
     """
     guard = when_args(numbers() if thresholds is None else thresholds, pairs=pairs)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
     seconds = st.builds(SecondsArgs, st.sampled_from([0.5, 1.0, 2.0, 2.5]))
-    kinds = ["selector", "sequence"] + ["reactive_selector", "reactive_sequence"] * reactive
-    kinds += ["pipeline", "round_robin"] * nav2
+    turns, composites, clocks_of = (
+        [
+            name
+            for name in names
+            if (nav2 or name in _EXACT) and (reactive or not KINDS[name].reactive)
+        ]
+        for names in (TURNS, COMPOSITES, TIMED)
+    )
     count = st.builds(CountArgs, st.integers(REPEATS[0], max_repeats))
 
     def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
         one = st.tuples(child)
         several = st.lists(child, min_size=1, max_size=4).map(tuple)
-        composite = st.sampled_from(kinds)
-        timed_kinds = st.sampled_from([kind for kind in TIMED if nav2 or kind not in NAV2])
-        clocks = st.builds(Node, timed_kinds, seconds, one)
+        composite = st.sampled_from(composites)
+        clocks = st.builds(Node, st.sampled_from(clocks_of), seconds, one)
         recovery = st.builds(Node, st.just("recovery"), count, st.tuples(child, child))
         return st.one_of(
             *[clocks] * timed,
@@ -112,7 +120,7 @@ def nodes(
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),
-            st.builds(Node, st.sampled_from(TURNS), st.just(()), one),
+            st.builds(Node, st.sampled_from(turns), st.just(()), one),
             st.builds(Node, st.sampled_from(["repeater", "retry"]), count, one),
         )
 

@@ -120,6 +120,9 @@ _KINDS: Final = {
 }
 """The library's node and ours, by kind."""
 
+EXPORTED: Final = frozenset({*_KINDS, "selector", "sequence", "when", "action"})
+"""Kinds that can be exported; others have no equivalent in the libraries."""
+
 
 def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) -> TargetNode:
     """Converts a tree.
@@ -227,8 +230,7 @@ def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterabl
     """
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
-    known = {*_KINDS, "selector", "sequence", "when", "action"}
-    if missing := kinds.intersection(unfit) | (kinds - known):
+    if missing := kinds.intersection(unfit) | (kinds - EXPORTED):
         other = "as plain XML" if missing <= NAV2 and not plain else "in another form"
         raise DomainError(
             f"Expected a tree without {min(missing)}, for which there is no exact node; export"
