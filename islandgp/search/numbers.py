@@ -244,7 +244,7 @@ def tuned(
     if not thresholds:
         return Tuned(text, (), (), None, EpisodeCosts())
     plan = settings.plan(len(thresholds))
-    candidates = _Candidates(text, thresholds, evaluate, name, folder, progress)
+    candidates = _Candidates(text, vocabulary, thresholds, evaluate, name, folder, progress)
     worlds = _new_worlds(seed)
 
     best = _search(candidates, settings, plan, worlds, seed)
@@ -266,6 +266,7 @@ class _Candidates:
     def __init__(
         self,
         text: str,
+        vocabulary: Vocabulary,
         thresholds: Sequence[Threshold],
         evaluate: Evaluate,
         name: str,
@@ -274,7 +275,7 @@ class _Candidates:
     ) -> None:
         self.thresholds = thresholds
         self.episodes = 0
-        self._text, self._evaluate = text, evaluate
+        self._text, self._words, self._evaluate = text, vocabulary, evaluate
         self._name, self._folder, self._progress = name, folder, progress
 
     def text(self, values: Values) -> str:
@@ -286,7 +287,7 @@ class _Candidates:
     def points(self, trees: Sequence[Values], worlds: Sequence[int]) -> list[list[float]]:
         """The points of each tree in each world. Raises LimitError if a tree is too long."""
         texts = [
-            to_text(parse(self.text(values), name=self._name, folder=self._folder))
+            to_text(parse(self.text(values), self._words, name=self._name, folder=self._folder))
             for values in trees
         ]
         points = [list(row) for row in self._evaluate(texts, worlds)]

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 
 from islandgp.bt.analysis.numbers import COUNT, EQUAL, numbers_of, with_numbers
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.parameters import one_of, real
+from islandgp.bt.core.parameters import text as text_argument
+from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.errors import ConfigError
 from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
 from tests.profiles import examples
@@ -372,3 +374,36 @@ def test_the_intervals() -> None:
     assert isclose(apart, comparison.difference[0])
     width = comparison.difference[2] - comparison.difference[1]
     assert 0 < width < comparison.written[2] - comparison.written[1]
+
+
+def test_words_and_texts_in_place_of_parameters_are_no_numbers() -> None:
+    """A word, a text and a key are passed beside a number; a constant may have a word's name."""
+    words = Vocabulary(
+        "bot",
+        {
+            "Go": Action(
+                "", arguments={"to": one_of("", ("dock", "door")), "speed": real("", 0, 2)}
+            ),
+            "Say": Action("", arguments={"what": text_argument("")}),
+        },
+        {"place": enumeration("", ("dock", "door"))},
+    )
+    text = """constant dock = 1
+subtree go(where, speed, what) = when place == where {
+  sequence { Go(to: where, speed: speed) Say(what: what) Go(to: dock) }
+}
+use go(door, 0.5, "on my way")
+"""
+    numbers = numbers_of(text, words)
+    assert [(n.value, n.purposes) for n in numbers] == [(1, set()), (0.5, {"Go.speed"})]
+
+    def evaluate(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
+        for tree in trees:
+            assert to_text(parse(tree, words)) == tree
+        found = [re.search(r"speed: ([0-9.]+)", tree) for tree in trees]
+        speeds = [float(each[1]) if each else 1.0 for each in found]  # the default is left out
+        return [[-abs(speed - 1.5)] * len(worlds) for speed in speeds]
+
+    result = tuned(text, evaluate, words, SMALL, seed=0)
+    assert result.text.startswith("constant dock = 1\n")
+    assert isclose(result.values[0], 1.5, abs_tol=0.1)

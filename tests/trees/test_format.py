@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from islandgp.bt.core.language import parse, parse_placed, to_text, words
 from islandgp.bt.core.node import Node, walk
+from islandgp.bt.core.parameters import text as text_argument
+from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.bt.editor.format import format_text
 from tests.composed import composed
 from tests.profiles import cases, examples
@@ -141,3 +143,19 @@ def test_standard_input(islandgp: Cli) -> None:
     wrong = islandgp("fmt", "-", stdin="selector {")
     assert wrong.code == 2
     assert wrong.err.startswith("islandgp: <stdin>:1:11: the text ends too early")
+
+
+SPEAKER = Vocabulary("robot", {"Say": Action("", arguments={"what": text_argument("")})}, {})
+
+
+def test_texts_keep_their_quotes_beside_constants_and_parameters() -> None:
+    """Without its quotes a text would become the constant or the parameter of the same name."""
+    text = """\
+constant low = 3
+subtree say(word) = sequence { Say(what: "word") Say(what: word) Say(what: "low") }
+sequence { use say("low") Say(what: "open") }
+"""
+    tidy = format_text(text)
+    assert parse(tidy, SPEAKER) == parse(text, SPEAKER)
+    assert format_text(tidy) == tidy
+    assert "Say(what: open)" in tidy

@@ -173,7 +173,7 @@ class _SlotReader:
         for (parameter, purposes), argument in zip(taken.items(), arguments, strict=True):
             if hasattr(argument, "children"):
                 yield from self.slots(argument)
-            else:
+            elif argument.type != "FILE":  # a text
                 here = frozenset(passed.get(purpose, purpose) for purpose in purposes)
                 yield _Slot(f"use {name}: {parameter} =", here, argument)
 

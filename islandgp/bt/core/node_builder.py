@@ -11,7 +11,7 @@ from islandgp.bt.core.diagnosis import unknown_argument, unknown_node
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value
 from islandgp.bt.core.parameters import fits, value_range
-from islandgp.bt.core.printer import head, number_text
+from islandgp.bt.core.printer import Quoted, head, number_text
 from islandgp.bt.core.scope import Scope
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -100,8 +100,10 @@ def _value(
     """The value of an action's argument; without a vocabulary any word is one."""
     word = scope.word(token)
     if vocabulary is None:
-        numeric = token.type == "NUMBER" or word.number is not None
-        return scope.number(token) if numeric else word.text
+        if token.type == "NUMBER" or word.number is not None:
+            return scope.number(token)
+        quoted = scope.named and token.type != "NAME" and scope.has_name(word.text)
+        return Quoted(word.text) if quoted else word.text
     parameters = vocabulary.actions[action].arguments
     if key not in parameters:
         raise unknown_argument(scope.source, key, action, parameters)

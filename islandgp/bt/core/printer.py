@@ -42,6 +42,12 @@ class Named(float):
         return self.name, float(self)
 
 
+class Quoted(str):
+    """A text that needs its double quotes: without them it would be a constant or a parameter."""
+
+    __slots__ = ()
+
+
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
 def to_text(node: Node) -> str:
     """Prints a tree as its canonical text.
@@ -120,7 +126,8 @@ def _value_text(value: Value) -> str:
     """A number or a word; other texts are in double quotes."""
     if not isinstance(value, str):
         return number_text(value)
-    return value if NAME.fullmatch(value) and value not in RESERVED else f'"{value}"'
+    bare = NAME.fullmatch(value) and value not in RESERVED and not isinstance(value, Quoted)
+    return value if bare else f'"{value}"'
 
 
 def _argument(argument: Argument, value: Any) -> str:

@@ -67,6 +67,10 @@ class Scope:
             return self.values[token]
         return ScopedWord(token, self.source, self.constants.get(token))
 
+    def has_name(self, name: str) -> bool:
+        """True if a constant or a parameter has this name."""
+        return name in self.values or name in self.constants
+
     def number(self, token: _Token) -> float:
         """A number, or the value of the constant or parameter of that name."""
         word = self.word(token)
