@@ -245,7 +245,8 @@ def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
             "",
             f"- actions: {', '.join(f'`{name}`' for name in schema.vocabulary.actions)}",
             f"- keys: {', '.join(f'`{name}`' for name in schema.vocabulary.keys)}",
-            f"- score, the {study.unit} on {where}: best evolved tree {score(tree)},"
+            f"- score, the {study.unit} on {where}: best tree of [the study](study_worlds.md),"
+            f" with the paper's algorithm, {score(tree)},"
             f" [by hand](../{study.by_hand.relative_to(ROOT)})"
             f" {score(study.by_hand.read_text(encoding='utf-8'))}",
             "",

@@ -39,6 +39,7 @@ pytest.importorskip("minigrid", reason="extra `minigrid` is not installed")
 pytest.importorskip("gymnasium", reason="extra `gymnasium` is not installed")
 
 DOMAINS = Path(__file__).parents[2] / "islandgp" / "domains"
+PAGE = (DOMAINS.parents[1] / "docs" / "domains.md").read_text(encoding="utf-8")
 BY_HAND = {
     "minigrid": DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
@@ -132,8 +133,7 @@ def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
 
 def gallery_commands() -> list[list[str]]:
     """The commands of docs/domains.md on these domains, but pip's."""
-    page = (DOMAINS.parents[1] / "docs" / "domains.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"^```sh\n(.*?)```", page, re.DOTALL | re.MULTILINE)
+    blocks = re.findall(r"^```sh\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
     found = [shlex.split(line) for block in blocks for line in block.splitlines()]
     return [words for words in found if words[0] != "pip"]
 
@@ -151,19 +151,24 @@ def gallery_commands() -> list[list[str]]:
 def test_the_gallery_s_commands(
     islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
 ) -> None:
-    """Each does what it says; runs are shortened."""
+    """Each does what it says; runs are shortened. The page's file is in the folder."""
     if any("swimmer" in word for word in words):
         pytest.importorskip("mujoco", reason="extra `mujoco` is not installed")
+    monkeypatch.chdir(tmp_path)
+    for name, text in re.findall(r"^```yaml (\S+)\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
     if words[0] == "islandgp":
         quick = ("--set", SHORT[0]) if words[1] == "domain" else ()
         assert islandgp(*words[1:], *quick).code == 0
         return
-    monkeypatch.chdir(tmp_path)
+    config_dir = tmp_path / "conf" if "--config-dir" in words else None
+    words = [word for word in words if word not in ("--config-dir", "conf")]
     own = [word for word in words[3:] if not word.startswith("gp.generations")]
     quick = [*TINY, "gp.generations=2", "gp.validation=0", "tracking=off", "evaluator=serial"]
     if any(word.startswith(("supervisor=", "experiment=random")) for word in own):
         quick.remove("supervisor=baseline")
-    found = run(*own, *quick).runs
+    found = run(*own, *quick, config_dir=config_dir).runs
     assert list(found["status"]) == ["FINISHED"]
 
 
