@@ -14,6 +14,7 @@ from islandgp.records.files import FITNESS_KEYS, RunMetadata, fallback_words, va
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import title
 from islandgp.viewer.champion import champion_replay
+from islandgp.viewer.run_page import NAME_OF_PAGE, embedded_replay
 
 FILES: Final = (
     "best.bt",
@@ -56,7 +57,14 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
     if folder.finished():
-        yield Artifact("replay.html", lambda: champion_replay(folder))
+        yield Artifact("replay.html", lambda: replay(folder))
+
+
+def replay(folder: RunFolder) -> str:
+    """The replay page of a finished run's best robot: that of the run's page, or a new one."""
+    file = folder.path / NAME_OF_PAGE
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    return embedded_replay(text) or champion_replay(folder)
 
 
 def table(records: list[dict[str, Any]]) -> dict[str, Any]:

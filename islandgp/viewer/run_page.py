@@ -6,6 +6,8 @@ seconds.
 
 from __future__ import annotations
 
+import json
+import re
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
@@ -208,6 +210,12 @@ def _elites(view: RunView) -> tuple[Elite, ...] | None:
     except RunError:  # the file is missing, damaged, or being written
         return None
     return ()
+
+
+def embedded_replay(text: str) -> str:
+    """The replay that the text of a run's page holds; "" for none."""
+    match = re.search(r'<script type="application/json" id="replay">(.*)</script>', text)
+    return str(json.loads(match[1])) if match else ""
 
 
 def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:

@@ -6,8 +6,12 @@ import json
 import tracemalloc
 from pathlib import Path
 
+import pytest
+
 from islandgp.gp.record import record_values
+from islandgp.records.folder import Status
 from islandgp.tracking.artifacts import TABLE, artifacts, table
+from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
 from tests.tracking.folders import begun, steps, written
 
 GENERATIONS = 20
@@ -40,3 +44,21 @@ def test_the_table_is_that_of_whole_records(tmp_path: Path) -> None:
     found = {a.name: a.content for a in artifacts(folder)}
     whole = list(folder.records())
     assert found[TABLE]() == json.dumps(table(whole))  # type: ignore[operator] # a text is made
+
+
+def test_the_replay_is_that_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its episode is not recorded again, unless the page has none."""
+    folder = written(tmp_path / "run", tmp_path)
+    monkeypatch.setattr("islandgp.tracking.artifacts.champion_replay", lambda _: "new")
+
+    def replay() -> str:
+        text: str = {a.name: a.content for a in artifacts(folder)}["replay.html"]()  # type: ignore[operator]
+        return text
+
+    file = folder.path / NAME_OF_PAGE
+    file.unlink(missing_ok=True)
+    assert replay() == "new"
+    for status, expected in ((Status.RUNNING, "new"), (Status.FINISHED, "<b>old</b>")):
+        page = run_page(folder, status, replay="" if expected == "new" else expected)
+        file.write_text(page, encoding="utf-8")
+        assert replay() == expected

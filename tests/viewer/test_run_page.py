@@ -18,7 +18,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer import lineage_section
 from islandgp.viewer.history import RunCurves, read_history, thinned
-from islandgp.viewer.run_page import run_page
+from islandgp.viewer.run_page import embedded_replay, run_page
 from tests.evolution.runs import run
 from tests.viewer.browser import Browser
 from tests.viewer.runs import changed_record, supervised, written
@@ -239,7 +239,9 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     }  # fmt: skip
     (folder.path / "summary.json").write_text(json.dumps(summary))
     add_to_manifest(folder.path, "summary.json")
-    found = Parsed(run_page(folder, Status.FINISHED, replay=EVIL))
+    text = run_page(folder, Status.FINISHED, replay=EVIL)
+    assert embedded_replay(text) == EVIL
+    found = Parsed(text)
     assert [name for name, _ in found.scripts] == ["data", "replay", None]
     assert not any(tag == "img" for tag, _ in found.elements)
     assert json.loads(dict(found.scripts)["replay"]) == EVIL
@@ -268,6 +270,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     (folder.path / NAME).write_bytes(replace(archive, elites=elites).to_bytes())
     add_to_manifest(folder.path, NAME)
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
+    assert embedded_replay(text) == ""
     found = Parsed(text)
     shown = found.data["archive"]["elites"]
     assert len(text.encode()) < 2_000_000
