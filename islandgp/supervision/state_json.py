@@ -63,7 +63,7 @@ def field_meanings(
         before, _, rest = field.partition("<")
         sort, _, after = rest.partition(">")
         for name, description in sorts[sort].items() if sort else [("", "")]:
-            meanings[f"{before}{name}{after}"] = meaning.replace("<said>", description)
+            meanings[f"{before}{name}{after}"] = meaning.replace("<meaning>", description)
     return meanings
 
 

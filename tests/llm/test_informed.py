@@ -39,19 +39,19 @@ from tests.profiles import sweep
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=40")
 INFORMED = "supervisor.policy.prompts=informed"
 PARTS = {
-    # a key that leaves a part out: what stands in the prompts only with it
+    # a key that leaves a part out: a text that is in the prompts only with this part
     "reasoning=false": "Think first",
     "rewards=false": "What earns points here",
     "classes=false": "What each class of this population earns",
     "injected=0": "The trees that were injected last",
     "traces=false": "What two trees of this population did",
-    "decisions=0": "The last decisions, and what followed",
+    "decisions=0": "The last decisions, and their results",
     "differ=false": "Do not send one of them back",
 }
 
 
 class Keeps:
-    """The expert, which keeps what it is told of each generation."""
+    """The expert, which stores the generations that it receives."""
 
     name = "keeps"
 

@@ -66,7 +66,7 @@ def test_the_repair_prompt(adviser: Questions) -> None:
         "\n"
         "tree:1:1: unknown action 'FlyHome'\n"
         "\n"
-        "Answer once more with the whole JSON object, mended, and nothing else."
+        "Answer again with the whole, corrected JSON object and nothing else."
     )
 
 

@@ -158,8 +158,8 @@ def constant_values(how: InformedSettings, context: RunContext) -> dict[str, str
     return {
         "reasoning": "first" if how.reasoning else "",
         "differ": "differ" if how.differ else "",
-        "traces_told": "told" if how.traces else "",
-        "decisions_told": "told" if how.decisions else "",
+        "traces_told": "yes" if how.traces else "",
+        "decisions_told": "yes" if how.decisions else "",
         "rewards": _rewards(context.rewards, context.schema) if how.rewards else "",
         "thresholds": _thresholds(context.crisis) if how.rewards else "",
     }
@@ -224,7 +224,7 @@ def _thresholds(crisis: Crisis) -> str:
     return (
         f"A crisis is a diversity below {crisis.diversity_below:g}, or more than"
         f" {crisis.stagnant_epochs_above:g} epochs of stagnation: then the mutation rate is"
-        f" {crisis.emergency_rate:g}, whatever you answer."
+        f" {crisis.emergency_rate:g}, regardless of your answer."
     )
 
 

@@ -154,7 +154,7 @@ def language(vocabulary: Vocabulary) -> str:
             "Nodes:",
             *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
             "",
-            "How a tree goes on from tick to tick:",
+            "How a tree continues from tick to tick:",
             *(f"- {name}: {rule}" for name, rule in words("ticks").items()),
             "",
             f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
