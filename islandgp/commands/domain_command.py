@@ -18,6 +18,7 @@ import click
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.bt.core.parameters import described, signature
+from islandgp.bt.core.vocabulary import Key
 from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
 from islandgp.commands.options import Chosen, with_domain_options, with_timeout_option
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
@@ -120,7 +121,9 @@ def _lines(schema: Schema) -> Iterator[str]:
             for name, action in words.actions.items()
         },
         "Keys that are yes or no": {n: k.meaning for n, k in keys if k.flag},
-        "Keys that are numbers": {n: k.meaning for n, k in keys if not k.flag and not k.words},
+        "Keys that are numbers": {
+            f"{n}, {_range(k)}": k.meaning for n, k in keys if not k.flag and not k.words
+        },
         "Keys that are words": {
             n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in keys if k.words
         },
@@ -133,6 +136,12 @@ def _lines(schema: Schema) -> Iterator[str]:
             width = max(map(len, entries))
             yield f"\n{heading}"
             yield from (f"  {name:<{width}}  {meaning}" for name, meaning in entries.items())
+
+
+def _range(key: Key) -> str:
+    """The values of a key that is a number, as text."""
+    most = "" if key.most is None else f" to {key.most:g}"
+    return f"{'whole, ' if key.whole else ''}{key.low:g}{most or ' or more'}"
 
 
 def _plain(schema: Schema) -> dict[str, Any]:
@@ -188,10 +197,12 @@ def _check(
         return 1
     unseen = list(suite.unseen())
     if unseen:
-        click.echo(f"\nNot reached by any of {suite.trees_run} trees:")
+        click.echo(
+            f"\nNot reached by any of {suite.trees_run} trees (no failure without --strict):"
+        )
         for line in unseen:
             click.echo(f"  {line}")
-        click.echo("Give a tree that reaches it: islandgp domain NAME --check TREE.bt")
+        click.echo("A tree that reaches them can be added: islandgp domain NAME --check TREE.bt")
     return 1 if faults or (strict and unseen) else 0
 
 

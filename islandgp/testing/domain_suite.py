@@ -266,12 +266,12 @@ class DomainSuite:
                 "Expected weights of 1 to change nothing."
             )
 
-    def test_an_observer_changes_nothing(self) -> None:
+    def test_recording_an_episode_keeps_its_outcome(self) -> None:
         """An episode has the same outcome with an observer."""
         for run in self._survey.runs:
             assert run.watched == run.plain[0], "Expected the same when watched."
 
-    def test_the_blackboard_keeps_its_ranges(self) -> None:
+    def test_keys_stay_in_their_ranges(self) -> None:
         """Flags are 0 or 1; numbers lie between the key's `low` and `most`."""
         for _, _, _, seen in self.watched():
             assert seen.ticks, "Expected `observer.tick` to be called for each tick."
@@ -288,7 +288,7 @@ class DomainSuite:
                     f" found {STATUS_NAMES[status]}."
                 )
 
-    def test_credits_add_up_to_the_fitness(self) -> None:
+    def test_points_of_actions_add_up_to_the_fitness(self) -> None:
         """The points credited to an observer add up to each component of the outcome."""
         for _, _, outcome, seen in self.watched():
             assert not seen.wrong_credit, seen.wrong_credit
@@ -315,7 +315,7 @@ class DomainSuite:
                 f"Expected as many movers in each tick, found {sorted(seen.movers)}"
             )
 
-    def test_frames_are_pictures(self) -> None:
+    def test_frames_are_png_images(self) -> None:
         """A simulator's own frame is a PNG."""
         for domain, tree, _, _ in islice(self.watched(), 1):
             self._run(domain, tree, SEEDS[0], {}, FrameChecker(tree, domain.schema))

@@ -181,7 +181,7 @@ PROMISES = [
      "actions return the statuses that they declare",
      "Expected Tuck to return FAILURE, found SUCCESS."),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
-     "the blackboard keeps its ranges", "Expected blocks_left >= 0, found -1.0"),
+     "keys stay in their ranges", "Expected blocks_left >= 0, found -1.0"),
     ('Thing("robot", *TABLES', 'Thing("robo", *TABLES',
      "scenes use the declared forms",
      "Expected a form of the schema, found Thing(form='robo', x=0.0, y=0.0, size=0.4, text='')"),

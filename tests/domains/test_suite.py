@@ -98,7 +98,7 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
 
     found = {promise: fault for promise, fault in run_suite(Broken()) if fault}
     assert "an episode is a function of tree seed and weights" in found
-    assert "Expected blocks_left <= 9, found 12.0" in found["the blackboard keeps its ranges"]
+    assert "Expected blocks_left <= 9, found 12.0" in found["keys stay in their ranges"]
 
 
 def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
