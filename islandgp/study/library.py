@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, RunError, TreeError
 from islandgp.evaluation.base import Problem
@@ -38,17 +39,19 @@ def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
     if settings.folder is None or domain is None:
         return {}
     try:
-        return _names(library_folder(settings.folder, domain))
+        folder = library_folder(settings.folder, domain)
+        return _names(folder, domain.schema.vocabulary)
     except ConfigError:
         return {}
 
 
 @cache
-def _names(folder: Path) -> Mapping[str, str]:
+def _names(folder: Path, vocabulary: Vocabulary) -> Mapping[str, str]:
     names = {}
     for file in sorted(folder.glob("*.bt")):
         try:
-            names[to_text(parse(file.read_text(encoding="utf-8"), name=str(file)))] = file.stem
+            tree = parse(file.read_text(encoding="utf-8"), vocabulary, name=str(file))
+            names[to_text(tree)] = file.stem
         except TreeError:  # the file was changed since the run
             continue
     return names
