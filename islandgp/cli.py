@@ -144,6 +144,14 @@ ERRORS: Final = (
     (r"Invalid value for (.+?): (.+) is not in the range (.+)", r"\1: expected \3, found \2"),
     (r"Invalid value for (.+?): (.+) is not one of (.+)", r"\1: expected one of \3, found \2"),
     (
+        r"Invalid value for (.+?): File '(.+)' is a directory",
+        r"\1: expected a File, found the folder \2",
+    ),
+    (
+        r"Invalid value for (.+?): Directory '(.+)' is a file",
+        r"\1: expected a Directory, found the file \2",
+    ),
+    (
         r"Invalid value for (.+?): (File|Directory) '(.+)' .+",
         r"\1: expected a \2 at \3, found none",
     ),
@@ -162,6 +170,7 @@ def one_line(error: click.ClickException) -> str:
         near = get_close_matches(error.option_name, error.possibilities or (), 1, 0)
         text = f"expected another option, found {error.option_name}"
         remedy = f"did you mean {near[0]}?" if near else remedy
+    text = re.sub(r"[^\s']{300,}", lambda word: f"{word[0][:100]}...", text)
     for pattern, form in ERRORS:
         if match := re.fullmatch(pattern, text):
             text = match.expand(form)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from os.path import samefile
+from pathlib import Path
 from typing import Final
 
 import click
@@ -11,10 +13,17 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.commands.files import FILE, write_text
-from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
+from islandgp.commands.files import FILE, STDIN, write_text
+from islandgp.commands.options import (
+    Chosen,
+    NumberRange,
+    with_output_option,
+    with_vocabulary_options,
+)
 from islandgp.commands.setting import read_in_domain
 
+STEPS: Final = (1e-6, 86_400)
+"""Fewest and most seconds between two ticks."""
 FORMATS: Final = ("json", "btcpp", "pytrees")
 _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 
@@ -27,7 +36,7 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @click.option(
     "--step",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(*STEPS),
     help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns.",
 )
 @with_vocabulary_options
@@ -54,6 +63,8 @@ def command(
         return
     if file is None:
         raise click.UsageError("expected FILE, found none")
+    if STDIN not in (file, output) and Path(output).exists() and samefile(file, output):
+        raise click.UsageError(f"expected another file after -o, found {output} itself")
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
         raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")

@@ -19,7 +19,23 @@ from islandgp.text_files import MAX_BYTES, decoded, read_text_file
 
 STDIN: Final = "-"
 
-FILE: Final = click.Path(exists=True, dir_okay=False, allow_dash=True)
+
+class _Input(click.Path):
+    """A file to read. `-`, the standard input, can be read once only."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path, as from `click.Path`. Raises click.UsageError for a second `-`."""
+        path = super().convert(value, param, ctx)
+        if path == STDIN and ctx is not None:
+            if _STDIN_USED in ctx.meta:
+                raise click.UsageError("expected one `-`, the standard input, found more", ctx)
+            ctx.meta[_STDIN_USED] = True
+        return path
+
+
+_STDIN_USED: Final = "islandgp.stdin"
+
+FILE: Final = _Input(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
 

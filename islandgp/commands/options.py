@@ -38,11 +38,8 @@ class EpisodeOptions:
     timeout: float  # s of an episode; 0: none
 
 
-class NotNegative(click.FloatRange):
-    """A number of at least 0; "nan" is rejected."""
-
-    def __init__(self) -> None:
-        super().__init__(min=0)
+class NumberRange(click.FloatRange):
+    """A number within a range; "nan", which Click accepts in any range, is rejected."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -50,7 +47,7 @@ class NotNegative(click.FloatRange):
         """The number. Raises click.BadParameter for an invalid one."""
         number = super().convert(value, param, ctx)
         if isnan(number):
-            self.fail(f"{value!r} is not a number of at least 0.", param, ctx)
+            self.fail(f"{value} is not in the range {self._describe_range()}.", param, ctx)
         return float(number)
 
 
@@ -106,7 +103,7 @@ with_stage_option = click.option(
 )
 with_timeout_option = click.option(
     "--timeout",
-    type=NotNegative(),
+    type=NumberRange(min=0),
     default=TIMEOUT,
     help="Time limit of an episode in seconds; 0: none.",
 )

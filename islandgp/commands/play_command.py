@@ -16,7 +16,7 @@ import click
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node
 from islandgp.commands.files import FILE, called, read_tree
-from islandgp.commands.options import EpisodeOptions, NotNegative, with_episode_options
+from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import recorded, stage_index, tree_in_domain
 from islandgp.commands.tables import Column, numbers, print_table, standard_output
@@ -40,7 +40,7 @@ ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and 
 @click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch.")
 @click.option(
     "--speed",
-    type=NotNegative(),
+    type=NumberRange(min=0),
     default=10.0,
     help="Speed of --watch, as a factor; 0: without waiting.",
 )

@@ -7,7 +7,7 @@ from math import inf
 import click
 
 from islandgp.commands.files import FILE
-from islandgp.commands.options import EpisodeOptions, NotNegative, with_episode_options
+from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
 from islandgp.commands.setting import recorded
 
 
@@ -15,9 +15,11 @@ from islandgp.commands.setting import recorded
 @click.argument("file", type=FILE)
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the world.")
 @click.option(
-    "--from", "begin", type=NotNegative(), default=0.0, help="Start of the timeline, in s."
+    "--from", "begin", type=NumberRange(min=0), default=0.0, help="Start of the timeline, in s."
 )
-@click.option("--to", "end", type=NotNegative(), default=inf, help="End of the timeline, in s.")
+@click.option(
+    "--to", "end", type=NumberRange(min=0), default=inf, help="End of the timeline, in s."
+)
 @with_episode_options
 def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOptions) -> None:
     """Run the tree in FILE in one world and show the ticks of each node.

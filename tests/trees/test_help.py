@@ -53,7 +53,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         ),
         (
             ["play", "-", "--timeout", "nan"],
-            "islandgp: play: '--timeout': expected a number of at least 0, found 'nan'; `island",
+            "islandgp: play: '--timeout': expected x>=0, found nan; `islandgp play -h`",
         ),
         (
             ["show", "t.bt"],

@@ -34,6 +34,7 @@ from islandgp.errors import TreeError
 STEPS: Final = 200_000  # default of the search; takes some seconds
 MOST_CELLS: Final = 2_000  # most classes of blackboards
 
+_SHOWN: Final = 200  # characters of a rule in messages
 _RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
 _PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
 
@@ -70,8 +71,9 @@ class RuleResult:
 def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
     """A rule from `never ACTION while CONDITION`. Raises TreeError in a line."""
     match = _RULE.fullmatch(text)
+    rule = repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}...")
     if match is None:
-        raise TreeError(f"rule {text!r}: expected never ACTION while CONDITION, found another form")
+        raise TreeError(f"rule {rule}: expected never ACTION while CONDITION, found another form")
     action, condition = match.groups()
     try:
         tree = parse(f"when {condition} {{ {action} }}", vocabulary)
@@ -79,11 +81,11 @@ def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
         first, *rest = str(error).splitlines()
         hints = rest[2:] if error.source else rest
         message = ". ".join([_PLACE.sub("", first), " ".join(hints)]).rstrip(". ")
-        raise TreeError(f"rule {text!r}: {message}") from None
+        raise TreeError(f"rule {rule}: {message}") from None
     if re.search(r"\babort\b", condition):
-        raise TreeError(f"rule {text!r}: expected a condition after while, found an abort rule")
+        raise TreeError(f"rule {rule}: expected a condition after while, found an abort rule")
     if tree.guard is None or tree.children != (leaf(action),):
-        raise TreeError(f"rule {text!r}: expected a condition after while, found more than that")
+        raise TreeError(f"rule {rule}: expected a condition after while, found more than that")
     return Rule(" ".join(text.split()), action, tree.guard.condition)
 
 

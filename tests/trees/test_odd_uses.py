@@ -1,0 +1,158 @@
+"""Odd files and options: one clear message with exit code 2, and nothing written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.trees.shell import Cli, shell
+
+RULE = "never SeekCharger while lap > 3"
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "fmt": ("fmt", "@"),
+    "check": ("check", "@"),
+    "diff": ("diff", "@", "ok.bt"),
+    "tune": ("tune", "@", "--episodes", "200"),
+    "export": ("export", "@", "-o", "out.xml"),
+    "simplify": ("simplify", "@", "-o", "out.bt"),
+    "verify-tree": ("verify-tree", "@", RULE),
+}
+"""Each with @ in place of a file."""
+OK = "selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }\n"
+UNREADABLE: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda _: None, "expected a File at odd.bt, found none"),
+    "folder": (Path.mkdir, "expected a File, found the folder odd.bt"),
+    "dangling link": (lambda file: file.symlink_to("nowhere"), "expected a File at odd.bt"),
+    "binary": (lambda file: file.write_bytes(bytes(range(256))), "found the byte 0x80"),
+    "utf-16": (lambda file: file.write_bytes(OK.encode("utf-16")), "found the byte 0xff"),
+    "twenty megabytes": (lambda file: file.write_bytes(b"# c\n" * 5_000_000), "16,777,216 bytes"),
+}
+WRONG: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "there is no tree in the text"),
+    "ten megabytes": (b"# c\n" * 2_500_000, "the text has 10000000 characters"),
+    "deep": (b"inverter { " * 5000 + b"SeekCharger" + b" }" * 5000, "too deep"),
+    "NUL": (b"selector { \0 }", "unexpected character '\\x00'"),
+    "infinite": (b"when batteryLevel < 1e400 { SeekCharger }", "not a plain number"),
+    "Unicode name": ("Patrouill\u00e9".encode(), "unexpected character '\u00e9'"),
+}
+PLAIN = {
+    "BOM": b"\xef\xbb\xbf" + OK.encode(),
+    "CRLF": OK.replace(" ", "\r\n").encode(),
+    "CR": b"# a\r" + OK.encode(),
+    "comments": "# \N{ROBOT FACE} \u2028 \u202e\n".encode() + OK.encode(),
+}
+
+
+@pytest.fixture
+def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Runs `islandgp ARGUMENTS...`; see `shell`."""
+    return shell(monkeypatch, capsys)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder where the test runs, with a tree."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ok.bt").write_text(OK)
+    return tmp_path
+
+
+def use(islandgp: Cli, command: str, file: str) -> tuple[int, str]:
+    """The exit code of a command with a file, and all that it prints."""
+    said = islandgp(*(file if word == "@" else word for word in COMMANDS[command]))
+    return said.code, said.out + said.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("kind", UNREADABLE)
+def test_unreadable_files(islandgp: Cli, folder: Path, command: str, kind: str) -> None:
+    """The message names what was found in place of the file."""
+    make, message = UNREADABLE[kind]
+    make(folder / "odd.bt")
+    files = {*folder.iterdir()}
+    code, printed = use(islandgp, command, "odd.bt")
+    assert (code, message in printed) == (2, True), printed
+    assert len(printed) < 400
+    assert {*folder.iterdir()} == files
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("kind", WRONG)
+def test_wrong_texts(islandgp: Cli, folder: Path, command: str, kind: str) -> None:
+    """`check` reports them with exit code 1, as any error of a tree; the others reject them."""
+    data, message = WRONG[kind]
+    file = folder / "odd.bt"
+    file.write_bytes(data)
+    files = {*folder.iterdir()}
+    code, printed = use(islandgp, command, "odd.bt")
+    assert (code, message in printed) == (1 if command == "check" else 2, True), printed
+    assert len(printed) < 800
+    assert {*folder.iterdir()} == files
+    assert file.read_bytes() == data
+
+
+@pytest.mark.parametrize("command", ["fmt", "check", "diff", "export", "simplify"])
+@pytest.mark.parametrize("kind", PLAIN)
+def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kind: str) -> None:
+    """Marks, line ends of all systems and any characters in comments are accepted."""
+    name = "\N{ROBOT FACE} b\u00e4r.bt"
+    (folder / name).write_bytes(PLAIN[kind])
+    assert use(islandgp, command, name)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["diff", "-", "-"], "expected one `-`, the standard input, found more"),
+        (["check", "-", "ok.bt", "-"], "expected one `-`, the standard input, found more"),
+        (["fmt", "x" * 4000], "expected a File at"),
+        (["check", "--vocabulary", "ok.bt", "ok.bt"], "expected JSON of `islandgp domain NAME"),
+        (["check", "--vocabulary", ".", "ok.bt"], "expected a File, found the folder ."),
+        (["check", "--config-dir", "ok.bt", "ok.bt"], "expected a Directory, found the file ok.bt"),
+        (["diff", "ok.bt"], "expected NEW, found none"),
+        (["tune", "ok.bt", "--episodes", "nan"], "expected a valid integer, found 'nan'"),
+        (["tune", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
+        (["tune", "ok.bt", "--seed", "-1"], "expected"),
+        (["export", "ok.bt", "-o", "no/x.xml"], "found: no folder no"),
+        (["export", "ok.bt", "-o", "."], "expected a File, found the folder ."),
+        (["export", "ok.bt", "--to", "pdf"], "expected one of 'json', 'btcpp', 'pytrees'"),
+        (["export", "ok.bt", "-o", "x.pdf"], "expected --to with one of"),
+        (["export", "ok.bt", "--to", "json", "-o", "ok.bt"], "found ok.bt itself"),
+        (["export", "ok.bt", "--header"], "expected --header alone"),
+        *(
+            (["export", "ok.bt", "--to", "btcpp", "--step", step], "expected 1e-06<=x<=86400")
+            for step in ("nan", "inf", "0", "-1", "1e-320")
+        ),
+        (["simplify", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
+        (["simplify", "ok.bt", "ok.bt"], "expected no more words, found ok.bt"),
+        (["verify-tree", "ok.bt"], "expected RULES..., found none"),
+        (["verify-tree", "ok.bt", "never"], "rule 'never': expected never ACTION while CONDITION"),
+        (["verify-tree", "ok.bt", "never SeekCharger while lap > nan"], "unknown constant or key"),
+        (
+            ["verify-tree", "ok.bt", f"never SeekCharger while {'(' * 3000}lap{')' * 3000}"],
+            "too deep",
+        ),
+        (["verify-tree", "ok.bt", RULE, "--steps", "0"], "expected 1<=x<=2000000, found 0"),
+    ],
+    ids=lambda each: " ".join(each)[:40] if isinstance(each, list) else "",
+)
+def test_odd_options(islandgp: Cli, folder: Path, words: list[str], message: str) -> None:
+    """One line that says what is expected, and no file is written."""
+    said = islandgp(*words, stdin=OK)
+    assert (said.code, message in said.err) == (2, True), said.err
+    assert len(said.err) < 700
+    assert [*folder.iterdir()] == [folder / "ok.bt"]
+    assert (folder / "ok.bt").read_text() == OK
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_full_disk(islandgp: Cli) -> None:
+    """A device that takes nothing is reported as such."""
+    if not Path("/dev/full").exists():
+        pytest.skip("needs /dev/full")
+    for words in (["export", "ok.bt", "--to", "json"], ["simplify", "ok.bt"]):
+        said = islandgp(*words, "-o", "/dev/full")
+        assert said.code == 2
+        assert "Expected to write /dev/full: " in said.err
