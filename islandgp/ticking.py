@@ -10,15 +10,17 @@
 
 A leaf is a function that is called once per tick while its node runs, and returns True
 (success), False (failure) or RUNNING. Or it is a generator function: it is RUNNING at
-each `yield`, and returns True or False at its end.
+each `yield`, and returns True or False at its end. A generator that is aborted, or runs at the
+episode's end, is closed, so that its `finally` runs.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cache, partial, wraps
-from math import inf, isfinite
+from math import isfinite
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
@@ -26,20 +28,20 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.closures import Tick
 from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node
+from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node, walk
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import Observer, Outcome, Schema
 from islandgp.errors import DomainError
-from islandgp.leaves import Leaf, is_number, status_of, steps
+from islandgp.event_log import EventLog
+from islandgp.leaves import GeneratorSteps, Leaf, status_of, steps
 from islandgp.plugin import defined_in, short_repr
-from islandgp.scoring.rewards import RewardTable, worth
+from islandgp.scoring.rewards import RewardTable
 from islandgp.sensors import SensorFaults
 from islandgp.simulator_checks import (
     must_be_values,
     must_last,
     must_take,
-    near_hint,
     no_ending,
     wrong_measure,
 )
@@ -78,70 +80,6 @@ def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
         return value
 
     return cached
-
-
-class EventLog:
-    """Counts the events of an episode and adds up their points by component.
-
-    `log("picked")` and `log("driven", 2.5)` record an event.
-    """
-
-    def __init__(
-        self,
-        rewards: RewardTable,
-        schema: Schema,
-        weights: Mapping[str, float],
-        observer: Observer | None = None,
-    ) -> None:
-        self.counts = dict.fromkeys(schema.events, 0)
-        self.components = dict.fromkeys(schema.components, 0.0)
-        self.action = ""  # the leaf that is being called
-        self._rewarded = rewards.events.keys()
-        self._worth = worth(rewards, weights)
-        self._observer = observer
-        self._logged: Callable[[str], None] | None = getattr(observer, "logged", None)
-
-    def matters(self, event: str) -> bool:
-        """True if an event earns points or the episode has an observer.
-
-        Args:
-            event: of the schema.
-
-        Returns:
-            False if the event need not be recorded for its points.
-        """
-        return event in self._rewarded or self._observer is not None
-
-    def __call__(self, event: str, amount: float = 1.0) -> None:
-        """Records an event.
-
-        Args:
-            event: of the schema.
-            amount: in the event's unit; finite.
-
-        Raises:
-            DomainError: the event is not in the schema, or the amount is not a finite number.
-        """
-        try:
-            self.counts[event] += 1
-        except KeyError:
-            known, near = ", ".join(self.counts), near_hint(event, self.counts)
-            raise DomainError(
-                f"Expected an event of the schema ({known}), found {event!r}{near}."
-            ) from None
-        if not (type(amount) is float and -inf < amount < inf) and not is_number(amount):
-            raise DomainError(
-                f"Expected a finite amount of the event {event!r}, found {short_repr(amount)}."
-            )
-        if self._logged is not None:
-            self._logged(event)
-        if event not in self._rewarded:
-            return
-        component, points = self._worth(event, amount)
-        if component:
-            self.components[component] += points
-            if self._observer is not None:
-                self._observer.credit(component, points, event, self.action)
 
 
 class Simulation(Protocol):
@@ -300,7 +238,15 @@ class Stepped:
         places = self.schema.vocabulary.places
         board = [0.0] * len(places)
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, leaves.tick_of, board, places, watch=watch, step_s=self.step_s)
+        tick = compile_tree(
+            tree,
+            leaves.tick_of,
+            board,
+            places,
+            watch=watch,
+            stopped=leaves.stopper(tree),
+            step_s=self.step_s,
+        )
         read, see = self.reader(episode), None
         if self.faults is not None:
             see = self.faults.sensors(self.schema.vocabulary.keys, seed)
@@ -314,6 +260,7 @@ class Stepped:
             ending = step()
             if ending and not isinstance(ending, str):
                 raise DomainError(no_ending(ending, step))
+        leaves.stop()
         return Outcome(
             components=log.components,
             counters=_counters(self.schema, log, measures),
@@ -354,6 +301,8 @@ class _Leaves:
 
     def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
         self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
+        self._generators: list[tuple[int, str, GeneratorSteps]] = []  # number of the leaf, action
+        self._made = 0  # leaves so far, in document order
 
     def tick_of(self, args: ActionArgs) -> Tick:
         """The tick function of a leaf; the arguments are passed by name."""
@@ -362,6 +311,9 @@ class _Leaves:
         if arguments := self._vocabulary.action(name).arguments:
             leaf = partial(leaf, **bound(args, arguments))
         call = steps(leaf)
+        if isinstance(call, GeneratorSteps):
+            self._generators.append((self._made, name, call))
+        self._made += 1
 
         def tick(fresh: bool) -> int:
             log.action = name
@@ -376,3 +328,20 @@ class _Leaves:
             return status_of(status, name, self._leaves[name])
 
         return tick
+
+    def stopper(self, tree: Node) -> Callable[[int, int], None]:
+        """A function that stops the generators of a part of the tree, given by its positions."""
+        positions = [at for at, node in enumerate(walk(tree)) if node.action]
+
+        def stopped(first: int, end: int) -> None:
+            self.stop(bisect_left(positions, first), bisect_left(positions, end))
+
+        return stopped
+
+    def stop(self, first: int = 0, end: int | None = None) -> None:
+        """Closes the running generators of the leaves with these numbers, by default of all."""
+        for number, name, generator in self._generators:
+            if first <= number and (end is None or number < end):
+                self._log.action = name
+                generator.stop()
+                self._log.action = ""

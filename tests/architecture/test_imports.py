@@ -39,6 +39,7 @@ LAYERS: list[tuple[str, ...]] = [
     ("ros2",),
     ("scoring",),
     ("simulator_checks",),
+    ("event_log",),
     ("ticking", "domains"),
     ("gp",),
     ("search",),

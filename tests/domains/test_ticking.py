@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import pytest
@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
-from islandgp.domain import Counter, Event, Outcome, Schema
+from islandgp.domain import Counter, Event, Outcome, Scene, Schema
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import RUNNING, EventLog, Stepped
@@ -76,7 +76,22 @@ class Counting:
         self.calls.append("odd")
 
 
-def run(text: str, ticks: int = 10, **methods: object) -> tuple[list[str], Outcome]:
+class Watching:
+    """An observer that ignores what it sees."""
+
+    def node(self, place: int, status: int) -> None:
+        """See `Observer`."""
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        """See `Observer`."""
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        """See `Observer`."""
+
+
+def run(
+    text: str, ticks: int = 10, observer: Watching | None = None, **methods: object
+) -> tuple[list[str], Outcome]:
     """The calls of leaves, and the outcome; `methods` take the place of the episode's own."""
     episodes: list[Counting] = []
 
@@ -89,7 +104,7 @@ def run(text: str, ticks: int = 10, **methods: object) -> tuple[list[str], Outco
         World, Episode, schema, step_s = World, episode, SCHEMA, 0.5
 
     domain = Domain.make(World(ticks=ticks), REWARDS)
-    outcome = domain.run_episode(parse(text, SCHEMA.vocabulary), 0, {"points": 10.0})
+    outcome = domain.run_episode(parse(text, SCHEMA.vocabulary), 0, {"points": 10.0}, observer)
     return episodes[0].calls, outcome
 
 
@@ -124,6 +139,56 @@ def test_an_aborted_generator_begins_anew() -> None:
     """The guard turns true in the fourth tick, and stops what runs behind it."""
     calls, _ = run("selector { when ready abort lower { Yes } Twice }", ticks=4)
     assert calls == ["begin", "go on", "begin", "yes"]
+
+
+def holding(log: list[str]) -> Callable[[], Iterator[None]]:
+    """An action that holds something until it is stopped."""
+
+    def hold() -> Iterator[None]:
+        log.append("hold")
+        try:
+            while True:
+                yield
+        finally:
+            log.append("release")
+
+    return hold
+
+
+@pytest.mark.parametrize("observed", [False, True])
+def test_an_aborted_generator_is_closed_at_once(observed: bool) -> None:
+    """Its `finally` runs before the branch that takes over, as in a bound tree on a robot."""
+    log: list[str] = []
+    tree = "selector { when n == 2 abort lower { Odd } Twice }"
+    observer = Watching() if observed else None
+
+    def odd() -> bool:
+        log.append("odd")
+        return True
+
+    run(tree, 4, observer, Twice=holding(log), Odd=odd)
+    assert log == ["hold", "release", "odd", "hold", "release"]
+
+
+@pytest.mark.parametrize("ticks", [2, 3])
+def test_events_of_a_finally_belong_to_the_episode(ticks: int) -> None:
+    """A generator that runs at the episode's end is closed before the outcome is made."""
+
+    class Holder(Counting):
+        def Twice(self) -> Iterator[None]:
+            try:
+                while True:
+                    yield
+            finally:
+                self.Yes()
+
+    class Domain(Stepped):
+        World, Episode, schema = World, Holder, SCHEMA
+
+    domain = Domain.make(World(ticks=ticks), REWARDS)
+    outcome = domain.run_episode(parse("Twice", SCHEMA.vocabulary), 0, {})
+    assert outcome.components == {"points": 3.0}
+    assert outcome.counters == {"done": 1.0, "calls": 1.0}
 
 
 def test_keys_are_sensed_before_the_tick() -> None:

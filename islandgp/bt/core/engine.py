@@ -33,6 +33,8 @@ ABORTED: Final = 4  # passed to a watch only: the node was running and has been 
 
 Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document order, status)
 
+Stopped: TypeAlias = Callable[[int, int], None]  # (first position, position after the last)
+
 
 Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
 
@@ -44,6 +46,7 @@ def compile_tree(
     places: Mapping[str, int],
     *,
     watch: Watch | None = None,
+    stopped: Stopped | None = None,
     step_s: float | None = None,
 ) -> Callable[[], int]:
     """Compiles a tree to a function that ticks it once.
@@ -58,6 +61,8 @@ def compile_tree(
         watch: called for each node that is ticked, children before parents, and with ABORTED for
             each running node that is stopped. None is fastest; then no abort is
             reported, and an aborted action is only called with `fresh` True at its next start.
+        stopped: called with the positions of each part of the tree that is stopped, of which any
+            nodes may have been running. It costs nothing in a tick without an abort.
         step_s: seconds between two ticks, > 0; required if the tree counts seconds. A tree that
             `needs_each_tick` has to be ticked in each step.
 
@@ -70,7 +75,7 @@ def compile_tree(
         KeyError: an action of the tree is missing in `actions`, or a key in `places`.
         DomainError: the tree counts seconds, and `step_s` is None.
     """
-    compiler = _Compiler(actions, board, places, watch, step_s)
+    compiler = _Compiler(actions, board, places, watch, stopped, step_s)
     root = compiler.compile(tree, None)
     fresh, timed = True, needs_each_tick(tree)
 
@@ -92,8 +97,8 @@ class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
     __slots__ = (
-        "_actions", "_board", "_key_index", "_report_stopped", "_running", "_step_s", "_watch",
-        "now", "stopped_midtick",
+        "_actions", "_board", "_key_index", "_report_stopped", "_running", "_step_s", "_stopped",
+        "_watch", "now", "stopped_midtick",
     )  # fmt: skip
 
     def __init__(
@@ -102,6 +107,7 @@ class _Compiler:
         board: Board,
         places: Mapping[str, int],
         watch: Watch | None,
+        stopped: Stopped | None,
         step_s: float | None,
     ) -> None:
         self._step_s = step_s
@@ -111,7 +117,10 @@ class _Compiler:
         self._key_index = places
         self._watch = watch
         self._running: list[bool] = []  # by position
-        self._report_stopped: ReportStopped = _ignore if watch is None else self._watch_stopped
+        self._stopped = stopped or _ignore
+        self._report_stopped: ReportStopped = (
+            self._stopped if watch is None else self._watch_stopped
+        )
         self.stopped_midtick = False  # True: an action was RUNNING in this tick and then aborted
 
     @property
@@ -256,6 +265,7 @@ class _Compiler:
             if self._running[position]:
                 self._running[position] = False
                 self._watch(position, ABORTED)
+        self._stopped(first, end)
 
 
 _MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = {
@@ -296,4 +306,4 @@ def compares_keys(tree: Node, key: str) -> bool:
 
 
 def _ignore(first: int, end: int) -> None:
-    """Do nothing, in a tree without a watch."""
+    """Do nothing, where nobody asks which parts are stopped."""
