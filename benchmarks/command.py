@@ -26,10 +26,10 @@ RUN = ("-m", "islandgp")
 TOOL = ("-c", "from islandgp.cli import main; main()")  # what the script `islandgp` does
 
 
-def start(command: Sequence[str], words: Sequence[str], folder: Path) -> subprocess.Popen[str]:
+def start(command: Sequence[str], arguments: Sequence[str], folder: Path) -> subprocess.Popen[str]:
     """RUN or TOOL with WORDS, in a folder; its output is discarded."""
     return subprocess.Popen(
-        [sys.executable, *command, *words],
+        [sys.executable, *command, *arguments],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdin=subprocess.DEVNULL,

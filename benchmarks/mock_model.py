@@ -62,11 +62,11 @@ def measure(folder: Path, overrides: Sequence[str], *, noise: float, faults: flo
         print(f"Expected port {PORT} to be free, found: {error.strerror}.", file=sys.stderr)
         return 2
     with mock as server:
-        for name, words in (ARMS | PARTS).items():
+        for name, arm in (ARMS | PARTS).items():
             where = [f"name={name}", f"runs='{folder}'"]
-            if words[0] == LLM[0]:
+            if arm[0] == LLM[0]:
                 where.append(f"supervisor.policy.base_url={server.url}")
-            code = main([*SETTING, *words, *where, *overrides, "-m"])
+            code = main([*SETTING, *arm, *where, *overrides, "-m"])
             if code:
                 return code
     print("\n" + "\n".join(table(folder)))

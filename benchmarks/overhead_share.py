@@ -115,10 +115,10 @@ def _pair(home: Path, seed: int, shorter: tuple[str, ...]) -> tuple[Run, Run]:
     return off, on
 
 
-def _run(home: Path, *words: str, fixed: tuple[str, ...] = EPISODES) -> Run:
-    name = next(word.removeprefix("name=") for word in words if word.startswith("name="))
+def _run(home: Path, *overrides: str, fixed: tuple[str, ...] = EPISODES) -> Run:
+    name = next(word.removeprefix("name=") for word in overrides if word.startswith("name="))
     began = time()
-    finish(start(RUN, [*words, *fixed, "progress=off"], home))
+    finish(start(RUN, [*overrides, *fixed, "progress=off"], home))
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)

@@ -21,11 +21,11 @@ MB: Final = 1024  # kB
 
 def measure(effort: Effort) -> list[Figure]:
     """`islandgp --help`, a mistake in the configuration, the first generation; then memory."""
-    words = SMALL if effort is Effort.TINY else ()
+    overrides = SMALL if effort is Effort.TINY else ()
     waits: dict[str, Callable[[], float]] = {
         "help_s": lambda: _command(TOOL, "--help"),
         "config_error_s": lambda: _command(RUN, "gp.population=-5", expected=2),
-        "first_generation_s": lambda: _first_generation(words)[0],
+        "first_generation_s": lambda: _first_generation(overrides)[0],
     }
     found: dict[str, list[float]] = {name: [] for name in waits}
     for _ in range(ROUNDS[effort]):
@@ -40,7 +40,7 @@ def measure(effort: Effort) -> list[Figure]:
     figures = [
         Figure(name, median(found[name]), "s", what[name], goals.get(name)) for name in waits
     ]
-    _, (resident, own) = _first_generation(words)
+    _, (resident, own) = _first_generation(overrides)
     if resident:
         figures += [
             Figure("worker_mb", resident / MB, "MB", "resident memory of a worker"),
@@ -49,18 +49,18 @@ def measure(effort: Effort) -> list[Figure]:
     return figures
 
 
-def _command(command: tuple[str, ...], *words: str, expected: int = 0) -> float:
+def _command(command: tuple[str, ...], *arguments: str, expected: int = 0) -> float:
     with empty_folder() as home:
         began = perf_counter()
-        finish(start(command, words, home), expected)
+        finish(start(command, arguments, home), expected)
         return perf_counter() - began
 
 
-def _first_generation(words: tuple[str, ...]) -> tuple[float, tuple[float, float]]:
+def _first_generation(overrides: tuple[str, ...]) -> tuple[float, tuple[float, float]]:
     """Seconds until generation 0 is on disk; a worker's resident and proportional kB."""
     with empty_folder() as home:
         began = perf_counter()
-        process = start(RUN, ["tracking=off", "progress=off", *words], home)
+        process = start(RUN, ["tracking=off", "progress=off", *overrides], home)
         try:
             while not any(file.stat().st_size for file in home.glob("runs/*/*/generations.jsonl")):
                 if process.poll() is not None or perf_counter() - began > PATIENCE:

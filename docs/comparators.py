@@ -88,7 +88,7 @@ WITH_LIBRARY: Final = (
 class World:
     """A domain with its budget."""
 
-    words: tuple[str, ...]  # overrides
+    overrides: tuple[str, ...]
     by_hand: Path  # a tree for comparison
     config_dir: Path | None = None
     library: bool = False
@@ -162,10 +162,10 @@ def arms_of(world: World) -> Iterator[str]:
 def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
     """A run, made where it is missing, and its best robot's mean in unseen worlds."""
     world, began = WORLDS[name], process_time()
-    words = (*world.words, *ARMS[arm], f"name=comparators-{name}", f"seed={seed}", *QUIET)
-    results = islandgp.run(*words, config_dir=world.config_dir)
+    overrides = (*world.overrides, *ARMS[arm], f"name=comparators-{name}", f"seed={seed}", *QUIET)
+    results = islandgp.run(*overrides, config_dir=world.config_dir)
     (row,) = results.runs.to_dict("records")
-    experiment = islandgp.compose(*words, config_dir=world.config_dir)
+    experiment = islandgp.compose(*overrides, config_dir=world.config_dir)
     outcomes = experiment.evaluate(str(row["tree"]), UNSEEN)
     counters = {key: fmean(o.counters[key] for o in outcomes) for key in outcomes[0].counters}
     return {
@@ -192,7 +192,7 @@ def curve_of(folder: Path) -> list[tuple[int, float]]:
 def by_hand(name: str) -> float:
     """The mean of the hand-written tree in the unseen worlds."""
     world = WORLDS[name]
-    experiment = islandgp.compose(*world.words, *QUIET, config_dir=world.config_dir)
+    experiment = islandgp.compose(*world.overrides, *QUIET, config_dir=world.config_dir)
     text = world.by_hand.read_text(encoding="utf-8")
     return fmean(o.fitness for o in experiment.evaluate(text, UNSEEN))
 
@@ -206,8 +206,8 @@ def read_raw(name: str) -> dict[str, Any]:
     """A world's raw scores: `by_hand`, and by arm and seed."""
     if not raw_file(name).exists():
         return {"by_hand": None, "arms": {}}
-    found: dict[str, Any] = json.loads(raw_file(name).read_text(encoding="utf-8"))
-    return found
+    raw: dict[str, Any] = json.loads(raw_file(name).read_text(encoding="utf-8"))
+    return raw
 
 
 def write_raw(name: str, raw: dict[str, Any]) -> None:
@@ -244,15 +244,15 @@ def report() -> None:
             for arm in arms_of(world)
             if arms.get(arm) and arm not in compared
         ]
-    table: Scores = scores
-    rows = summarise(table, reference=REFERENCE, paired=True)
-    found = score_table(rows, title="Best robots in unseen worlds, by search")
+    by_world: Scores = scores
+    rows = summarise(by_world, reference=REFERENCE, paired=True)
+    table = score_table(rows, title="Best robots in unseen worlds, by search")
     lines = [
-        "| " + " | ".join(found.columns) + " |",
-        "|---" * len(found.columns) + "|",
-        *("| " + " | ".join(row) + " |" for row in found.rows),
+        "| " + " | ".join(table.columns) + " |",
+        "|---" * len(table.columns) + "|",
+        *("| " + " | ".join(row) + " |" for row in table.rows),
         "",
-        *found.notes,
+        *table.notes,
         "",
         *differences({name: raws[name] for name in scores}),
         *(
@@ -263,7 +263,7 @@ def report() -> None:
     ]
     (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
-    profile_picture(table, label="Mean in unseen worlds").save(FOLDER)
+    profile_picture(by_world, label="Mean in unseen worlds").save(FOLDER)
     draw_curves({name: raws[name] for name in scores})
 
 
@@ -272,22 +272,28 @@ def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
     rows: list[tuple[str, str, int, Interval, float]] = []
     for name, raw in raws.items():
         seeds = seeds_of(raw, arms_of(WORLDS[name]))
-        known = {arm: [raw["arms"][arm][seed]["score"] for seed in seeds[arm]] for arm in seeds}
-        by_hand = {arm: [raw["by_hand"]] * len(scores) for arm, scores in known.items()}
-        pairs = [(a, b, known[a], known[b]) for a, b in PAIRS if a in known and b in known]
-        pairs += [(arm, "by hand", known[arm], by_hand[arm]) for arm in known if arm != REFERENCE]
-        for first, second, own, other in pairs:
-            test = paired_test(own, other)
-            words = f"{name}: {first} - {second}"
+        by_arm = {arm: [raw["arms"][arm][seed]["score"] for seed in seeds[arm]] for arm in seeds}
+        by_hand = {arm: [raw["by_hand"]] * len(scores) for arm, scores in by_arm.items()}
+        pairs = [(a, b, by_arm[a], by_arm[b]) for a, b in PAIRS if a in by_arm and b in by_arm]
+        pairs += [(arm, "by hand", by_arm[arm], by_hand[arm]) for arm in by_arm if arm != REFERENCE]
+        for first, second, scores, others in pairs:
+            test = paired_test(scores, others)
+            label = f"{name}: {first} - {second}"
             rows.append(
-                (words, f"{fmean(own):,.1f}", len(own), paired_difference(own, other), test.p)
+                (
+                    label,
+                    f"{fmean(scores):,.1f}",
+                    len(scores),
+                    paired_difference(scores, others),
+                    test.p,
+                )
             )
     adjusted = benjamini_hochberg([row[-1] for row in rows])
     yield "| difference | mean of the first | runs | mean difference [95 %] | p | p BH |"
     yield "|---|---:|---:|---:|---:|---:|"
-    for (words, mean, n, found, p), p_bh in zip(rows, adjusted, strict=True):
-        interval = f"{found.estimate:,.1f} [{found.low:,.1f}, {found.high:,.1f}]"
-        yield f"| {words} | {mean} | {n} | {interval} | {p:.2g} | {p_bh:.2g} |"
+    for (label, mean, n, difference, p), p_bh in zip(rows, adjusted, strict=True):
+        interval = f"{difference.estimate:,.1f} [{difference.low:,.1f}, {difference.high:,.1f}]"
+        yield f"| {label} | {mean} | {n} | {interval} | {p:.2g} | {p_bh:.2g} |"
     hands = ", ".join(f"{name} {raw['by_hand']:,.1f}" for name, raw in raws.items())
     yield ""
     yield (
@@ -336,8 +342,8 @@ def random_trees(names: Sequence[str]) -> None:
     for name in names:
         world = WORLDS[name]
         for kind in ("branches", "paper"):
-            words = ("search=racing", f"search/breeding={kind}", *world.words, *QUIET)
-            experiment = islandgp.compose(*words, config_dir=world.config_dir)
+            overrides = ("search=racing", f"search/breeding={kind}", *world.overrides, *QUIET)
+            experiment = islandgp.compose(*overrides, config_dir=world.config_dir)
             settings = experiment.settings
             plan = settings.plan(settings.make_domain())
             how = settings.search.settings().breeding

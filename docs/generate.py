@@ -144,13 +144,13 @@ def measured_characters() -> dict[str, int]:
     found = {}
     for prompts in SETS:
         with TemporaryDirectory() as home, MessagesServer(answer=MockModel()) as server:
-            words = [
+            overrides = [
                 "supervisor=llm", "search=paper", f"supervisor.policy.base_url={server.url}",
                 f"supervisor.policy.prompts={prompts}", "gp.generations=8",
                 "gp.population=20", f"runs='{home}'", "tracking=off", "progress=off",
                 "evaluator=serial",
             ]  # fmt: skip
-            if main(words):
+            if main(overrides):
                 raise SystemExit("Expected a run with the mock, found an error; see above.")
             transcript = Transcript(next(Path(home).rglob("transcript.jsonl")))
         asked = [a.request for a in transcript.attempts if a.call.part in ("rate", "tree")]

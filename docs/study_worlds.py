@@ -106,8 +106,8 @@ def _p(p: float) -> str:
 def best_robot(study: Study, arm: str, seed: int) -> dict[str, Any]:
     """A run, made where it is missing: its best robot, and what the run itself thinks of it."""
     name = f"name=worlds-{study.domain}-{arm.replace(' ', '_')}"
-    words = (f"domain={study.domain}", *ARMS[arm], *study.budget, *TREES, name, f"seed={seed}")
-    (row,) = islandgp.run(*words, *QUIET).runs.to_dict("records")
+    overrides = (f"domain={study.domain}", *ARMS[arm], *study.budget, *TREES, name, f"seed={seed}")
+    (row,) = islandgp.run(*overrides, *QUIET).runs.to_dict("records")
     return dict(row)
 
 
@@ -119,8 +119,8 @@ def episodes(study: Study, tree: str, seeds: Sequence[int], level: str = "") -> 
 @cache
 def experiment(domain: str, level: str = "") -> islandgp.Experiment:
     """A domain as it comes, with one level or all."""
-    words = [f"domain={domain}", *([f"world.levels=[{level}]"] if level else [])]
-    return islandgp.compose(*words, *QUIET)
+    overrides = [f"domain={domain}", *([f"world.levels=[{level}]"] if level else [])]
+    return islandgp.compose(*overrides, *QUIET)
 
 
 def measured(study: Study, tree: str) -> float:

@@ -115,8 +115,8 @@ class Schema:
             The new schema.
         """
         all_of_them = {**self.vocabulary.actions, **actions}
-        words = replace(self.vocabulary, domain=domain, actions=all_of_them)
-        return replace(self, vocabulary=words)
+        vocabulary = replace(self.vocabulary, domain=domain, actions=all_of_them)
+        return replace(self, vocabulary=vocabulary)
 
 
 def total(values: Iterable[float]) -> float:

@@ -62,13 +62,13 @@ class DomainError(IslandError):
 
 
 class TimeLimitError(DomainError):
-    """An episode exceeded its time limit; `found` is the code that was running, with its place."""
+    """An episode exceeded its time limit; `running` is the running code, with its place."""
 
     def __init__(self, work: str, seconds: float) -> None:
         super().__init__(
             f"Expected an episode to end within {seconds:g} s, found {work}; {LONGER}."
         )
-        self.found = work
+        self.running = work
 
 
 LONGER: Final = (

@@ -41,9 +41,9 @@ def must_take(
         return
 
 
-def near_hint(name: object, known: Iterable[str]) -> str:
+def near_hint(name: object, names: Iterable[str]) -> str:
     """The closest known name as a hint for a message, or ""."""
-    near = get_close_matches(str(name), [*known], 1, 0.6)
+    near = get_close_matches(str(name), [*names], 1, 0.6)
     return f"; perhaps {near[0]} is meant" if near else ""
 
 

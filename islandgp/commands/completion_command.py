@@ -54,12 +54,12 @@ def command(shell: str | None) -> None:
     click.echo(f"islandgp: put this line into {file}, or give it now", err=True)
 
 
-def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
+def overrides(arguments: Sequence[str], incomplete: str) -> list[CompletionItem]:
     """Completions of an override, after the `words` before it; [] if Hydra has none.
 
     Bash splits `key=value` into three words; then only the value is completed.
     """
-    before = [*words]
+    before = [*arguments]
     prefix = ""
     if not incomplete and before and "=" not in before[-1] and not before[-1].startswith("-"):
         prefix = f"{before.pop()}="  # click removes the =
@@ -70,10 +70,10 @@ def overrides(words: Sequence[str], incomplete: str) -> list[CompletionItem]:
     return [CompletionItem(word.removeprefix(prefix)) for word in completions]
 
 
-def _joined(words: Sequence[str]) -> list[str]:
+def _joined(arguments: Sequence[str]) -> list[str]:
     """The words, with those joined again that bash has split at `=`."""
     joined_words: list[str] = []
-    for word in words:
+    for word in arguments:
         if joined_words and (word == "=" or joined_words[-1].endswith("=")):
             joined_words[-1] += word
         else:
@@ -81,7 +81,7 @@ def _joined(words: Sequence[str]) -> list[str]:
     return joined_words
 
 
-def _query(words: Sequence[str], word: str) -> list[str]:
+def _query(arguments: Sequence[str], word: str) -> list[str]:
     from hydra._internal.core_plugins.bash_completion import BashCompletion
     from hydra._internal.utils import get_args_parser
     from hydra.core.global_hydra import GlobalHydra
@@ -91,10 +91,10 @@ def _query(words: Sequence[str], word: str) -> list[str]:
     from islandgp.errors import ConfigError
 
     try:
-        args, _ = get_args_parser().parse_known_args(words)
+        args, _ = get_args_parser().parse_known_args(arguments)
         source = ConfigSource.of(args)
         GlobalHydra.instance().clear()
         plugin = BashCompletion(source.loader())
-        return plugin._query(config_name=source.name, line=" ".join([*words, word]))
+        return plugin._query(config_name=source.name, line=" ".join([*arguments, word]))
     except (*MISTAKES, ConfigError, SystemExit):  # of words that are not yet written to their end
         return []

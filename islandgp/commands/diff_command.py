@@ -41,11 +41,11 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     domains = [name for name in (domain_of(before), domain_of(text)) if name]
     several = len(set(domains)) > 1
 
-    def words() -> Vocabulary:
+    def read_vocabulary() -> Vocabulary:
         return vocabulary_of(text, chosen, name=called(new), folder=folder_of(new))
 
     if chosen.declaration is not None:
-        words()  # a wrong declaration is reported first
+        read_vocabulary()  # a wrong declaration is reported first
     if several:
         click.echo("They are for two domains: {} and {}.".format(*domains))
     if a == b:
@@ -54,17 +54,17 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     for line in _lines(a, b, (written_a, written_b), whole):
         click.echo(line)
 
-    if not several and _do_the_same(a, b, words):
+    if not several and _do_the_same(a, b, read_vocabulary):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
 
 
-def _do_the_same(a: Node, b: Node, words: Callable[[], Vocabulary]) -> bool:
+def _do_the_same(a: Node, b: Node, read_vocabulary: Callable[[], Vocabulary]) -> bool:
     """True if both trees have the same simplified form, with or without their vocabulary."""
     if simplify(a).tree == simplify(b).tree:
         return True
     try:
-        vocabulary = words()
+        vocabulary = read_vocabulary()
     except DomainError:  # the domain is not configured
         return False
     return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree

@@ -52,9 +52,9 @@ Words = Callable[[str, str, Path], Vocabulary]
 class Server(LanguageServer):
     """The server, with the vocabulary of each text and the domains that a file can name."""
 
-    def __init__(self, words: Words, domains: Sequence[str]) -> None:
+    def __init__(self, vocabulary_for: Words, domains: Sequence[str]) -> None:
         super().__init__("islandgp", __version__)
-        self.words, self.domains = words, domains
+        self.vocabulary_for, self.domains = vocabulary_for, domains
         for name, answer in ANSWERS.items():
             self.feature(name)(answer)
         with_check = types.RenameOptions(prepare_provider=True)
@@ -72,13 +72,15 @@ class Server(LanguageServer):
     def known(self, document: TextDocument) -> Vocabulary:
         """The vocabulary of a text's domain; empty for an unknown domain."""
         try:
-            return self.words(document.source, _name(document), _folder(document))
+            return self.vocabulary_for(document.source, _name(document), _folder(document))
         except IslandError:
             return NOTHING
 
     def check(self, document: TextDocument) -> None:
         """Publishes the errors and warnings of a text."""
-        diagnostics = [_diagnostic(each, document) for each in _found(document, self.words)]
+        diagnostics = [
+            _diagnostic(each, document) for each in _findings(document, self.vocabulary_for)
+        ]
         self.text_document_publish_diagnostics(
             types.PublishDiagnosticsParams(document.uri, diagnostics, document.version)
         )
@@ -212,7 +214,7 @@ def code_actions(server: Server, params: types.CodeActionParams) -> list[types.C
     """Quick fixes in a range: replacements by the suggested words."""
     document = server.document(params.text_document.uri)
     actions: list[types.CodeAction] = []
-    for error in _found(document, server.words):
+    for error in _findings(document, server.vocabulary_for):
         diagnostic = _diagnostic(error, document)
         guess = error.get("guess", "")
         overlap = (
@@ -270,11 +272,11 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
 """By request; renaming has a separate option."""
 
 
-def _found(document: TextDocument, words: Words) -> list[dict[str, Any]]:
+def _findings(document: TextDocument, vocabulary_for: Words) -> list[dict[str, Any]]:
     """The errors and warnings of `check --json`; an unknown domain is an error at its position."""
     text, name, folder = document.source, _name(document), _folder(document)
     try:
-        vocabulary = words(text, name, folder)
+        vocabulary = vocabulary_for(text, name, folder)
         if errors := tree_errors(text, vocabulary, name=name, folder=folder):
             return [{**plain_error(error, name), "guess": error.guess} for error in errors]
         _, findings = checked(text, vocabulary, name, folder, ANY_SIZE)

@@ -33,10 +33,10 @@ def command(chosen: Chosen) -> None:
 
     from islandgp.commands.language_server import Server
 
-    def words(text: str, name: str, folder: Path) -> Vocabulary:
+    def vocabulary_for(text: str, name: str, folder: Path) -> Vocabulary:
         return vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
 
-    server = Server(words, configured_domains(chosen.config_dir))
+    server = Server(vocabulary_for, configured_domains(chosen.config_dir))
     stream = sys.stdout.buffer
     sys.stdout = sys.stderr  # output of a domain's code must not mix with the protocol
     # The editor shows errors of a request; pygls would log them with a traceback.

@@ -145,8 +145,8 @@ def _print_comparison(rows: Sequence[dict[str, Any]], worlds: int, settings: Set
     else:
         console.print("\nOne world has no interval; --seeds N takes more.")
     if settings.perturb:
-        words = settings.perturb.in_words()
-        console.print(f"Perturbed: mean and worst in the same worlds with {words}.")
+        perturbation = settings.perturb.in_words()
+        console.print(f"Perturbed: mean and worst in the same worlds with {perturbation}.")
 
 
 def _with_intervals(rows: Sequence[dict[str, Any]], name: str) -> list[str]:
@@ -244,9 +244,9 @@ def _print(
     )
     for values in perturbed:
         mean, least = numbers([fmean(values), min(values)])
-        words = settings.perturb.in_words() if settings.perturb else ""
+        perturbation = settings.perturb.in_words() if settings.perturb else ""
         world = values.index(min(values))
-        console.print(f"With {words}: mean {mean} points, worst {least} in world {world}")
+        console.print(f"With {perturbation}: mean {mean} points, worst {least} in world {world}")
     if len(outcomes) == 1:
         console.print("One world has no standard deviation; --seeds N takes more.")
 

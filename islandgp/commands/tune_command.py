@@ -70,9 +70,9 @@ def command(
     text, name, folder = read_text(file), called(file), folder_of(file)
     settings = settings_of(text, chosen, name=name)
     index = stage_index(settings, stage)
-    words = settings.problem().domain.schema.vocabulary
-    parse(text, words, name=name, folder=folder)
-    thresholds = thresholds_of(text, words, name=name, folder=folder)
+    vocabulary = settings.problem().domain.schema.vocabulary
+    parse(text, vocabulary, name=name, folder=folder)
+    thresholds = thresholds_of(text, vocabulary, name=name, folder=folder)
     if not thresholds:
         click.echo(
             f"{name}: there is no number to tune: no key is compared with one by <, <=, > or >=.",
@@ -90,7 +90,14 @@ def command(
     start = monotonic()
     with _episodes(settings, index, episodes) as (evaluate, progress):
         result = tuned(
-            text, evaluate, words, search, seed=seed, name=name, folder=folder, progress=progress
+            text,
+            evaluate,
+            vocabulary,
+            search,
+            seed=seed,
+            name=name,
+            folder=folder,
+            progress=progress,
         )
     write_text(output, result.text)
     _report(result, monotonic() - start)

@@ -23,14 +23,14 @@ INSIDE: Final = re.compile(
 """A secret's name inside an override's value, as in `{api_key: ...}`, quoted or not."""
 
 
-def without_key(words: Sequence[str]) -> list[str]:
+def without_key(argv: Sequence[str]) -> list[str]:
     """The arguments of a command without an API key, which is moved to the environment.
 
     Raises:
         ConfigError: an argument has a secret inside its value, where it would not be hidden.
     """
     kept = []
-    for word in words:
+    for word in argv:
         _check_inside(word)
         name, equals, value = word.partition("=")
         if equals and name.strip(" +~") == KEY:

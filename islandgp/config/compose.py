@@ -57,9 +57,9 @@ def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> 
     return next(planned(args, overrides, Path.cwd()))
 
 
-def planned(args: argparse.Namespace, words: Sequence[str], home: Path) -> Iterator[Planned]:
+def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterator[Planned]:
     """The jobs of a command. Raises ConfigError for the first invalid one."""
-    flags, source = flags_of(args, words), ConfigSource.of(args)
+    flags, source = flags_of(args, argv), ConfigSource.of(args)
     for overrides in _jobs(args, source):
         yield _plan(_composed(overrides, source), overrides, flags, home)
 
@@ -74,7 +74,7 @@ class Searched:
     flags: tuple[str, ...]  # of the command of each job
 
 
-def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Searched | None:
+def searched(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Searched | None:
     """The search of the command's sweeper; None for Hydra's basic sweeper.
 
     Raises:
@@ -86,7 +86,7 @@ def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Sear
     sweeper, overrides = _sweeper(args, source)
     if str(sweeper.get("_target_")) == BASIC:
         return None
-    flags = flags_of(args, words)
+    flags = flags_of(args, argv)
     jobs = [[_end(override, last) for override in overrides] for last in (False, True)]
     return Searched(
         sweeper,
@@ -98,8 +98,8 @@ def searched(args: argparse.Namespace, words: Sequence[str], home: Path) -> Sear
 
 def _may_search(args: argparse.Namespace) -> bool:
     """True if the sweeper or its params can differ from Hydra's defaults."""
-    words = [word for word in args.overrides if word.lstrip("+~").startswith("hydra")]
-    return bool(words or args.config_dir or args.config_path or args.config_name)
+    hydra_overrides = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
+    return bool(hydra_overrides or args.config_dir or args.config_path or args.config_name)
 
 
 def _sweeper(
@@ -107,8 +107,8 @@ def _sweeper(
 ) -> tuple[dict[str, Any], list[Override]]:
     """The sweeper's configuration, and its overrides: those of its params come first."""
     loader = source.loader()
-    words = parsed(args.overrides, loader)
-    settings = _composed([_end(word, False) for word in words], source).hydra.sweeper
+    overrides = parsed(args.overrides, loader)
+    settings = _composed([_end(override, False) for override in overrides], source).hydra.sweeper
     if not isinstance(settings, DictConfig):
         raise ConfigError(
             f"hydra.sweeper: expected keys with values, found {settings}; choose one by"
@@ -116,7 +116,7 @@ def _sweeper(
         )
     sweeper = _resolved(settings)
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
-    last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *words]}
+    last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *overrides]}
     return sweeper, list(last.values())
 
 
@@ -186,17 +186,17 @@ def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     return plain_config, read_settings(plain_config)
 
 
-def flags_of(args: argparse.Namespace, words: Sequence[str]) -> list[str]:
+def flags_of(args: argparse.Namespace, argv: Sequence[str]) -> list[str]:
     """The options of a command other than -m, e.g. --config-dir."""
     overrides = set(args.overrides)
-    return [w for w in words if w not in overrides and w not in ("-m", "--multirun")]
+    return [a for a in argv if a not in overrides and a not in ("-m", "--multirun")]
 
 
 def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
     if not args.multirun:
-        words = parsed(args.overrides, source.loader())
-        if sweep := next((word for word in words if word.is_sweep_override()), None):
+        overrides = parsed(args.overrides, source.loader())
+        if sweep := next((o for o in overrides if o.is_sweep_override()), None):
             raise ConfigError(
                 f"{sweep.input_line}: expected one value, found a sweep; give one, or add -m"
                 " to python -m islandgp to run all of them."
@@ -204,11 +204,11 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
         yield list(args.overrides)
         return
     may_search = _may_search(args)
-    words = _sweeper(args, source)[1] if may_search else parsed(args.overrides, source.loader())
-    sweeps = [word for word in words if word.is_sweep_override()]
+    overrides = _sweeper(args, source)[1] if may_search else parsed(args.overrides, source.loader())
+    sweeps = [override for override in overrides if override.is_sweep_override()]
     try:
         _must_have_values(sweeps)
-        batches = BasicSweeper.split_arguments(words, None)
+        batches = BasicSweeper.split_arguments(overrides, None)
     except HydraException as error:
         raise ConfigError(explain(error, args.overrides, source)) from None
     for batch in batches:

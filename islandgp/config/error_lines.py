@@ -113,14 +113,14 @@ def _factory(part: Any) -> Any:
         return None
 
 
-def unknown_key(path: str, known: list[str]) -> str:
+def unknown_key(path: str, keys: list[str]) -> str:
     """The line for an unknown key, with its new name or the nearest known key."""
     if path in RENAMED:
         return f"{path}: unknown key; its name is {RENAMED[path]} since version 0.3"
     parent, _, key = path.rpartition(".")
-    known = [other for other in known if other != key]
-    near = get_close_matches(key, known, 1, 0.5)
+    keys = [other for other in keys if other != key]
+    near = get_close_matches(key, keys, 1, 0.5)
     dot = f"{parent}." if parent else ""
-    known_keys = f"there are {', '.join(sorted(known))}" if known else f"{parent} has no keys"
+    known_keys = f"there are {', '.join(sorted(keys))}" if keys else f"{parent} has no keys"
     hint = f"did you mean {dot}{near[0]}?" if near else known_keys
     return f"{path}: unknown key; {hint}"

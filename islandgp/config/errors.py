@@ -266,7 +266,7 @@ def _no_mapping(source: ConfigSource) -> str:
 
 
 def _files(source: ConfigSource) -> list[Path]:
-    return sorted((source.own or source.folder).rglob("*.yaml"))
+    return sorted((source.user_folder or source.folder).rglob("*.yaml"))
 
 
 def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:

@@ -36,14 +36,14 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
     name ends with a digest of the full one, so different overrides have different names.
     """
     last = {key_of(override): override for override in overrides}  # Hydra takes the last of a key
-    words = [
+    choices = [
         override
         for key, override in last.items()
         if key not in NOT_IN_FOLDER
         and (key.startswith("supervisor.") or group_of(key) not in NOT_IN_FOLDER)
         and not is_secret(key)
     ]
-    leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(words)])
+    leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(choices)])
     return (home / str(config["runs"]) / str(config["name"]) / _safe(leaf)).resolve()
 
 
@@ -61,9 +61,9 @@ def is_choice(override: str) -> bool:
     return not is_secret(key_of(override)) and group not in RUNTIME_KEYS | {"hydra", "name", "seed"}
 
 
-def command_line(words: Sequence[str]) -> str:
+def command_line(argv: Sequence[str]) -> str:
     """The command for a shell, with secrets hidden."""
-    shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in words]
+    shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in argv]
     return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
 
 

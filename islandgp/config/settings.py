@@ -269,10 +269,10 @@ def _conflicts(settings: Settings) -> Iterator[str]:
             " as well; leave one of the two out"
         )
     tiers, milestones = settings.classes.tiers, settings.classes.milestones
-    known = {*VALUES, *(f"first.{name}" for name in milestones)}
+    names = {*VALUES, *(f"first.{name}" for name in milestones)}
     for name in settings.objectives:
-        if name not in known:
-            yield f"objectives: expected names among {', '.join(sorted(known))}, found {name}"
+        if name not in names:
+            yield f"objectives: expected names among {', '.join(sorted(names))}, found {name}"
     if settings.stop.tier is not None and settings.stop.tier not in tiers:
         yield f"stop.tier: expected one of {', '.join(tiers)}, found {settings.stop.tier!r}"
     mutations = {"gp.mutation": gp.mutation}

@@ -31,7 +31,7 @@ class ConfigSource:
 
     folder: Path  # absolute; of --config-path, else the package's
     name: str  # of the primary file
-    own: Path | None  # absolute; of --config-dir
+    user_folder: Path | None  # absolute; of --config-dir
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Self:
@@ -51,7 +51,7 @@ class ConfigSource:
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
         """The configuration, including Hydra's part. Raises Hydra's exceptions."""
-        first, other = self.folder, self.own
+        first, other = self.folder, self.user_folder
         if other is not None and not (first / f"{self.name}.yaml").exists():
             first, other = other, first  # Hydra looks for the primary file in one folder only
         search = [f"hydra.searchpath=[file://{other}]"] if other else []
@@ -61,8 +61,8 @@ class ConfigSource:
     def loader(self) -> ConfigLoader:
         """Hydra's loader, for the options of groups."""
         path = create_config_search_path(str(self.folder))
-        if self.own is not None:
-            path.append("command-line", f"file://{self.own}")
+        if self.user_folder is not None:
+            path.append("command-line", f"file://{self.user_folder}")
         return ConfigLoaderImpl(path)
 
     def options(self, group: str) -> list[str]:
@@ -71,19 +71,19 @@ class ConfigSource:
 
     def files(self, option: str) -> list[Path]:
         """The existing files of an option such as `domain/island`."""
-        folders = [self.folder, *([self.own] if self.own else [])]
+        folders = [self.folder, *([self.user_folder] if self.user_folder else [])]
         return [file for folder in folders if (file := folder / f"{option}.yaml").is_file()]
 
 
-def _must_hide_nothing(own: Path, folder: Path) -> None:
+def _must_hide_nothing(user_folder: Path, folder: Path) -> None:
     """Raises ConfigError if a file of the user is hidden by one of the package with its name."""
     for path in sorted(folder.rglob("*.yaml")):
         name = path.relative_to(folder)
-        if (own / name).exists():
+        if (user_folder / name).exists():
             raise ConfigError(
-                f"--config-dir: expected files with names of their own, found {own / name}, in"
-                f" whose place the package's {name} is read; give it another name, or give a whole"
-                " folder of configuration by --config-path."
+                f"--config-dir: expected files with other names than the package's, found"
+                f" {user_folder / name}, which the package's {name} hides; rename it, or give a"
+                " whole folder of configuration by --config-path."
             )
 
 

@@ -217,7 +217,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
             domain = problem.in_world(job.stage, job.seed)
             outcome = domain.run_episode(tree, job.seed, weights)
     except TimeLimitError as late:
-        raise EvaluationError(blame(job, f"{late.found}; {LONGER}")) from None
+        raise EvaluationError(blame(job, f"{late.running}; {LONGER}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         fault = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
         raise EvaluationError(blame(job, fault)) from error

@@ -95,16 +95,16 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
             )
 
     def _wrong_ranges(self, world: Mapping[str, Any]) -> Iterator[str]:
-        known = dict(_numbers(world, ""))
+        numbers = dict(_numbers(world, ""))
         for name, (least, most) in self.world.items():
             path = f"perturb.world.{name}"
-            if name not in known:
+            if name not in numbers:
                 last_name = name.rpartition(".")[2]
-                same = [other for other in known if other.rpartition(".")[2] == last_name]
-                near = same or get_close_matches(name, known, 1, 0.5)
+                same = [other for other in numbers if other.rpartition(".")[2] == last_name]
+                near = same or get_close_matches(name, numbers, 1, 0.5)
                 hint = f"did you mean perturb.world.{near[0]}?" if near else "it is no number"
                 yield f"{path}: expected a number among the world's settings, found none; {hint}"
-            elif _is_whole(known[name]) and (least % 1 or most % 1):
+            elif _is_whole(numbers[name]) and (least % 1 or most % 1):
                 yield f"{path}: expected whole numbers, found [{least:g}, {most:g}]"
 
     def _wrong_ends(

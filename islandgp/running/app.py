@@ -59,20 +59,20 @@ def _main(arguments: Sequence[str] | None) -> int:
     # Exclude the present objects from garbage collection, which would take long at the exit.
     atexit.register(gc.freeze)
     try:
-        words = without_key(sys.argv[1:] if arguments is None else arguments)
-        if "--version" in words:
+        argv = without_key(sys.argv[1:] if arguments is None else arguments)
+        if "--version" in argv:
             echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
             return 0
-        args, words = _parsed(words)
+        args, argv = _parsed(argv)
         with (
             checked_stdout(),
             as_ctrl_c("SIGTERM", "SIGHUP"),
         ):  # sent by clusters, and when a terminal closes
             _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
-                _show(args, words)
+                _show(args, argv)
                 return 0
-            return _run_all(args, words)
+            return _run_all(args, argv)
     except IslandError as error:
         if isinstance(error, PartError):
             traceback.print_exception(error.__cause__)
@@ -100,31 +100,31 @@ def _must_be_somewhere() -> None:
         ) from None
 
 
-def _run_all(args: argparse.Namespace, words: list[str]) -> int:
+def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     """Executes the parsed command; returns the exit code."""
     if not args.multirun and not any(map(OTHER_WORKERS.match, args.overrides)):
         # It imports what workers need while this process composes the configuration.
         start_forkserver(default_domain_module())
-    search, jobs = _planned(args, words)
+    search, jobs = _planned(args, argv)
     if key_in(job.config for job in jobs):
-        args, words = _parsed([NONE, *words])
-        search, jobs = _planned(args, words)
+        args, argv = _parsed([NONE, *argv])
+        search, jobs = _planned(args, argv)
 
     def launch(job: Job, extra: list[str]) -> None:
-        _start([*extra, *words], job)
+        _start([*extra, *argv], job)
 
     if search is not None:
         for end in jobs:
             check_parts(end.settings)
-        return run_search(search, command_line(words), launch)
+        return run_search(search, command_line(argv), launch)
     for n, one in enumerate(jobs):
         folder = RunFolder(one.folder)
         if not choose(folder, one.settings, redacted(one.config)).finished():
             check_parts(one.settings, frozenset(before.folder for before in jobs[:n]))
     if args.multirun:
-        return run_sweep(jobs, command_line(words), launch)
+        return run_sweep(jobs, command_line(argv), launch)
     _must_not_need_hydra(args.overrides)
-    return _run_single(jobs[0], command_line(words))
+    return _run_single(jobs[0], command_line(argv))
 
 
 OTHER_WORKERS: Final = re.compile(r"[+~]*(domain|evaluator|experiment|hydra)\b")
@@ -132,25 +132,25 @@ OTHER_WORKERS: Final = re.compile(r"[+~]*(domain|evaluator|experiment|hydra)\b")
 
 
 def _planned(
-    args: argparse.Namespace, words: Sequence[str]
+    args: argparse.Namespace, argv: Sequence[str]
 ) -> tuple[Searched | None, list[Planned]]:
     """The command's jobs; for an optimiser, the first and last of its space. Prints progress."""
-    if (search := searched(args, words, Path.cwd())) is not None:
+    if (search := searched(args, argv, Path.cwd())) is not None:
         return search, list(search.ends)
     if args.run and args.multirun:
         raise ConfigError("--run: expected no --multirun beside it, found both; leave one out")
     jobs: list[Planned] = []
-    for job in planned(args, words, Path.cwd()):
+    for job in planned(args, argv, Path.cwd()):
         jobs.append(job)
         if len(jobs) % 100 == 0:
             print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
     return None, jobs
 
 
-def _start(words: Sequence[str], job: Job) -> None:
+def _start(argv: Sequence[str], job: Job) -> None:
     """Starts Hydra, whose launcher calls `job`."""
     old = sys.argv
-    sys.argv = ["islandgp", *words]
+    sys.argv = ["islandgp", *argv]
     # Otherwise Hydra prints its own traceback for a job's error and exits with 1.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     try:
@@ -161,14 +161,14 @@ def _start(words: Sequence[str], job: Job) -> None:
         sys.argv = old
 
 
-def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
+def _show(args: argparse.Namespace, argv: Sequence[str]) -> None:
     """Prints help, a composed configuration, or other information of Hydra."""
     source = ConfigSource.of(args)
     parsed(args.overrides, source.loader())
     if args.hydra_help:  # the options of Hydra only
-        words = ["--hydra-help"]
+        argv = ["--hydra-help"]
     try:
-        _start(words, lambda _: None)
+        _start(argv, lambda _: None)
     except SystemExit as end:  # Hydra has printed the error
         sys.exit(2 if end.code else 0)
     except MISTAKES as error:  # e.g. options that exclude each other
@@ -177,12 +177,12 @@ def _show(args: argparse.Namespace, words: Sequence[str]) -> None:
         raise ConfigError(explain(error, args.overrides, source)) from None
 
 
-def _parsed(words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+def _parsed(argv: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """The parsed command line, and its arguments with the overrides before the options."""
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]  # no usage lines, no exit
-    args = parser.parse_intermixed_args(words)
-    options = [word for word in words if word not in set(args.overrides)]
+    args = parser.parse_intermixed_args(argv)
+    options = [word for word in argv if word not in set(args.overrides)]
     return args, [*args.overrides, *options]
 
 

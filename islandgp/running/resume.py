@@ -157,11 +157,11 @@ def _commit(checkout: Path) -> str:
     return f"{commit}-dirty" if commit and changes else commit
 
 
-def _git(checkout: Path, *words: str) -> str:
+def _git(checkout: Path, *arguments: str) -> str:
     """The output of a git command; "" if it fails."""
     try:
         process = subprocess.run(
-            ["git", "--no-optional-locks", *words],
+            ["git", "--no-optional-locks", *arguments],
             cwd=checkout,
             capture_output=True,
             text=True,

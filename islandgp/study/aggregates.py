@@ -265,8 +265,8 @@ def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> 
             counted = s.counts()
             ways = np.convolve(ways, counted / counted.sum())
         kind = EXACT_PAIRS if paired else EXACT
-        return ImprovementTest(two_sided(ways, sum(s.found for s in strata)), kind)
-    distance = sum((s.found - s.centre) / s.scale for s in strata)
+        return ImprovementTest(two_sided(ways, sum(s.observed for s in strata)), kind)
+    distance = sum((s.observed - s.centre) / s.scale for s in strata)
     deviation = sqrt(sum(s.variance / s.scale**2 for s in strata))
     return ImprovementTest(erfc(abs(distance) / deviation / sqrt(2)), NORMAL)
 
@@ -278,7 +278,7 @@ class _Stratum:
     It is twice U, up to a constant that is the same for all splits or exchanges.
     """
 
-    found: int
+    observed: int
     most: int
     centre: float  # its mean
     variance: float
@@ -291,7 +291,7 @@ def _split(x: Any, y: Any) -> _Stratum:
     ranks = doubled_ranks(np.concatenate([x, y]))
     least = n1 * (n1 + 1)
     return _Stratum(
-        found=int(ranks[:n1].sum()) - least,
+        observed=int(ranks[:n1].sum()) - least,
         most=2 * n1 * n2,
         centre=n1 * n2,
         variance=n1 * n2 / max(n1 + n2 - 1, 1) * float(np.var(ranks)),
@@ -306,7 +306,7 @@ def _exchanged(x: Any, y: Any) -> _Stratum:
     gains = ranks[:n] - ranks[n:]
     weights = np.abs(gains)
     return _Stratum(
-        found=int(gains[gains > 0].sum()),
+        observed=int(gains[gains > 0].sum()),
         most=int(weights.sum()),
         centre=float(weights.sum() / 2),
         variance=float(np.sum(weights.astype(float) ** 2) / 4),

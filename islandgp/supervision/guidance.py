@@ -83,8 +83,8 @@ def ask(
         field, text = ".".join(map(str, first["loc"])), repr(first["input"])
         shown = text if len(text) <= 60 else text[:60] + "..."
         why = first["msg"].removeprefix("Value error, ")
-        found = f"{field}={shown}: {why[:1].lower()}{why[1:]}" if field else shown
-        raise _wrong(path, "a Guidance", found) from None
+        value = f"{field}={shown}: {why[:1].lower()}{why[1:]}" if field else shown
+        raise _wrong(path, "a Guidance", value) from None
     target, tree = guidance.target, guidance.tree
     if target is not None and target not in state.targets:
         wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
@@ -98,9 +98,9 @@ def ask(
     return guidance
 
 
-def _wrong(path: str, wanted: str, found: str) -> SupervisionError:
+def _wrong(path: str, wanted: str, value: str) -> SupervisionError:
     return SupervisionError(
-        f"Expected {path}.advise to return {wanted}, found {found}; correct it."
+        f"Expected {path}.advise to return {wanted}, found {value}; correct it."
     )
 
 

@@ -67,8 +67,8 @@ def read_library(
     """
     for target in settings.trees:
         if target not in classes.targets:
-            known = ", ".join(classes.targets)
-            raise ConfigError(f"library.trees: expected targets ({known}), found {target!r}")
+            names = ", ".join(classes.targets)
+            raise ConfigError(f"library.trees: expected targets ({names}), found {target!r}")
     if missing := [name for name in classes.behaviours if not settings.trees.get(name)]:
         raise ConfigError(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
@@ -94,7 +94,7 @@ def read_tree(folder: Path, name: str) -> str:
             f"library: expected UTF-8 text in {path}, found {error.reason}."
         ) from None
     except OSError as error:
-        known = ", ".join(sorted(p.stem for p in folder.glob("*.bt"))) or "none"
+        names = ", ".join(sorted(p.stem for p in folder.glob("*.bt"))) or "none"
         raise ConfigError(
-            f"library: expected a tree in {path}, found none ({error.strerror}); there are {known}."
+            f"library: expected a tree in {path}, found none ({error.strerror}); there are {names}."
         ) from None

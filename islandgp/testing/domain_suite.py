@@ -85,14 +85,14 @@ class DomainSuite:
             The trees of `own_trees`, each action alone and after the one before it in the
             vocabulary, and random trees.
         """
-        words = domain.schema.vocabulary
-        leaves = [leaf(name) for name in words.actions]
+        vocabulary = domain.schema.vocabulary
+        leaves = [leaf(name) for name in vocabulary.actions]
         yield from self.own_trees(domain)
         yield from leaves
         yield from (sequence(*pair) for pair in pairwise((leaves[-1], *leaves)))
         grown = yaml.safe_load(resource("conf/gp/paper.yaml").read_bytes())["trees"]
         how = TreeSettings.model_validate({**grown, "depth": (2, 4)})
-        space = TreeSpace(how, words, Limits(max_depth=5, max_nodes=30))
+        space = TreeSpace(how, vocabulary, Limits(max_depth=5, max_nodes=30))
         for slot in range(self.random_trees):
             yield random_tree(np.random.default_rng(slot), space)
 

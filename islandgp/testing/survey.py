@@ -71,7 +71,7 @@ def tree_line(tree: Node) -> str:
 
 def unreached(survey: Survey) -> Iterator[str]:
     domain, runs = survey.domain, (*survey.runs, *survey.visits)
-    schema, words = domain.schema, domain.schema.vocabulary
+    schema, vocabulary = domain.schema, domain.schema.vocabulary
     seens = [run.seen for run in runs]
     logged = {event for seen in seens for event in seen.events}
     logged |= {event for seen in seens for event in seen.credited}
@@ -82,12 +82,12 @@ def unreached(survey: Survey) -> Iterator[str]:
     if events:
         yield f"events never logged: {', '.join(events)}"
     done = {name for seen in seens for name, status in seen.statuses if status == SUCCESS}
-    able = [n for n, action in words.actions.items() if SUCCESS in action.statuses]
+    able = [n for n, action in vocabulary.actions.items() if SUCCESS in action.statuses]
     if never := [name for name in able if name not in done]:
         yield f"actions that never succeeded: {', '.join(never)}"
     ranges = [seen.ranges() for seen in seens]
     same = []
-    for name in words.keys:
+    for name in vocabulary.keys:
         values = {value for r in ranges if name in r for value in r[name]}
         if len(values) == 1:
             same.append(f"{name} (always {min(values):g})")

@@ -39,14 +39,14 @@ def world_flags(view: RunView) -> str:
     """The command-line options for this run's world."""
     about = view.folder.about()
     try:
-        words = [] if about is None else shlex.split(about.command)
+        arguments = [] if about is None else shlex.split(about.command)
     except ValueError:  # the quotes of a damaged file
-        words = []
+        arguments = []
     flags: list[str] = []
-    for k, word in enumerate(words):
+    for k, word in enumerate(arguments):
         group = word.lstrip("+~").partition("=")[0].partition(".")[0].partition("/")[0]
         if word == "--config-dir":
-            flags += words[k : k + 2]
+            flags += arguments[k : k + 2]
         elif word.startswith("--config-dir="):
             flags.append(word)
         elif "=" in word and group in WORLD_GROUPS and HIDDEN not in word:

@@ -127,7 +127,7 @@ def test_whole_trees_may_be_refused_as_copies_and_by_the_linter() -> None:
         reply = said({"tree": f"```\n{text}\n```", "target": "rare", "rationale": "a"})
         how = (reply, Limits(8, 50), VOCABULARY, ("rare",))
         assert isinstance(check_proposal(*how), Accepted)
-        found = check_proposal(*how, known=KNOWN)
+        found = check_proposal(*how, existing=KNOWN)
         assert isinstance(found, Rejection)
         assert found.stage is stage
 

@@ -378,7 +378,7 @@ class _Importer(SubtreeReader):
                 self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        known = (*_READ, "SubTree", *self.vocabulary.actions)
-        guess = closest(tag, known)
-        hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(known)}"
+        tags = (*_READ, "SubTree", *self.vocabulary.actions)
+        guess = closest(tag, tags)
+        hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(tags)}"
         self.fail(element, f"the language has no node {shown(tag)}; {hint}")

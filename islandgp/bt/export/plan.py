@@ -132,8 +132,8 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
         differs: True for nodes that need one of ours; None: use the library's nodes only.
         observed: a composite above observes guards here, through decorators.
     """
-    *above, own = comments_of(node)
-    part = _part(node, differs, observed)._replace(comments=own)
+    *above, node_comments = comments_of(node)
+    part = _part(node, differs, observed)._replace(comments=node_comments)
     for name, comments in zip(reversed(names_of(node)), reversed(above), strict=True):
         part = TargetNode("subtree", UseArgs(name), (part,), comments=comments)
     return part

@@ -210,8 +210,8 @@ def notes_of(element: Element) -> list[str]:
     values = {name: " ".join(element.attributes.get(name, "").split()) for name in NOTES}
     if values["name"] in (tag_of(element), element.attributes.get("ID"), REST):
         del values["name"]
-    own = [line for line in lines if line and not line.startswith(f"Needs {HEADER}")]
-    return [*own, *(f"{name}: {value}" for name, value in values.items() if value)]
+    comments = [line for line in lines if line and not line.startswith(f"Needs {HEADER}")]
+    return [*comments, *(f"{name}: {value}" for name, value in values.items() if value)]
 
 
 def tag_of(element: Element) -> str:

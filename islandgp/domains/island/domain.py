@@ -69,12 +69,12 @@ class Island:
     @classmethod
     def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
         """See `Domain`: ExecuteCharge starts below the greatest `charge_below` of the worlds."""
-        words = cls.schema.vocabulary
-        if (charge := words.actions.get("ExecuteCharge")) is None:
-            return words
+        vocabulary = cls.schema.vocabulary
+        if (charge := vocabulary.actions.get("ExecuteCharge")) is None:
+            return vocabulary
         most = max(world.robot.charge_below for world in worlds)
         starts = replace(charge, to_start=(Condition("batteryLevel", "<", most),))
-        return replace(words, actions={**words.actions, "ExecuteCharge": starts})
+        return replace(vocabulary, actions={**vocabulary.actions, "ExecuteCharge": starts})
 
     def with_sensors(self, faults: SensorFaults) -> Self:
         """See `Domain`."""

@@ -279,11 +279,11 @@ def check_proposal(
     vocabulary: Vocabulary,
     targets: tuple[str, ...],
     candidates: int = 1,
-    known: frozenset[str] | None = None,
+    existing: frozenset[str] | None = None,
 ) -> Accepted | Rejection:
     """Checks a tree, or several candidates, of which at least one must be valid.
 
-    With `known`, the canonical texts of trees that are no news, these are rejected, and trees that
+    With `existing`, the canonical texts of existing trees, these are rejected, and trees that
     `islandgp check` warns of.
     """
     model: Any = proposal_model(targets, candidates)
@@ -291,7 +291,7 @@ def check_proposal(
     if isinstance(proposal, Rejection):
         return proposal
     texts = proposal.trees[:candidates] if candidates > 1 else [proposal.tree]
-    checked = [_check_tree(without_fences(text), limits, vocabulary, known) for text in texts]
+    checked = [_check_tree(without_fences(text), limits, vocabulary, existing) for text in texts]
     trees = [tree for tree in checked if isinstance(tree, Node)]
     if not trees:
         return next(wrong for wrong in checked if isinstance(wrong, Rejection))
@@ -308,9 +308,9 @@ def without_fences(text: str) -> str:
 
 
 def _check_tree(
-    text: str, limits: Limits, vocabulary: Vocabulary, known: frozenset[str] | None
+    text: str, limits: Limits, vocabulary: Vocabulary, existing: frozenset[str] | None
 ) -> Node | Rejection:
-    """Checks grammar, names and limits of a tree; with `known` also novelty and lint warnings."""
+    """Checks grammar, names and limits of a tree; with `existing`, also novelty and warnings."""
     try:
         tree = parse(text, vocabulary, name="tree")
         check_limits(tree, limits)
@@ -320,9 +320,9 @@ def _check_tree(
         return Rejection(RejectionStage.LIMITS, str(error))
     except TreeError as error:
         return Rejection(RejectionStage.GRAMMAR, str(error))
-    if known is None:
+    if existing is None:
         return tree
-    if to_text(tree) in known:
+    if to_text(tree) in existing:
         copied = "Expected a new tree, found a copy of a living one or of an example."
         return Rejection(RejectionStage.COPY, copied)
     if lint := warnings(text, vocabulary, name="tree"):
@@ -333,14 +333,14 @@ def _check_tree(
 def check_edits(
     reply: Reply,
     living: Mapping[str, str],
-    known: frozenset[str],
+    existing: frozenset[str],
     vocabulary: Vocabulary,
     limits: Limits,
 ) -> Accepted | Rejection:
     """Checks edits, of which at least one must make a new tree.
 
-    `living` are the texts, by id, of the trees that an edit may name; `known` the canonical texts
-    of trees that are no news.
+    `living` are the texts, by id, of the trees that an edit may name; `existing` are the canonical
+    texts of existing trees.
     """
     answer = read_answer(reply, EditsAnswer)
     if isinstance(answer, Rejection):
@@ -351,7 +351,7 @@ def check_edits(
             edit = _edit(plain)
             trees = {n: parse(living[n], vocabulary) for n in (edit.of, edit.donor) if n in living}
             text = to_text(edited(edit, trees, vocabulary, limits))
-            _check_new(text, trees[edit.of], known, vocabulary)
+            _check_new(text, trees[edit.of], existing, vocabulary)
             edits.append(edit)
         except (ValueError, TreeError) as error:
             wrong.append(f"edit {number}: {error}")
@@ -389,9 +389,9 @@ def _edit(plain: Mapping[str, Any]) -> Edit:
     )
 
 
-def _check_new(text: str, before: Node, known: frozenset[str], vocabulary: Vocabulary) -> None:
+def _check_new(text: str, before: Node, existing: frozenset[str], vocabulary: Vocabulary) -> None:
     """Raises ValueError unless an edited tree is new and has no new lint warning."""
-    if text in known:
+    if text in existing:
         raise ValueError("expected a new tree, found a copy of a living tree or of an example")
     known_warnings = {w.message for w in warnings(to_text(before), vocabulary)}
     if new := [w.message for w in warnings(text, vocabulary) if w.message not in known_warnings]:

@@ -299,7 +299,7 @@ def _usage(counts: dict[str, Any]) -> Usage:
 
 def kind_of(status: int) -> FailureKind:
     """The kind of failure of an HTTP status other than 200."""
-    known = {
+    kinds = {
         401: FailureKind.UNAUTHORISED,
         403: FailureKind.UNAUTHORISED,
         404: FailureKind.NOT_FOUND,
@@ -313,7 +313,7 @@ def kind_of(status: int) -> FailureKind:
         524: FailureKind.LATE,
         529: FailureKind.OVERLOADED,
     }
-    return known.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
+    return kinds.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
 
 
 def retry_after(value: str | None, milliseconds: str | None = None) -> float | None:

@@ -153,17 +153,17 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
             shares = ", ".join(f"{word} {n / len(values):.0%}" for word, n in counts)
             yield f"- {name}: {shares} of the time"
             continue
-        known = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
-        if not known:
+        points = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
+        if not points:
             continue
-        low, at = min(known)
-        high, when = max(known, key=lambda pair: (pair[0], -pair[1]))
+        low, at = min(points)
+        high, when = max(points, key=lambda pair: (pair[0], -pair[1]))
         step_s = domain.step_s
         if low == high:
             yield f"- {name}: {_number(low)} throughout"
             continue
         yield (
-            f"- {name}: {_number(known[0][0])} at first, {_number(known[-1][0])} at the end;"
+            f"- {name}: {_number(points[0][0])} at first, {_number(points[-1][0])} at the end;"
             f" least {_number(low)} at {at * step_s:.0f} s, most {_number(high)} at"
             f" {when * step_s:.0f} s"
         )

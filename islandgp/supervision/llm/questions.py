@@ -216,7 +216,7 @@ class Questions:
         how, words, most = self.settings, self.context.schema.vocabulary, self.context.limits
         now = self.history.now
         living = {} if now is None else nameable([now.individuals], now.archive)
-        known = known_texts(living.values(), self._examples)
+        existing = known_texts(living.values(), self._examples)
         if part == "rate":
             return partial(check_decision, rates=how.rate)
         if part == "tree":
@@ -229,9 +229,9 @@ class Questions:
                 vocabulary=words,
                 targets=state.targets,
                 candidates=how.candidates,
-                known=known if how.refuse_copies else None,
+                existing=existing if how.refuse_copies else None,
             )
-        return partial(check_edits, living=living, known=known, vocabulary=words, limits=most)
+        return partial(check_edits, living=living, existing=existing, vocabulary=words, limits=most)
 
     def repair(self, rejection: Rejection) -> str:
         """The text of the turn that quotes the error of a rejected answer."""

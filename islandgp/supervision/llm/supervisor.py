@@ -127,8 +127,8 @@ class LLM:
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            known = asdict(capabilities) if isinstance(capabilities, ServerCapabilities) else None
-            calls.transcript.begin({"settings": settings, "dialect": known})
+            dialect = asdict(capabilities) if isinstance(capabilities, ServerCapabilities) else None
+            calls.transcript.begin({"settings": settings, "dialect": dialect})
         place = self.settings.place
         name, retires = self.settings.model_name, self.settings.facts.retires
         how = (
@@ -245,8 +245,8 @@ class CapabilitiesByGeneration:
     def start(self) -> ServerCapabilities | Failure:
         """The capabilities at a run's start, from the transcript or by a probe."""
         if self.transcript.start is not None:
-            known = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
-            return known or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
+            recorded = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
+            return recorded or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
         return probe_capabilities(self.calls, self.settings)
 
     def at(self, generation: int) -> ServerCapabilities | Failure:
@@ -255,8 +255,8 @@ class CapabilitiesByGeneration:
         Raises:
             SupervisionError: as `probe_capabilities`.
         """
-        if (known := self._known(generation)) is not None:
-            return known
+        if (recorded := self._known(generation)) is not None:
+            return recorded
         capabilities = probe_capabilities(self.calls, self.settings, generation)
         if isinstance(capabilities, ServerCapabilities) and self.transcript.learnt is None:
             self.transcript.learn(generation, asdict(capabilities))
