@@ -86,14 +86,13 @@ def _row(name: str, bill: Bill, runs: int) -> tuple[str, ...]:
 
 def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     """The jobs that ask a model, and the number of those that do not."""
-    from hydra._internal.utils import get_args_parser
-
     from islandgp.config.compose import planned
+    from islandgp.running.app import parsed_argv
     from islandgp.running.run import run_context
 
-    args = get_args_parser().parse_args(list(overrides))
+    args, argv = parsed_argv(overrides)
     jobs, free = [], 0
-    for job in planned(args, overrides, Path.cwd()):
+    for job in planned(args, argv, Path.cwd()):
         settings = job.settings.supervisor.settings()
         if isinstance(settings, LLMSettings):
             jobs.append((settings, run_context(job.settings), job.settings.supervisor.lag))

@@ -63,7 +63,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         if "--version" in argv:
             echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
             return 0
-        args, argv = _parsed(argv)
+        args, argv = parsed_argv(argv)
         with (
             checked_stdout(),
             as_ctrl_c("SIGTERM", "SIGHUP"),
@@ -107,7 +107,7 @@ def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
         start_forkserver(default_domain_module())
     search, jobs = _planned(args, argv)
     if key_in(job.config for job in jobs):
-        args, argv = _parsed([NONE, *argv])
+        args, argv = parsed_argv([NONE, *argv])
         search, jobs = _planned(args, argv)
 
     def launch(job: Job, extra: list[str]) -> None:
@@ -177,8 +177,12 @@ def _show(args: argparse.Namespace, argv: Sequence[str]) -> None:
         raise ConfigError(explain(error, args.overrides, source)) from None
 
 
-def _parsed(argv: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
-    """The parsed command line, and its arguments with the overrides before the options."""
+def parsed_argv(argv: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    """The parsed command line, and its arguments with the overrides before the options.
+
+    Raises:
+        ConfigError: Hydra does not have an option.
+    """
     parser = get_args_parser()
     parser.error = _refuse  # type: ignore[method-assign]  # no usage lines, no exit
     args = parser.parse_intermixed_args(argv)

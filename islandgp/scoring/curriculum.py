@@ -64,5 +64,10 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
         return len(self.stages) - 1
 
     def multipliers(self, stage: int) -> Mapping[str, float]:
-        """The multipliers of the stage with this index, by component."""
-        return self.stages[stage].multipliers
+        """The multipliers of the stage with this index, by component.
+
+        They have all components that any stage names, so that states of different stages have the
+        same fields.
+        """
+        named = (name for each in self.stages for name in each.multipliers)
+        return {**dict.fromkeys(named, 1.0), **self.stages[stage].multipliers}

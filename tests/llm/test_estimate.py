@@ -20,6 +20,7 @@ from islandgp.commands.estimate_command import (
     command,
     expected,
 )
+from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.prompts import SETS
@@ -189,3 +190,9 @@ def test_a_kept_prompt_is_written_once_and_read_then() -> None:
         assert not isnan(cached.usd)
         assert not isnan(plain.usd)
         assert cached.usd < 0.9 * plain.usd
+
+
+def test_an_unknown_option_is_one_line() -> None:
+    """As in the command that starts the runs, without the usage of the parser."""
+    with pytest.raises(ConfigError, match="unrecognized arguments: --set"):
+        said("supervisor=llm", "--set", "search=paper")

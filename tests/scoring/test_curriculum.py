@@ -87,3 +87,18 @@ def test_stages_without_gaps(epochs: list[tuple[int, int]]) -> None:
     stages = [{"epochs": pair, "multipliers": ones} for pair in epochs]
     with pytest.raises(ValidationError):
         Curriculum.model_validate({"generations_per_epoch": 5, "stages": stages})
+
+
+def test_stages_name_the_same_components() -> None:
+    """A component that another stage names has the multiplier 1, as has one that none names."""
+    stages = [
+        {"epochs": [1, 1], "multipliers": {"garbage": 2}},
+        {"epochs": [2, 2], "multipliers": {"battery": 3}},
+        {"epochs": [3, 3], "multipliers": {}},
+    ]
+    curriculum = Curriculum.model_validate({"generations_per_epoch": 1, "stages": stages})
+    assert [curriculum.multipliers(stage) for stage in range(3)] == [
+        {"garbage": 2, "battery": 1},
+        {"garbage": 1, "battery": 3},
+        {"garbage": 1, "battery": 1},
+    ]
