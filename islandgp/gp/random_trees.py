@@ -148,15 +148,20 @@ def moved_number(parameter: Parameter, value: float, by: float) -> float:
     """A number moved by a share of its range, or of its logarithmic range."""
     low, high = parameter.low, parameter.high
     moved = value * (high / low) ** by if parameter.logarithmic else value + by * (high - low)
-    if parameter.sort == "integer" and round(moved) == value:
-        moved = value + (1 if by > 0 else -1)
+    step = 1.0 if parameter.sort == "integer" else parameter.step
+    if step is not None and rounded(moved, parameter) == value:
+        moved = value + (step if by > 0 else -step)
     return rounded(moved, parameter)
 
 
 def rounded(value: float, parameter: Parameter) -> float:
-    """The nearest value within a parameter's range, in about three digits."""
+    """The nearest value that a parameter can have: in its steps, or in about three digits."""
     if parameter.sort == "integer":
         value = float(round(value))
+    elif parameter.step is not None:
+        last = floor((parameter.high - parameter.low) / parameter.step + 1e-9)
+        steps = min(last, max(0, round((value - parameter.low) / parameter.step)))
+        value = round(parameter.low + steps * parameter.step, 9)
     else:
         size = abs(value) if parameter.logarithmic else parameter.high - parameter.low
         digits = 2 - floor(log10(size)) if size > 0 else 0

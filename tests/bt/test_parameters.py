@@ -189,3 +189,32 @@ def test_format_and_tune_know_arguments() -> None:
     found = numbers_of(text, WORDS)
     assert [(each.value, each.purposes) for each in found] == [(0.75, {"MoveTo.speed"})]
     assert with_numbers(text, found, [0.25]).startswith("constant v = 0.25\n")
+
+
+STEPS = {
+    "coarse": real("", 0.5, 4.0, step=0.25),
+    "fine": real("", 0, 100, step=0.125),
+    "uneven": real("", 0, 1, step=0.3),
+    "scale": real("", 0.5, 8, step=0.5, logarithmic=True),
+}
+
+
+@pytest.mark.parametrize("operator", ["parameter", "tune", "subtree"])
+@pytest.mark.parametrize("name", STEPS)
+def test_evolved_arguments_keep_their_steps(name: str, operator: str) -> None:
+    """Random and changed numbers are the least one and a multiple of the step."""
+    words = Vocabulary("arm", {"Turn": Action("", arguments={name: STEPS[name]})}, {})
+    space = TreeSpace(SPACE.settings, words, SPACE.limits)
+    how = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.2)
+    rng = np.random.default_rng(0)
+    tree = random_tree(rng, space)
+    values: set[float] = set()
+    for _ in range(60):
+        tree = mutate(rng, tree, rate=1, space=space, how=how)[0]
+        leaves = [node.args for node in walk(tree) if isinstance(node.args, ActionArgs)]
+        values |= {float(value) for args in leaves for _, value in args.values}
+    parameter = STEPS[name]
+    assert parameter.step is not None
+    steps = {(value - parameter.low) / parameter.step for value in values}
+    assert len(steps) > 2
+    assert all(abs(each - round(each)) < 1e-6 for each in steps)
