@@ -36,8 +36,8 @@ def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
     code 1 if the trees or their domains differ.
     """
     before, text = read_text(old), read_text(new)
-    a, written_a, _ = parse_placed(before, name=called(old), folder=folder_of(old))
-    b, written_b, _ = parse_placed(text, name=called(new), folder=folder_of(new))
+    a, written_a, _ = parse_placed(before, name=called(old), folder=folder_of(old), named=False)
+    b, written_b, _ = parse_placed(text, name=called(new), folder=folder_of(new), named=False)
     domains = [name for name in (domain_of(before), domain_of(text)) if name]
     several = len(set(domains)) > 1
 

@@ -81,6 +81,24 @@ def test_command(islandgp: Cli, tmp_path: Path) -> None:
     ]
 
 
+def test_values_of_constants_and_arguments(islandgp: Cli, tmp_path: Path) -> None:
+    """A change of a constant or an argument shows both values."""
+    a, b = (tmp_path / f"{name}.bt" for name in "ab")
+    text = (
+        "constant low = {}\n"
+        "subtree s(key, level, work) = when key < level {{ work }}\n"
+        "selector {{ use s(batteryLevel, low, {}) use s(lap, {}, PatrolWaypoint) }}\n"
+    )
+    a.write_text(text.format(20, "SeekCharger", 1))
+    b.write_text(text.format(25, "ExecuteCharge", 2))
+    assert islandgp("diff", a, b).out.splitlines() == [
+        "~   \N{WHITE DIAMOND} batteryLevel < 20 -> \N{WHITE DIAMOND} batteryLevel < 25  # 2",
+        "~     SeekCharger -> ExecuteCharge  # 3",
+        "~   \N{WHITE DIAMOND} lap < 1 -> \N{WHITE DIAMOND} lap < 2  # 2",
+        "0 deleted, 0 inserted, 3 changed",
+    ]
+
+
 @pytest.mark.slow
 def test_large_trees(islandgp: Cli, tmp_path: Path) -> None:
     """Frequent nodes of a large tree make nobody wait."""

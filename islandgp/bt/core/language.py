@@ -112,7 +112,7 @@ def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
 
 
 class PlacedTree(NamedTuple):
-    """The tree that a text means, with the names of its constants and parameters."""
+    """The tree that a text means, with the places of its nodes."""
 
     node: Node
     places: list[NodePlace]  # of each node, in document order
@@ -125,11 +125,15 @@ def parse_placed(
     *,
     name: str = "<tree>",
     folder: Path | None = None,
+    named: bool = True,
 ) -> PlacedTree:
-    """The tree of a text with the places of its nodes. Arguments and errors as in `parse`."""
+    """The tree of a text with the places of its nodes. Arguments and errors as in `parse`.
+
+    `named`: numbers of constants and parameters are printed by their names.
+    """
     parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
     built(Builder(parts[-1].source, vocabulary), parts)
-    builder = Builder(parts[-1].source, vocabulary, named=True)
+    builder = Builder(parts[-1].source, vocabulary, named=named)
     return PlacedTree(builder.build(parts), builder.places(), parts[-1].tree)
 
 
