@@ -62,10 +62,12 @@ class EventLog:
             raise DomainError(
                 f"Expected an event of the schema ({known}), found {event!r}{near}."
             ) from None
-        if not (type(amount) is float and -inf < amount < inf) and not is_number(amount):
-            raise DomainError(
-                f"Expected a finite amount of the event {event!r}, found {short_repr(amount)}."
-            )
+        if not (type(amount) is float and -inf < amount < inf):
+            if not is_number(amount):
+                raise DomainError(
+                    f"Expected a finite amount of the event {event!r}, found {short_repr(amount)}."
+                )
+            amount = float(amount)  # of NumPy's numbers, which records cannot hold
         if self._logged is not None:
             self._logged(event)
         if event not in self._rewarded:

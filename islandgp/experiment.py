@@ -23,6 +23,7 @@ from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
+from islandgp.evaluation.base import in_floats
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evaluate, evolve, training_seeds
 from islandgp.gp.plan import Plan
@@ -149,7 +150,8 @@ class Experiment:
         seeds = _seeds(worlds)
         problem = self.settings.problem()
         weights = self.settings.curriculum.multipliers(stage)
-        return [problem.in_world(stage, s).run_episode(node, s, weights) for s in seeds]
+        domains = ((problem.in_world(stage, s), s) for s in seeds)
+        return [in_floats(domain.run_episode(node, s, weights)) for domain, s in domains]
 
     def run(self) -> Results:
         """Runs the experiment as the command line does, with records and tracking.

@@ -264,7 +264,7 @@ class Stepped:
         return Outcome(
             components=log.components,
             counters=_counters(self.schema, log, measures),
-            seconds=done * self.step_s,
+            seconds=float(done * self.step_s),
             endings=(ending or "time",),
         )
 

@@ -223,10 +223,31 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
         raise EvaluationError(blame(job, fault)) from error
     if not isinstance(outcome, Outcome):
         raise EvaluationError(blame(job, f"{outcome!r:.200}; return an Outcome from run_episode"))
+    try:
+        outcome = in_floats(outcome)
+    except (TypeError, ValueError, AttributeError) as error:
+        fault = f"an Outcome with values that are not numbers ({error}); correct the domain"
+        raise EvaluationError(blame(job, fault)) from None
     if not abs(outcome.fitness) < MOST_POINTS:
         fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
         raise EvaluationError(blame(job, fault))
     return outcome
+
+
+def in_floats(outcome: Outcome) -> Outcome:
+    """The outcome with Python's floats, as records cannot hold NumPy's numbers.
+
+    Raises TypeError or ValueError for a value that is not a number.
+    """
+    values = (*outcome.components.values(), *outcome.counters.values(), outcome.seconds)
+    if all(type(value) is float for value in values):
+        return outcome
+    return replace(
+        outcome,
+        components={name: float(value) for name, value in outcome.components.items()},
+        counters={name: float(value) for name, value in outcome.counters.items()},
+        seconds=float(outcome.seconds),
+    )
 
 
 MOST_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from math import floor, log10
 from typing import Final, NamedTuple
@@ -12,7 +12,8 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
 from islandgp.domain import Outcome, Scene, Schema, Thing
 from islandgp.errors import DomainError
-from islandgp.evaluation.base import Problem
+from islandgp.evaluation.base import Problem, in_floats
+from islandgp.leaves import is_number
 from islandgp.time_limit import TimeLimit
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
@@ -126,7 +127,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         boards=tuple(recorder.boards),
         credits=tuple(c._replace(tick=min(c.tick, ticks - 1)) for c in recorder.credits),
         film=recorder.camera.film(ticks, schema) if recorder.camera.scenes else None,
-        outcome=outcome,
+        outcome=in_floats(outcome),
     )
 
 
@@ -153,7 +154,7 @@ class Recorder:
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         """See `Observer`."""
         if component in self._components:
-            self.credits.append(Credit(len(self.boards), event, component, points, action))
+            self.credits.append(Credit(len(self.boards), event, component, float(points), action))
         elif points:
             known = ", ".join(self._components)
             raise DomainError(
@@ -248,7 +249,7 @@ class Camera:
                 f"Expected things of the schema's forms ({known}), found {min(unknown)!r} in a"
                 " scene; declare it among the forms."
             )
-        return track
+        return _in_floats(track)
 
     def _columns(self, ticks: int) -> tuple[tuple[Thing, ...], ...]:
         """Each mover at each tick. Raises DomainError if their number changes."""
@@ -262,8 +263,27 @@ class Camera:
         return tuple(zip(*movers, strict=True))
 
 
+def _in_floats(track: SceneTrack) -> SceneTrack:
+    """The track with Python's floats, as a page cannot hold NumPy's numbers."""
+    least_x, least_y, greatest_x, greatest_y = map(float, track.bounds)
+    return replace(
+        track,
+        bounds=(least_x, least_y, greatest_x, greatest_y),
+        fixed=tuple(map(_placed, track.fixed)),
+        items=tuple(item._replace(thing=_placed(item.thing)) for item in track.items),
+        movers=tuple(tuple(map(_placed, mover)) for mover in track.movers),
+    )
+
+
+def _placed(thing: Thing) -> Thing:
+    numbers = thing[1:4]
+    if all(type(number) is float for number in numbers):
+        return thing
+    return thing._replace(x=float(thing.x), y=float(thing.y), size=float(thing.size))
+
+
 def _must_be_numbers(what: str, values: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity, and numbers near infinity."""
     for number in values:
-        if not -HUGE < number < HUGE:
+        if not (is_number(number) and -HUGE < float(number) < HUGE):
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")

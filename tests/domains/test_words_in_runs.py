@@ -114,3 +114,17 @@ def test_an_edit_may_name_a_subtree_by_its_text() -> None:
     changed = edited(edit, {"0.0": parse(WORKS, WORDS)}, WORDS, Limits(9, 99))
     assert "when before == house { Drive(to: house) }" in to_text(changed)
     assert "Unload" not in to_text(changed)
+
+
+def test_a_domain_of_numpy_values_runs(conf: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Records, the page of the run and its replay have plain numbers."""
+    file = conf / "domain" / "courier.yaml"
+    text = file.read_text(encoding="utf-8").replace("courier:Courier", "numpy_courier:NumpyCourier")
+    file.write_text(text, encoding="utf-8")
+    experiment = islandgp.compose(*SMALL, "gp.generations=2", config_dir=conf)
+    assert len(experiment.run().individuals) == 24
+    assert "no replay" not in capsys.readouterr().err
+    [outcome] = experiment.evaluate(WORKS, worlds=[0])
+    numbers = [*outcome.components.values(), *outcome.counters.values(), outcome.seconds]
+    assert {*map(type, numbers)} == {float}
+    assert outcome.components["parcels"] > 6
