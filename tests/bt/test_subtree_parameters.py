@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import islandgp
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.analysis.numbers import numbers_of, with_numbers
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr
@@ -309,6 +310,26 @@ def test_the_deepest_arguments() -> None:
     written = f"subtree i(x) = x {'inverter { ' * 90}use {nested}{' }' * 90}"
     assert size(parse(written, VOCABULARY)) == 91
     assert format_text(written).count("use") == 90
+
+
+def test_a_program_binds_what_is_passed(tmp_path: Path) -> None:
+    """Functions get the arguments of the actions that a tree passes to its subtrees."""
+    file = tmp_path / "robot.bt"
+    file.write_text(FILE, encoding="utf-8")
+    tree = islandgp.load_tree(file, WORDS)
+    assert tree.actions() == ("Charge", "MoveTo", "Grasp")
+    calls: list[dict[str, object]] = []
+
+    def move(**arguments: object) -> int:
+        calls.append(arguments)
+        return islandgp.NodeStatus.RUNNING
+
+    board = {"battery": 1, "reserve": 0, "near": False, "mode": "driving", "last": "docking"}
+    robot_tree = tree.bind(
+        {"Charge": lambda: False, "MoveTo": move, "Grasp": move}, board, step_s=1
+    )
+    assert robot_tree.tick() is islandgp.NodeStatus.RUNNING
+    assert calls == [{"goal": "bin", "speed": 0.5, "topic": ""}]
 
 
 def test_parameters_of_included_subtrees(tmp_path: Path) -> None:

@@ -38,11 +38,11 @@ class _ConditionBuilder:
         if form in ("comparison", "flag"):
             self._terms += 1
             self._bounded(parts[0], level)
-            name, *compared = parts
-            key = self._key(self._scope.word(name), compared=bool(compared))
+            name, compared = self._scope.word(parts[0]), parts[1:]
+            key = self._key(name, compared=bool(compared))
             if form == "flag":
-                return Condition(self._scope.word(name).text, "is", 0.0)
-            return self._comparison(self._scope.word(name), key, *compared)
+                return Condition(name.text, "is", 0.0)
+            return self._comparison(name, key, *compared)
         self._bounded(_first_word(tree), level)
         inside = [self.expression(part, level + 1) for part in parts]
         if form == "negation":
