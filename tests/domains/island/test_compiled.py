@@ -145,3 +145,25 @@ def test_without_a_folder_for_the_file_python_is_used(
     machine_code.addresses.cache_clear()
     with pytest.raises(OSError, match="none that can be written"):
         machine_code.addresses()
+
+
+@pytest.mark.slow
+@pytest.mark.process
+def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
+    """A run of the command with its validation, on workers that have compiled code or not."""
+    pytest.importorskip("numba", reason="needs islandgp[fast]")
+    (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['llvmlite'] = None\n")
+    words = ("gp.population=10", "gp.generations=12", "tracking=off", "progress=off")
+    found: list[dict[str, bytes]] = []
+    for name, path in (("with", ""), ("without", str(tmp_path))):
+        subprocess.run(
+            [sys.executable, "-m", "islandgp", *words, f"runs={tmp_path / name}"],
+            cwd=resource("conf").parent,
+            env={**os.environ, "PYTHONPATH": path},
+            check=True,
+            capture_output=True,
+        )
+        (folder,) = (tmp_path / name).glob("default/*")
+        files = ("generations.jsonl", "best.bt", "lineage.csv", "archive.json")
+        found.append({file: (folder / file).read_bytes() for file in files})
+    assert found[0] == found[1]
