@@ -31,7 +31,7 @@ from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.running.app import main
 from islandgp.supervision.llm.ledger import cost
 from islandgp.supervision.llm.message import Usage
-from islandgp.supervision.llm.prompts import SETS
+from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.state_json import field_meanings
@@ -142,7 +142,7 @@ def measured_characters() -> dict[str, int]:
     They come from the transcript of a run of a few generations on the island.
     """
     found = {}
-    for prompts in SETS:
+    for prompts in PROMPT_SETS:
         with TemporaryDirectory() as home, MessagesServer(answer=MockModel()) as server:
             overrides = [
                 "supervisor=llm", "search=paper", f"supervisor.policy.base_url={server.url}",

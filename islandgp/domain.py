@@ -53,7 +53,7 @@ class Form:
     colour: str = "#888888"
 
 
-MOST_DELAY: Final = 10_000  # ticks
+MAX_DELAY: Final = 10_000  # ticks
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,9 +96,9 @@ class Schema:
                 f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"
                 " ('...',)."
             )
-        if not (isinstance(self.delay, int) and 0 <= self.delay <= MOST_DELAY):
+        if not (isinstance(self.delay, int) and 0 <= self.delay <= MAX_DELAY):
             raise DomainError(
-                f"Expected a delay of 0 to {MOST_DELAY:,} ticks {of_domain}, found {self.delay!r}."
+                f"Expected a delay of 0 to {MAX_DELAY:,} ticks {of_domain}, found {self.delay!r}."
             )
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}

@@ -66,12 +66,12 @@ class TimeLimitError(DomainError):
 
     def __init__(self, work: str, seconds: float) -> None:
         super().__init__(
-            f"Expected an episode to end within {seconds:g} s, found {work}; {LONGER}."
+            f"Expected an episode to end within {seconds:g} s, found {work}; {RAISE_LIMIT}."
         )
         self.running = work
 
 
-LONGER: Final = (
+RAISE_LIMIT: Final = (
     "let it return, or raise the limit (--timeout of a command, evaluator.policy.episode_timeout of"
     " a run)"
 )

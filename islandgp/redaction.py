@@ -11,11 +11,11 @@ HIDDEN: Final = "***"
 FREE: Final = frozenset({"extra_body", "extra_headers"})
 """Configuration keys whose values are fields of a server."""
 
-ANYWHERE: Final = frozenset(
+SECRET_WORDS: Final = frozenset(
     {"apikey", "authorization", "bearer", "cookie", "credential", "credentials", "passwd"}
     | {"password", "secret"}
 )
-AT_THE_END: Final = frozenset({"auth", "key", "token"})
+SECRET_LAST_WORDS: Final = frozenset({"auth", "key", "token"})
 """Words in the name of a secret field: `x-api-key`, but not `max_tokens`."""
 
 
@@ -23,7 +23,7 @@ def names_secret(key: str) -> bool:
     """True if a field with this name is a secret."""
     apart = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key).lower()
     words = re.findall(r"[a-z0-9]+", apart)
-    return bool(words) and (not ANYWHERE.isdisjoint(words) or words[-1] in AT_THE_END)
+    return bool(words) and (not SECRET_WORDS.isdisjoint(words) or words[-1] in SECRET_LAST_WORDS)
 
 
 def without_secrets(value: Any) -> Any:

@@ -24,8 +24,8 @@ UNTESTED: Final = "no test: all values are equal"
 ENUMERATED: Final = 100  # most values with ties for an exact p-value
 DECIMALS: Final = 9  # of ranked values, as points of 50,000 have rounding errors in the eleventh
 RESAMPLES: Final = 10_000  # of a bootstrap
-FEWEST: Final = 10  # least values of a bootstrap sample; with 3, the interval covers only 80 %
-LARGEST_RATIO: Final = 20.0  # logarithm of a hazard ratio that is reported as infinite
+MIN_VALUES: Final = 10  # least values of a bootstrap sample; with 3, the interval covers only 80 %
+MAX_LOG_RATIO: Final = 20.0  # logarithm of a hazard ratio that is reported as infinite
 BOOTSTRAP_SEED: Final = 20_240_901  # makes reports reproducible
 
 
@@ -185,10 +185,10 @@ def cox(first: Times, second: Times) -> Interval:
     def score(log_ratio: float) -> float:
         return float(events - chances(log_ratio).sum())
 
-    if not at_risk or score(LARGEST_RATIO) > 0 or score(-LARGEST_RATIO) < 0:
+    if not at_risk or score(MAX_LOG_RATIO) > 0 or score(-MAX_LOG_RATIO) < 0:
         known = bool(at_risk) and score(0) != 0
         return Interval((np.inf if score(0) > 0 else 0.0) if known else nan, nan, nan)
-    estimate = brentq(score, -LARGEST_RATIO, LARGEST_RATIO)
+    estimate = brentq(score, -MAX_LOG_RATIO, MAX_LOG_RATIO)
     p = chances(estimate)
     half = 1.959964 / sqrt(float(np.sum(p * (1 - p)))) if min(len(first), len(second)) > 1 else nan
     return Interval(*(float(np.exp(estimate + d)) for d in (0.0, -half, half)))
@@ -206,9 +206,9 @@ def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any])
 
     Each sample is resampled independently. `statistic` takes one array per sample and reduces the
     last axis. Values may be infinite. A resample whose statistic is nan widens the interval, as it
-    may have any value. If a sample has fewer than FEWEST values, the interval is nan.
+    may have any value. If a sample has fewer than MIN_VALUES values, the interval is nan.
     """
-    if min(map(len, samples)) < FEWEST:
+    if min(map(len, samples)) < MIN_VALUES:
         with np.errstate(invalid="ignore"):
             return Interval(float(statistic(*(np.asarray(s, float) for s in samples))), nan, nan)
     rng = np.random.default_rng(BOOTSTRAP_SEED)
@@ -336,7 +336,7 @@ LEVEL: Final = 0.05  # section 3.1: alpha
 POWER: Final = 0.8
 SIMULATIONS: Final = 4_000  # pairs of samples per step, for a power with an error of 0.013
 SEED: Final = 7
-LARGEST: Final = 8.0  # SDs; greater differences have the same power
+MAX_SHIFT: Final = 8.0  # SDs; greater differences have the same power
 
 
 @dataclass(frozen=True, slots=True)
@@ -359,7 +359,7 @@ def smallest_difference(n1: int, n2: int, level: float = LEVEL) -> Power:
         return Power((n1, n2), level, None, None, None, least)
     rng = np.random.default_rng(SEED)
     x, y = rng.normal(size=(SIMULATIONS, n1)), rng.normal(size=(SIMULATIONS, n2))
-    low, high = 0.0, LARGEST
+    low, high = 0.0, MAX_SHIFT
     while high - low > 0.005:
         middle = (low + high) / 2
         tests = _stats().mannwhitneyu(x, y + middle, axis=1, method="exact")

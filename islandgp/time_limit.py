@@ -1,4 +1,4 @@
-"""A limit for the time of an episode, whose code may be a user's that never returns."""
+"""A time limit for episodes, which may run a user's code that never returns."""
 
 from __future__ import annotations
 
@@ -13,44 +13,44 @@ from typing import Any, Final
 from islandgp.errors import TimeLimitError
 from islandgp.plugin import place_of_frame
 
-AGAIN: Final = 0.2
-"""Seconds until code that has caught `Overdue` gets it again."""
+RAISE_PERIOD_S: Final = 0.2
+"""Seconds between two `Overdue` if the code caught the first one."""
 
-MOST: Final = 10
-"""How often it gets it; then the process ends."""
+MAX_RAISED: Final = 10
+"""Number of `Overdue` that are raised before the process is ended."""
 
 SLICES: Final = 10
-"""Parts of a limit, which are counted one by one: a suspension (Ctrl-Z, SIGSTOP) counts as one."""
+"""Parts of a limit. A suspension (Ctrl-Z, SIGSTOP) counts as one part, however long it is."""
 
 
 class Overdue(BaseException):
-    """Raised inside of code that takes longer than its limit; `except Exception` lets it pass."""
+    """Raised in code that exceeds its limit. `except Exception` does not catch it."""
 
-    action = ""  # the leaf that it was raised in, where that is known
+    action = ""  # the leaf in which it was raised, "" if unknown
 
 
 class TimeLimit:
-    """A context whose block may take `seconds` at most; 0: any time.
+    """A context that limits the time of its block to `seconds`; 0: no limit.
 
         with TimeLimit(60):
             domain.run_episode(...)
 
     The time in which the process is suspended counts as a tenth of the limit at most. The limit
     works in a process's main thread, on systems that have SIGALRM; elsewhere it does nothing. It
-    cannot interrupt C code that never returns to Python. The handler and the timer of SIGALRM are
-    the former ones afterwards.
+    cannot interrupt C code that never returns to Python. At the end, the handler and the timer of
+    SIGALRM are restored.
 
     Raises:
-        TimeLimitError: at the end of a block that took longer, also where it caught `Overdue`.
+        TimeLimitError: at the end of a block that took longer, also if it caught `Overdue`.
     """
 
     def __init__(self, seconds: float) -> None:
         self._seconds = min(seconds, 1e6)
         self._used = 0.0  # s
         self._clocks = (0.0, 0.0)  # s: the time and the process's CPU time when `_used` was counted
-        self._times = 0  # that `Overdue` was raised
+        self._times = 0  # number of `Overdue` that were raised
         self._late: Overdue | None = None  # the first one
-        self._what = self._where = ""  # the function that was running then, and its place
+        self._what = self._where = ""  # the function that was running then, and its line
         self._over = True
         self._entered: FrameType | None = None
         self._before: tuple[float, Any, tuple[float, float]] | None = None
@@ -98,7 +98,7 @@ class TimeLimit:
             self._what = f"the function {frame.f_code.co_name}" if frame is not None else "it"
             self._late = Overdue()
             raise self._late
-        if self._times > MOST:
+        if self._times > MAX_RAISED:
             os.write(
                 2, f"islandgp: Expected an end of an episode, found {self._found()}\n".encode()
             )
@@ -116,7 +116,7 @@ class TimeLimit:
         self._used += min(now - wall, max(each, busy - cpu))
         if self._used < self._seconds - each / 2:
             return False
-        signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
+        signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
         return True
 
 

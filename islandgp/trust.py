@@ -1,4 +1,4 @@
-"""Trust in run folders: which code, servers and files a run's folder may make this process use.
+"""Trust in run folders: which code, servers and files of a run's folder this process may use.
 
 A folder may come from a stranger. Its files must not be links. The classes and
 servers that its configuration names are used only if the user's own configuration or command names
@@ -18,7 +18,7 @@ from islandgp.errors import UntrustedError
 from islandgp.resources import resource
 
 EVERYTHING: Final = "*"
-"""A name that trusts all others: `--trust`."""
+"""The name that trusts every name: `--trust`."""
 
 PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress", "objectives"})
 """Top-level keys of a configuration whose values name neither code nor servers."""
@@ -30,13 +30,13 @@ _trusted: Final[set[str]] = set()
 
 
 def trust(names: Iterable[str]) -> None:
-    """Lets runs' folders use these classes, functions and servers in this process."""
+    """Allows run folders to use these classes, functions and servers in this process."""
     _trusted.update(names)
 
 
 @contextmanager
 def trusting() -> Iterator[None]:
-    """Forget at the end what was trusted inside the context."""
+    """A context; what was trusted inside it is no longer trusted at its end."""
     before = trusted()
     try:
         yield
@@ -50,7 +50,7 @@ def trusted() -> frozenset[str]:
 
 
 def is_trusted(name: str) -> bool:
-    """True for code of this package, and for what `trust` was called with."""
+    """True for code of this package and for names that were passed to `trust`."""
     return name.startswith("islandgp.") or bool({name, EVERYTHING} & _trusted)
 
 
@@ -67,7 +67,7 @@ def code_in(config: Any, key: str = "") -> Iterator[str]:
 
 
 def must_trust_code(config: Any) -> None:
-    """Raises UntrustedError where a run's configuration names code that is not trusted."""
+    """Raises UntrustedError if a run's configuration names code that is not trusted."""
     if isinstance(config, Mapping):
         config = {key: value for key, value in config.items() if key not in PLAIN}
     for name in code_in(config):
@@ -82,7 +82,7 @@ def must_trust_server(uri: str) -> None:
     """Raises UntrustedError for a server that only a run's folder names.
 
     It would get the user's name and password, and could choose where files are written.
-    MLFLOW_TRACKING_URI names a server of the user's own.
+    The server in MLFLOW_TRACKING_URI is the user's.
     """
     name, configured = server_name(uri), server_name(os.environ.get("MLFLOW_TRACKING_URI", ""))
     if "://" not in name or name.startswith("sqlite:") or name == configured or is_trusted(name):
@@ -104,7 +104,7 @@ def must_have_no_links(folder: Path) -> None:
 
 
 def must_be_no_link(file: Path) -> None:
-    """Raises UntrustedError where a path is a link, a pipe or a device."""
+    """Raises UntrustedError if a path is a link, a pipe or a device."""
     link = file.is_symlink()
     if link or (file.exists() and not (file.is_file() or file.is_dir())):
         raise UntrustedError(
@@ -114,7 +114,7 @@ def must_be_no_link(file: Path) -> None:
 
 
 def names_in(config: Mapping[str, Any]) -> set[str]:
-    """The code that a configuration of the user's names, and the server of its tracking."""
+    """The code that a user's configuration names, and its tracking server."""
     names = set(code_in(config))
     tracking = config.get("tracking", config)
     policy = tracking.get("policy") if isinstance(tracking, Mapping) else None
@@ -128,9 +128,9 @@ def server_name(uri: str) -> str:
 
 
 def trust_folder(folder: Path) -> None:
-    """Trusts what the groups of a user's folder of configuration name.
+    """Trusts the code and servers named in the groups of a user's configuration folder.
 
-    Files that are not YAML are skipped; composing a configuration of them reports the error.
+    Files that are not YAML are skipped; they are reported when the configuration is composed.
     """
     import yaml
 

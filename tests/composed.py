@@ -20,7 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from islandgp.config.settings import Settings, read_settings
 from islandgp.gp.plan import Plan
 from islandgp.resources import resource
-from tests.once import made_once
+from tests.once import cached
 
 
 def plain(*overrides: str) -> dict[str, Any]:
@@ -31,25 +31,25 @@ def plain(*overrides: str) -> dict[str, Any]:
 @cache
 def _plain(*overrides: str) -> dict[str, Any]:
     make = partial(_with_values, overrides)
-    keep = all(gettempdir() not in word for word in overrides)  # folders of one run of the tests
-    found: dict[str, Any] = made_once(("plain", overrides), make, keep=keep)
-    return found
+    keep = all(gettempdir() not in each for each in overrides)  # tests' folders are temporary
+    config: dict[str, Any] = cached(("plain", overrides), make, keep=keep)
+    return config
 
 
 def _with_values(overrides: Sequence[str]) -> dict[str, Any]:
-    """Hydra merges the files once for each choice of options; it adds the values to a copy."""
-    options = tuple(word for word in overrides if _is_option(word))
-    config = made_once(("options", options), partial(_composed, options), keep=True)
-    values = [word for word in overrides if word not in options]
+    """The configuration with the overrides: values are set in a copy of the merged files."""
+    options = tuple(each for each in overrides if _is_option(each))
+    config = cached(("options", options), partial(_composed, options), keep=True)
+    values = [each for each in overrides if each not in options]
     parsed = OverridesParser.create().parse_overrides(values)
     ConfigLoaderImpl._apply_overrides_to_config(parsed, config)
-    found = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    assert isinstance(found, dict)
-    return {str(key): value for key, value in found.items()}
+    resolved = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(resolved, dict)
+    return {str(key): value for key, value in resolved.items()}
 
 
-def _is_option(word: str) -> bool:
-    group, _, value = word.lstrip("+~").partition("=")
+def _is_option(override: str) -> bool:
+    group, _, value = override.lstrip("+~").partition("=")
     return (resource("conf") / group).is_dir() and not value.startswith("{")
 
 
@@ -60,13 +60,13 @@ def _composed(options: Sequence[str]) -> DictConfig:
 
 @cache
 def composed(*overrides: str) -> Settings:
-    """The validated settings. Frozen, so that tests may share them."""
-    chosen = any(word.startswith(("search=", "experiment=")) for word in overrides)
+    """The validated settings, which tests share, as they are immutable."""
+    chosen = any(each.startswith(("search=", "experiment=")) for each in overrides)
     return read_settings(plain(*(() if chosen else ("search=paper",)), *overrides))
 
 
 def named(settings: Settings) -> dict[str, Any]:
-    """Of the plain configuration what names a job's folder, and tells its length."""
+    """The part of the plain configuration that determines a job's folder and generations."""
     return {
         "runs": settings.runs,
         "name": settings.name,
@@ -77,6 +77,6 @@ def named(settings: Settings) -> dict[str, Any]:
 
 
 def composed_plan(*overrides: str) -> Plan:
-    """What evolution needs of those settings."""
+    """The plan of a run with those settings."""
     settings = composed(*overrides)
     return settings.plan(settings.make_domain())

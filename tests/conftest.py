@@ -1,4 +1,4 @@
-"""What holds for the whole test suite: which tests run, and how Hypothesis searches."""
+"""Setup of the whole test suite: markers, fixtures and Hypothesis's profile."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from tests import once, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
 
-# Processes that tests start keep what they have compiled, as an installed package does.
+# Processes that tests start write .pyc files, as an installed package does.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 once.install()
 os.fsync = lambda _: None  # files of tests need not survive a power cut
 
-gc.disable()  # while tests are collected, which makes millions of objects that stay
+gc.disable()  # while tests are collected: millions of objects, none of them garbage
 
 
 MARKERS: Final = {
     "process": "starts a process or a browser, or opens a store of MLflow",
     "packaging": "builds and installs the wheel",
     "slow": "long or exhaustive: `make test-slow`, nightly",
-    "replay": "the page of a run holds its champion's replay",
+    "replay": "the page of a run has the replay of its best robot",
 }
 STORES: Final = {"browser", "home", "prepared", "server", "store", "template"}
 """Fixtures whose tests are marked `process`."""
@@ -41,22 +41,22 @@ STORES: Final = {"browser", "home", "prepared", "server", "store", "template"}
 
 def pytest_configure(config: pytest.Config) -> None:
     """Tests marked `slow` run only when `-m` asks for them: `pytest -m slow`."""
-    for name, what in MARKERS.items():
-        config.addinivalue_line("markers", f"{name}: {what}")
+    for name, meaning in MARKERS.items():
+        config.addinivalue_line("markers", f"{name}: {meaning}")
     if not config.option.markexpr:
         config.option.markexpr = "not slow"
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Marks what uses a browser or a store; `-m` looks at the marks afterwards."""
+    """Marks tests that use a browser or a store, before `-m` selects by marks."""
     for item in items:
         if isinstance(item, pytest.Function) and not STORES.isdisjoint(item.fixturenames):
             item.add_marker("process")
 
 
 def pytest_collection_finish() -> None:
-    """Modules stay until the end: looking for garbage among them takes a tenth of the time."""
+    """Excludes the modules from garbage collection, which would take a tenth of the time."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000)  # not 700: tests leave little behind
@@ -65,35 +65,35 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True)
 def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs end without playing their champion's episode, which takes longer than a small run."""
+    """Skips the replay of the best robot's episode, which takes longer than a small run."""
     if request.node.get_closest_marker("replay") is None:
         monkeypatch.setattr(page_writer, "champion_replay", lambda _: "")
         monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
 class InThread(Queue[SyncRequest | None]):
-    """A worker in this process: see `islandgp.tracking.mlflow.SyncWorker`."""
+    """A worker as a thread of this process: see `islandgp.tracking.mlflow.SyncWorker`."""
 
     def __init__(self, on_event: OnEvent) -> None:
         super().__init__()
         Thread(target=Follower(on_event).run, args=(self,), daemon=True).start()
 
     def close(self) -> None:
-        """End the worker after the request that it carries out."""
+        """Ends the worker after its current request."""
         self.put(None)
 
 
 @pytest.fixture(autouse=True)
 def _worker_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Loading MLflow takes seconds: the tests of this process do so once, and not in another."""
+    """Uses a thread, not a process, as tracking worker: loading MLflow takes seconds."""
     monkeypatch.setattr(mlflow.MLflow, "worker", InThread)
     yield
     mlflow.close_client()
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # A shell starts background jobs so; tests of Ctrl-C, and what they start, must take it.
+    # Shells start background jobs with SIGINT ignored; tests of Ctrl-C need the handler.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
-    # `nohup` starts its command so; the tests of a terminal that goes away send it.
+    # `nohup` starts its command with SIGHUP ignored; tests of a closed terminal send it.
     signal.signal(signal.SIGHUP, signal.SIG_DFL)

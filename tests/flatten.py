@@ -1,6 +1,6 @@
-"""Generation records of every version as one flat form, so that versions can be compared.
+"""Generation records of every version in one flat form, to compare versions.
 
-Version 1 knew one world: components were a list, five counters and two means were fields.
+Version 1 had one domain: components were a list; five counters and two means were fields.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ MEANS: Final = ("distance", "inactive")
 
 
 def version_1(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What version 1 said of a generation, from a record of either version."""
+    """A record of any version in the form of version 1."""
     s = dict(record["snapshot"])
     s.pop("overlapping", None)  # version 1 had one reading of diversity
     means = s.pop("counters", None) or {name: s.pop(name) for name in MEANS}
@@ -38,15 +38,15 @@ def version_1(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _individual(plain: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(plain)
-    counters = found.pop("counters", None) or {name: found.pop(name) for name in COUNTERS}
-    points = found.pop("components")
+    rest = dict(plain)
+    counters = rest.pop("counters", None) or {name: rest.pop(name) for name in COUNTERS}
+    points = rest.pop("components")
     if isinstance(points, list):
         points = dict(zip(COMPONENTS, points, strict=True))
-    return {**found, "components": points, **{name: counters[name] for name in COUNTERS}}
+    return {**rest, "components": points, **{name: counters[name] for name in COUNTERS}}
 
 
 def records(file: Path) -> Iterator[dict[str, Any]]:
-    """The records of a run's generations.jsonl in that form."""
+    """The records of a run's generations.jsonl in the form of version 1."""
     for line in file.read_text(encoding="utf-8").splitlines():
         yield version_1(json.loads(line))

@@ -1,8 +1,7 @@
-"""Golden files: what a result was when somebody last looked at it and found it right.
+"""Golden files: results that were checked by a person and must not change by accident.
 
-`GOLDEN=write python -m pytest tests -k golden` writes them anew. Read the
-difference (`git diff tests/golden`) before it is kept: it is the change that
-every user's runs will see.
+`GOLDEN=write python -m pytest tests -k golden` writes the files. Read the
+difference (`git diff tests/golden`) before you commit it: every user's runs will have it.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ FOLDER = Path(__file__).parent / "golden"
 
 
 def check_golden(name: str, found: str) -> None:
-    """`found` is what the golden file says, to the byte; writes the file where GOLDEN=write."""
+    """Fails unless `found` equals the golden file; with GOLDEN=write, writes the file."""
     file = FOLDER / name
     if os.environ.get("GOLDEN") == "write":
         file.parent.mkdir(exist_ok=True)
         file.write_text(found, encoding="utf-8")
-        pytest.skip(f"wrote {file.name}; read `git diff tests/golden` before it is kept")
+        pytest.skip(f"wrote {file.name}; read `git diff tests/golden` before you commit it")
     if found == (expected := file.read_text(encoding="utf-8")):
         return
     texts = (expected.splitlines(), found.splitlines())
     lines = unified_diff(*texts, "golden", "found", n=1, lineterm="")
     shown = "\n".join(islice(lines, 30))
-    pytest.fail(f"{file.name} differs; GOLDEN=write writes it anew:\n{shown}", pytrace=False)
+    pytest.fail(f"{file.name} differs; GOLDEN=write replaces it:\n{shown}", pytrace=False)

@@ -1,4 +1,4 @@
-"""Outcomes, snapshots and states of the island with plain values; a test changes some of them."""
+"""Outcomes, statistics and states of the island with default values, some of which tests change."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def outcome(
     endings: tuple[str, ...] = NOTHING.endings,
     **counters: float,
 ) -> Outcome:
-    """A robot that did nothing, but for these changes.
+    """The outcome of a robot that did nothing, with these changes.
 
     Args:
-        fitness: points; they are given to one component.
+        fitness: points of the component `ANY`.
         components: points by component, instead of `fitness`.
         seconds, endings: fields of the outcome.
-        counters: by name. Raises AssertionError for one that the island does not have.
+        counters: by name.
     """
     assert counters.keys() <= SCHEMA.counters.keys(), counters
     points = components or {ANY: fitness or 0.0}
@@ -87,7 +87,7 @@ def snapshot(
     counters: dict[str, float] | None = None,
     **changes: Any,
 ) -> GenerationStats:
-    """A generation in which everything is done by somebody and nobody is Complete."""
+    """Statistics of a generation that has every behaviour and no Complete robot."""
     return replace(
         QUIET,
         generation=generation,
@@ -99,8 +99,8 @@ def snapshot(
 
 
 def state(history: Sequence[GenerationStats], **changes: Any) -> PopulationState:
-    """The state after a history, as a run with the paper's numbers sees it."""
-    found = population_state(
+    """The state after a history, with the paper's settings."""
+    after = population_state(
         history,
         StateSettings(window=5, improvement=0.01, low_diversity=0.3),
         Crisis(diversity_below=0.05, stagnant_epochs_above=1.5, emergency_rate=0.5),
@@ -111,7 +111,7 @@ def state(history: Sequence[GenerationStats], **changes: Any) -> PopulationState
         generations_per_epoch=5,
         multipliers=EARLY,
     )
-    return replace(found, **changes)
+    return replace(after, **changes)
 
 
 def evaluated(

@@ -1,4 +1,4 @@
-"""Which small changes of the package its unit tests notice: `make mutants ARGS="--seed 1"`.
+"""Mutation testing of the package by its unit tests: `make mutants ARGS="--seed 1"`.
 
 Each mutant is one changed expression of a function. The tests are collected once; for each mutant
 a forked process replaces the function's code and runs the tests of the files that import its
@@ -51,12 +51,12 @@ class Mutant:
 
     file: Path  # of the package, relative to the checkout
     function: str  # qualified name of a function or method of the module
-    place: int  # which of the places that `places` finds in the function
+    place: int  # index in the results of `places` for the function
     killer: str = ""  # the test that killed it in an earlier run
 
     @property
     def name(self) -> str:
-        """How the output names it."""
+        """Its name in the output."""
         return f"{self.file} {self.function} #{self.place}"
 
 
@@ -73,8 +73,8 @@ def functions(tree: ast.Module) -> Iterator[tuple[str, ast.FunctionDef]]:
 
 
 def places(function: ast.FunctionDef) -> Iterator[tuple[ast.expr | ast.If, str]]:
-    """The nodes of a function that `change` can change, and what it makes of them."""
-    for node in (found for part in function.body for found in ast.walk(part)):
+    """The nodes of a function that `change` can change, each with a description of the change."""
+    for node in (inner for part in function.body for inner in ast.walk(part)):
         match node:
             case ast.Compare(ops=[op]) if type(op) in SWAPS:
                 yield node, SWAPS[type(op)].__name__
@@ -89,7 +89,7 @@ def places(function: ast.FunctionDef) -> Iterator[tuple[ast.expr | ast.If, str]]
 
 
 def change(node: Any) -> None:
-    """Changes a node in its place."""
+    """Changes a node in place."""
     match node:
         case ast.Compare():
             node.ops = [SWAPS[type(node.ops[0])]()]
@@ -107,9 +107,9 @@ def change(node: Any) -> None:
 
 @cache
 def mutated(mutant: Mutant) -> tuple[ast.Module, str] | None:
-    """The changed module, and what was changed where; None if the sources have no such place.
+    """The changed module and a description of the change; None if the sources have no such place.
 
-    `main` makes all of them before it imports the package: the sources may change meanwhile.
+    `main` makes all mutants before it imports the package, as the sources may change meanwhile.
     """
     try:
         tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
@@ -121,7 +121,7 @@ def mutated(mutant: Mutant) -> tuple[ast.Module, str] | None:
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:
-    """All code in a module's code."""
+    """All code objects inside a module's code object."""
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
             yield constant
@@ -142,7 +142,7 @@ def install(mutant: Mutant, tree: ast.Module) -> None:
 
 @cache
 def tests_of(file: Path) -> tuple[str, ...]:
-    """The test files that import a module; those of its own folder first, then short ones."""
+    """The test files that import a module: first those of the same folder, and short ones first."""
     module = ".".join(file.with_suffix("").parts)
     name = re.compile(rf"\b{re.escape(module)}\b")
     files = [test for test, text in TESTS.items() if name.search(text)]
@@ -150,8 +150,8 @@ def tests_of(file: Path) -> tuple[str, ...]:
     return tuple(map(str, files[:MOST_FILES]))
 
 
-def chosen(number: int, seed: int) -> list[Mutant]:
-    """So many mutants, the same ones for the same seed and sources."""
+def sample(number: int, seed: int) -> list[Mutant]:
+    """This number of mutants, the same ones for the same seed and sources."""
     everything = [
         Mutant(file, name, place)
         for part in PARTS
@@ -165,8 +165,8 @@ def chosen(number: int, seed: int) -> list[Mutant]:
 
 def earlier(output: Path) -> list[Mutant]:
     """The mutants of an output, with their killers."""
-    found = map(LINE.match, output.read_text(encoding="utf-8").splitlines())
-    return [Mutant(Path(m[1]), m[2], int(m[3]), m[4]) for m in found if m]
+    matches = map(LINE.match, output.read_text(encoding="utf-8").splitlines())
+    return [Mutant(Path(m[1]), m[2], int(m[3]), m[4]) for m in matches if m]
 
 
 def killer(mutant: Mutant | None, items: Sequence[pytest.Item], cpu: float) -> str | None:
@@ -203,9 +203,9 @@ def _run(mutant: Mutant | None, items: Sequence[pytest.Item], cpu: float, writin
         for stream in (0, 1, 2):
             os.dup2(silence, stream)
         if mutant:
-            found = mutated(mutant)
-            assert found
-            install(mutant, found[0])
+            changed = mutated(mutant)
+            assert changed
+            install(mutant, changed[0])
         session = items[0].session
         for item, after in zip(items, [*items[1:], None], strict=True):
             os.write(writing, f"{item.nodeid}\n".encode())
@@ -220,7 +220,7 @@ def _run(mutant: Mutant | None, items: Sequence[pytest.Item], cpu: float, writin
 
 
 class Mutating:
-    """A plugin of pytest that runs mutants in the place of the tests."""
+    """A plugin of pytest that runs mutants instead of the tests."""
 
     def __init__(self, mutants: Sequence[Mutant], cpu: float) -> None:
         self.mutants = mutants
@@ -233,13 +233,13 @@ class Mutating:
         gc.unfreeze()  # tests/conftest.py hides the modules from `gc`
         ends: Counter[tuple[str, bool]] = Counter()
         for mutant in self.mutants:
-            if not (found := mutated(mutant)):
+            if not (changed := mutated(mutant)):
                 print(f"gone     {mutant.name}", flush=True)
                 continue
             by = self._killer(mutant, session.items)
             ends[mutant.file.parts[1], by is not None] += 1
             word = "survived" if by is None else "killed  "
-            print(f"{word} {mutant.name} [{found[1]}] {by or ''}".rstrip(), flush=True)
+            print(f"{word} {mutant.name} [{changed[1]}] {by or ''}".rstrip(), flush=True)
         for part in PARTS:
             print(f"{part:12} killed {ends[part, True]:3}  survived {ends[part, False]:3}")
         dead = sum(number for (_, killed), number in ends.items() if killed)
@@ -247,7 +247,7 @@ class Mutating:
         return True
 
     def _killer(self, mutant: Mutant, items: Sequence[pytest.Item]) -> str | None:
-        """As `killer`, by a test that passes without the mutant."""
+        """`killer`, but only of a test that passes without the mutant."""
         files = tests_of(mutant.file)
 
         def cost(item: pytest.Item) -> tuple[bool, bool, int]:
@@ -268,23 +268,23 @@ class Mutating:
 
 
 def main() -> None:
-    """Makes the mutants and prints what becomes of each."""
+    """Makes the mutants and prints for each whether it was killed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--number", type=int, default=120)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--again", type=Path, metavar="FILE", help="the output of an earlier run")
     parser.add_argument("--cpu", type=float, default=15, help="CPU seconds of tests a mutant")
     parser.add_argument("--part", default="0/1", help="I/N: each N-th mutant from the I-th on")
-    given = parser.parse_args()
-    mutants = earlier(given.again) if given.again else chosen(given.number, given.seed)
-    start, step = map(int, given.part.split("/"))
+    args = parser.parse_args()
+    mutants = earlier(args.again) if args.again else sample(args.number, args.seed)
+    start, step = map(int, args.part.split("/"))
     mutants = mutants[start::step]
     for mutant in mutants:
         mutated(mutant)
     files = sorted({test for mutant in mutants for test in tests_of(mutant.file)})
     options = ["-s", "-q", "-p", "no:cacheprovider", "-n", "0", "--timeout", "300"]
     options += ["--hypothesis-profile", "mutants", "-m", UNIT]
-    sys.exit(pytest.main([*options, *files], plugins=[Mutating(mutants, given.cpu)]))
+    sys.exit(pytest.main([*options, *files], plugins=[Mutating(mutants, args.cpu)]))
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""Work on configuration that tests repeat, done once a process.
+"""Caches of parsed and composed configurations and of library trees, for faster tests.
 
-A text of YAML is parsed once and a file of `conf` is loaded once. The files are merged once for
-each choice of options, and kept for later processes in .pytest_cache until a file of `conf`
-changes; values given by the command are applied once for each command. All of it gives new objects
-at each call and raises what it raises without this module. A tree of a library is parsed once.
+Each process parses a YAML text and a library tree, and loads a file of `conf`, only once. Merged
+files are cached by the chosen options, and kept for later processes in .pytest_cache until a file
+of `conf` changes; overrides are applied once for each command. Each call returns new objects, and
+raises the same errors as without this module.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _parsed(text: str | bytes, loader: str) -> bytes:
 
 
 def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAML's
-    """As `yaml.load`."""
+    """`yaml.load`, cached."""
     text = stream.read() if hasattr(stream, "read") else stream
     name = f"{Loader.__module__}.{Loader.__qualname__}"
     _loaders[name] = Loader
@@ -63,13 +63,13 @@ def _load(stream: Any, Loader: Any) -> Any:  # the name of the argument is PyYAM
     except yaml.YAMLError:
         if not hasattr(stream, "seek"):
             raise
-        stream.seek(0)  # its message names the file
+        stream.seek(0)  # parsing the stream again gives a message that names the file
         return _parse(stream, Loader)
 
 
 @cache
 def _folder() -> Path:
-    """The folder of what is kept for these files of `conf` and these versions."""
+    """The cache's folder for the current files of `conf` and versions of the packages."""
     state = hashlib.sha256(repr((sys.version, hydra.__version__, omegaconf.__version__)).encode())
     for file in sorted(resource("conf").rglob("*.yaml")):
         state.update(str(file).encode() + file.read_bytes())
@@ -78,8 +78,8 @@ def _folder() -> Path:
     return folder
 
 
-def made_once(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
-    """A new copy of what `make` returned for the key; `keep` keeps it for later processes."""
+def cached(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
+    """A new copy of the result of `make` for the key; `keep`: also for later processes."""
     name = hashlib.sha256(repr(key).encode()).hexdigest()
     file = _folder() / name
     if name not in _made and keep and file.exists():
@@ -94,66 +94,72 @@ def made_once(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
 
 
 def _is_ours(repo: Any) -> bool:
-    """True if no folder of a test is read."""
-    own = [s.path.removeprefix("file://") for s in repo.get_sources() if s.scheme() not in SCHEMES]
-    return own == [str(resource("conf"))]
+    """True if the configuration comes from no test's folder."""
+    paths = [
+        s.path.removeprefix("file://") for s in repo.get_sources() if s.scheme() not in SCHEMES
+    ]
+    return paths == [str(resource("conf"))]
 
 
 def _sources(repo: Any) -> str:
-    """The places that files are read from, and what is in folders of tests."""
-    found = [(s.scheme(), s.path.removeprefix("file://")) for s in repo.get_sources()]
-    return repr([(*place, place[0] not in SCHEMES and _content(place[1])) for place in found])
+    """The places from which files are read, with the content of tests' folders."""
+    places = [(s.scheme(), s.path.removeprefix("file://")) for s in repo.get_sources()]
+    return repr([(*place, place[0] not in SCHEMES and _content(place[1])) for place in places])
 
 
 def _content(folder: str) -> dict[str, bytes]:
-    """The YAML files of a folder that is not the package's."""
+    """The YAML files of a folder by path, none for the package's folder."""
     if folder == str(resource("conf")):
         return {}
     return {str(file): file.read_bytes() for file in sorted(Path(folder).rglob("*.yaml"))}
 
 
 def _load_config(self: ConfigRepository, config_path: str) -> Any:
-    """As Hydra's: a file of the configuration, or None."""
+    """Hydra's `load_config`, cached: a file of the configuration, or None."""
     key = ("file", _sources(self), config_path)
-    return made_once(key, lambda: _read(self, config_path), keep=_is_ours(self))
+    return cached(key, lambda: _read(self, config_path), keep=_is_ours(self))
 
 
-def _create_defaults_list(repo: Any, overrides_list: Any, **given: Any) -> Any:
-    """As Hydra's: which files are chosen, and the overrides that are values."""
+def _create_defaults_list(repo: Any, overrides_list: Any, **options: Any) -> Any:
+    """Hydra's `create_defaults_list`, cached: the chosen files, and overrides of values."""
     values, groups = [], []
     for override in overrides_list:
         if not override.is_sweep_override():
             is_group = repo.group_exists(override.key_or_group)
             is_choice = is_group and not isinstance(override.value(), dict)
             (groups if is_choice else values).append(override)
-    key = ("chosen", _sources(repo), [o.input_line for o in groups], sorted(given.items()))
-    choose = partial(_choose, repo=repo, overrides_list=groups, **given)
-    found = made_once(key, choose, keep=_is_ours(repo))
-    found.config_overrides = values
-    return found
+    key = ("chosen", _sources(repo), [o.input_line for o in groups], sorted(options.items()))
+    choose = partial(_choose, repo=repo, overrides_list=groups, **options)
+    defaults = cached(key, choose, keep=_is_ours(repo))
+    defaults.config_overrides = values
+    return defaults
 
 
 def _compose_config(self: ConfigLoaderImpl, defaults: Any, repo: Any) -> Any:
-    """As Hydra's: the chosen files, merged."""
+    """Hydra's `_compose_config_from_defaults_list`, cached: the merged files."""
     key = ("merged", _sources(repo), defaults)
-    return made_once(key, partial(_merge, self, defaults=defaults, repo=repo), keep=_is_ours(repo))
+    return cached(key, partial(_merge, self, defaults=defaults, repo=repo), keep=_is_ours(repo))
 
 
 def _load_configuration(
-    self: ConfigLoaderImpl, config_name: str | None, overrides: list[str], *args: Any, **given: Any
+    self: ConfigLoaderImpl,
+    config_name: str | None,
+    overrides: list[str],
+    *args: Any,
+    **options: Any,
 ) -> Any:
-    """As Hydra's: the whole configuration of a command."""
-    own = [_content(path) for path in SEARCHED.findall(" ".join(overrides))]
+    """Hydra's `load_configuration`, cached: the whole configuration of a command."""
+    contents = [_content(path) for path in SEARCHED.findall(" ".join(overrides))]
     job = JobRuntime.instance().conf
-    how = (config_name, overrides, args, sorted(given.items()), job, getbase())
-    configure = partial(_configure, self, config_name, overrides, *args, **given)
-    config = made_once((_sources(self.repository), own, how), configure, keep=False)
+    call = (config_name, overrides, args, sorted(options.items()), job, getbase())
+    configure = partial(_configure, self, config_name, overrides, *args, **options)
+    config = cached((_sources(self.repository), contents, call), configure, keep=False)
     config.hydra.runtime.cwd = os.getcwd()
     return config
 
 
 def _parse_tree(text: str, vocabulary: Vocabulary, *, name: str) -> Node:
-    """As `parse`, for the trees of libraries: nodes do not change."""
+    """`parse`, cached, for library trees; nodes are immutable."""
     key = (text, name, id(vocabulary))
     if key not in _trees:
         _trees[key] = (parse(text, vocabulary, name=name), vocabulary)
@@ -161,7 +167,7 @@ def _parse_tree(text: str, vocabulary: Vocabulary, *, name: str) -> Node:
 
 
 def install() -> None:
-    """Replaces functions of PyYAML, Hydra and the library for the rest of this process."""
+    """Replaces functions of PyYAML, Hydra and the library by cached ones in this process."""
     yaml.load = _load
     ConfigStore.__deepcopy__ = lambda store, _: store  # type: ignore[attr-defined] # its nodes are copied when read
     ConfigRepository.load_config = _load_config

@@ -1,6 +1,6 @@
-"""How many examples Hypothesis tries, by profile; `tests/conftest.py` chooses one.
+"""Hypothesis profiles, of which `tests/conftest.py` chooses one: numbers of examples a test.
 
-`quick` tries the same examples in every run, so that a red test stays red until it is mended.
+`quick` tries the same examples in every run, so that a failing test fails until it is corrected.
 `nightly` tries others, and many more: `pytest --hypothesis-profile=nightly`.
 """
 
@@ -12,7 +12,7 @@ from typing import Any, Final
 import pytest
 from hypothesis import Phase, settings
 
-BASE: Final = 100  # examples a test, if neither it nor the profile says another number
+BASE: Final = 100  # examples a test where neither it nor the profile sets a number
 LEAST: Final = 5
 
 settings.register_profile(
@@ -35,7 +35,7 @@ def examples(max_examples: int, **more: Any) -> settings:
 
 
 def cases(number: int) -> int:
-    """How many of a test's random cases the profile takes.
+    """Number of random cases that a test runs under the profile.
 
     Args:
         number: Number of cases where the profile's is 100; else in proportion, at least 5.
@@ -46,15 +46,15 @@ def cases(number: int) -> int:
 def sweep(
     names: str | Sequence[str], values: Iterable[Any], *, quick: int, **more: Any
 ) -> pytest.MarkDecorator:
-    """As `pytest.mark.parametrize`; all but `quick` cases, evenly spread, are marked `slow`."""
+    """`pytest.mark.parametrize` that marks all but `quick` evenly spread cases as `slow`."""
     one = isinstance(names, str) and "," not in names
     cases = list(values)
     kept = {n * len(cases) // quick for n in range(quick)}
     for n, case in enumerate(cases):
         if n in kept:
             continue
-        known = case if isinstance(case, type(pytest.param())) else None
-        parts = known.values if known else (case,) if one else case
-        marks = (*(known.marks if known else ()), pytest.mark.slow)
-        cases[n] = pytest.param(*parts, marks=marks, id=known.id if known else None)
+        param = case if isinstance(case, type(pytest.param())) else None
+        parts = param.values if param else (case,) if one else case
+        marks = (*(param.marks if param else ()), pytest.mark.slow)
+        cases[n] = pytest.param(*parts, marks=marks, id=param.id if param else None)
     return pytest.mark.parametrize(names, cases, **more)

@@ -24,7 +24,7 @@ _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
 
 def numbers() -> st.SearchStrategy[float]:
-    """Every threshold that the language can say."""
+    """Every threshold that the language allows."""
     whole = st.integers(-MAX_NUMBER, MAX_NUMBER).map(float)
     return whole | st.floats(-MAX_NUMBER, MAX_NUMBER)
 
@@ -35,7 +35,7 @@ def few_numbers() -> st.SearchStrategy[float]:
 
 
 def few_boards() -> st.SearchStrategy[list[float]]:
-    """Blackboards with few values, so that conditions change their truth all the time."""
+    """Blackboards with few values, so that conditions change often."""
     number = st.sampled_from([0.0, 1.0, 2.0, 3.0, 4.0])
     flag = st.sampled_from([0.0, 1.0])
     return st.tuples(*(flag if key.flag else number for key in _KEYS.values())).map(list)
@@ -59,7 +59,7 @@ def compared_keys() -> st.SearchStrategy[Condition]:
 def conditions(
     thresholds: st.SearchStrategy[float] | None = None, *, pairs: bool = False
 ) -> st.SearchStrategy[ConditionExpr]:
-    """Any condition of at most eight comparisons and flags, single ones among them.
+    """Any condition of one to eight comparisons and flags.
 
     `pairs`: comparisons of two keys, too.
     """
@@ -67,8 +67,10 @@ def conditions(
     single = single | compared_keys() if pairs else single
 
     def grown(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
-        words = st.sampled_from(["and", "or"])
-        return st.builds(combine, words, st.lists(part, min_size=2, max_size=3)) | part.map(negate)
+        connectives = st.sampled_from(["and", "or"])
+        return st.builds(combine, connectives, st.lists(part, min_size=2, max_size=3)) | part.map(
+            negate
+        )
 
     return st.one_of(single, st.recursive(single, grown, max_leaves=8))
 
@@ -90,10 +92,10 @@ def nodes(
     nav2: bool = True,
     pairs: bool = False,
 ) -> st.SearchStrategy[Node]:
-    """Valid trees, about `max_leaves` leaves at most, of every kind of node.
+    """Valid trees of at most about `max_leaves` leaves, with every kind of node.
 
-    `timed`: those that count seconds, too; `reactive`: reactive composites, too; `nav2`: those of
-    Nav2 and others without an exact export, too; `pairs`: guards that compare two keys, too.
+    Optional kinds: `timed`, nodes that count seconds; `reactive`, reactive composites; `nav2`,
+    Nav2's nodes and others without an exact export; `pairs`, guards that compare two keys.
     """
     guard = when_args(numbers() if thresholds is None else thresholds, pairs=pairs)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
@@ -129,7 +131,7 @@ def nodes(
 
 
 def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[GenerationStats]:
-    """One generation in any numbers that a population can have."""
+    """Statistics of a generation, with any values that a population can have."""
     count = st.integers(0, population)
     share = st.floats(0, 1)
     points = st.floats(-1e5, 1e6)

@@ -60,7 +60,7 @@ class World(BaseModel, frozen=True, extra="forbid"):
     blocks: int = Field(ge=1, le=9)
     ticks: int = Field(ge=1, le=10_000)  # of an episode, at most
     drive: int = Field(ge=1, le=100)  # ticks from table to table
-    failure: float = Field(ge=0, le=1)  # chance that a skill fails
+    failure: float = Field(ge=0, le=1)  # probability that a skill fails
     lost: float = Field(ge=0, le=1)  # chance to be lost after driving
 
 

@@ -86,7 +86,7 @@ def _query(arguments: Sequence[str], word: str) -> list[str]:
     from hydra._internal.utils import get_args_parser
     from hydra.core.global_hydra import GlobalHydra
 
-    from islandgp.config.errors import MISTAKES
+    from islandgp.config.errors import USER_ERRORS
     from islandgp.config.sources import ConfigSource
     from islandgp.errors import ConfigError
 
@@ -96,5 +96,9 @@ def _query(arguments: Sequence[str], word: str) -> list[str]:
         GlobalHydra.instance().clear()
         plugin = BashCompletion(source.loader())
         return plugin._query(config_name=source.name, line=" ".join([*arguments, word]))
-    except (*MISTAKES, ConfigError, SystemExit):  # of words that are not yet written to their end
+    except (
+        *USER_ERRORS,
+        ConfigError,
+        SystemExit,
+    ):  # of words that are not yet written to their end
         return []

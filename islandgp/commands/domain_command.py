@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from islandgp.config.settings import Settings
 
 
-MOST: Final = 100
+MAX_PATTERNS: Final = 100
 """Patterns of tree files next to a domain's module."""
 
 
@@ -242,4 +242,4 @@ def _files(domain: Domain) -> list[Path]:
     """Tree files next to the domain's module, in its folder `trees`, and in the examples."""
     beside = Path(getfile(type(domain))).parent
     folders = (beside, beside / "trees", resource("grammar") / "examples")
-    return [file for folder in folders for file in sorted(folder.glob("*.bt"))][:MOST]
+    return [file for folder in folders for file in sorted(folder.glob("*.bt"))][:MAX_PATTERNS]

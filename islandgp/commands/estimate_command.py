@@ -16,7 +16,7 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.ledger import Bill, most_tokens
-from islandgp.supervision.llm.message import QUOTED, Request, ServerCapabilities, Usage
+from islandgp.supervision.llm.message import MAX_QUOTED, Request, ServerCapabilities, Usage
 from islandgp.supervision.llm.questions import NEAR, Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript, find_transcript
@@ -26,7 +26,8 @@ HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 ANSWER: Final = 300  # assumed tokens of an answer: a paragraph, or a tree of 20 nodes
 THOUGHTS: Final = 1_500  # assumed tokens of thinking before an answer
 CANDIDATE: Final = 150  # assumed tokens of each further candidate
-ADDED: Final = {"rate": 4_300, "tree": 7_200}  # further characters of informed prompts, measured
+INFORMED_CHARACTERS: Final = {"rate": 4_300, "tree": 7_200}
+"""Characters that the history adds to an informed prompt, by measurement."""
 ADDED_EDITS: Final = 6_000  # approximate characters of trees and traces in the edits question
 PROBES: Final = 4  # most calls of the probe
 ADDED_MOST: Final = 30_000  # most further characters of informed prompts
@@ -140,7 +141,7 @@ def at_most(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
     times = _times(context, lag) * settings.retry.attempts
     turns = 1 + settings.repairs
     most = [
-        most_tokens(request, longer=QUOTED * settings.repairs + (ADDED_MOST if added else 0))
+        most_tokens(request, longer=MAX_QUOTED * settings.repairs + (ADDED_MOST if added else 0))
         for request, added in exchanges
     ]
     usage = Usage(
@@ -181,7 +182,9 @@ def _requests(settings: LLMSettings, context: RunContext) -> list[tuple[Request,
     capabilities = ServerCapabilities(True, settings.temperature, "")
     requests = questions.requests(_state(context), capabilities)
     added = dict.fromkeys(requests, ADDED_EDITS)
-    added |= ADDED if questions.uses_history else dict.fromkeys(ADDED, 0)
+    added |= (
+        INFORMED_CHARACTERS if questions.uses_history else dict.fromkeys(INFORMED_CHARACTERS, 0)
+    )
     return [(request, added[part]) for part, request in requests.items()]
 
 

@@ -17,7 +17,7 @@ from islandgp import __version__
 from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.language import MAX_CHARACTERS, tree_errors
 from islandgp.bt.core.node import Limits
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.editor.assist import meaning, offers
 from islandgp.bt.editor.format import format_text
 from islandgp.bt.editor.names import (
@@ -34,7 +34,7 @@ from islandgp.errors import IslandError, TreeError
 
 PAUSE: Final = 0.2  # s without a change before a text is checked
 ANY_SIZE: Final = Limits(10**9, 10**9)
-SORTS: Final = {
+COMPLETION_KINDS: Final = {
     "action": types.CompletionItemKind.Function,
     "key": types.CompletionItemKind.Variable,
     "word": types.CompletionItemKind.Keyword,
@@ -74,7 +74,7 @@ class Server(LanguageServer):
         try:
             return self.vocabulary_for(document.source, _name(document), _folder(document))
         except IslandError:
-            return NOTHING
+            return EMPTY_VOCABULARY
 
     def check(self, document: TextDocument) -> None:
         """Publishes the errors and warnings of a text."""
@@ -120,7 +120,7 @@ def completion(server: Server, params: types.CompletionParams) -> list[types.Com
     known = server.known(document)
     completions = offers(document.source, at, known, _folder(document), list(server.domains))
     return [
-        types.CompletionItem(label=each.text, kind=SORTS[each.sort], detail=each.detail)
+        types.CompletionItem(label=each.text, kind=COMPLETION_KINDS[each.sort], detail=each.detail)
         for each in completions
     ]
 

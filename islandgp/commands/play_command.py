@@ -29,7 +29,7 @@ from islandgp.scoring.classes import specialist, tiers
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
 
-MOST_SECONDS: Final = 1e6  # largest time limit of an episode, as for evaluators
+MAX_SECONDS: Final = 1e6  # largest time limit of an episode, as for evaluators
 ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and its interval
 
 
@@ -169,7 +169,7 @@ def _outcomes(
     from rich.console import Console
     from rich.progress import Progress
 
-    from islandgp.evaluation.base import KEPT, Job
+    from islandgp.evaluation.base import TREE_INTRODUCTION, Job
     from islandgp.running.run import make_evaluator
 
     jobs = [Job(to_text(tree), stage, seed) for tree in trees for seed in range(seeds)]
@@ -184,7 +184,7 @@ def _outcomes(
             try:
                 outcomes += evaluator.evaluate(jobs[start : start + 16])
             except EvaluationError as error:  # the tree is that of the file
-                raise EvaluationError(str(error).partition(KEPT)[0]) from error
+                raise EvaluationError(str(error).partition(TREE_INTRODUCTION)[0]) from error
             bar.update(task, completed=len(outcomes))
     return [outcomes[start : start + seeds] for start in range(0, len(jobs), seeds)]
 
@@ -194,7 +194,7 @@ def _limited(settings: Settings, seconds: float) -> Settings:
     part = settings.evaluator
     if "episode_timeout" not in part.factory.Settings.model_fields:
         return settings
-    limit = {**part.policy, "episode_timeout": min(seconds, MOST_SECONDS)}
+    limit = {**part.policy, "episode_timeout": min(seconds, MAX_SECONDS)}
     evaluator = part.model_copy(update={"policy": limit})
     return settings.model_copy(update={"evaluator": evaluator})
 

@@ -16,7 +16,7 @@ from islandgp.bt.core.includes import mentioned
 from islandgp.commands.files import STDIN
 from islandgp.errors import IslandError
 
-LOOK: Final = 0.3  # s between two checks of the files
+POLL_S: Final = 0.3  # s between two checks of the files
 
 
 def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
@@ -30,7 +30,7 @@ def with_rerun_option(command: Callable[..., None]) -> Callable[..., None]:
             return
         if STDIN in files:
             raise click.UsageError("expected files for --rerun, found the standard input")
-        for first in changes([Path(file) for file in files], lambda: time.sleep(LOOK)):
+        for first in changes([Path(file) for file in files], lambda: time.sleep(POLL_S)):
             if not first:
                 click.echo(f"\n{time.strftime('%H:%M:%S')}")
             try:

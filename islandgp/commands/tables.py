@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console, JustifyMethod
 
 GAP: Final = 2  # characters between two columns
-ENDLESS: Final = 100_000  # characters of a line in a file or a pipe
+UNLIMITED_WIDTH: Final = 100_000  # characters of a line in a file or a pipe
 
 
 class Column(NamedTuple):
@@ -30,10 +30,12 @@ class Column(NamedTuple):
 
 
 def standard_output() -> Console:
-    """The standard output as a console: as wide as the terminal, or ENDLESS without one."""
+    """The standard output as a console: as wide as the terminal, or UNLIMITED_WIDTH without one."""
     from rich.console import Console
 
-    return Console(highlight=False, markup=False, width=None if sys.stdout.isatty() else ENDLESS)
+    return Console(
+        highlight=False, markup=False, width=None if sys.stdout.isatty() else UNLIMITED_WIDTH
+    )
 
 
 def numbers(values: Sequence[float]) -> list[str]:

@@ -35,7 +35,7 @@ FIELDS: Final[Mapping[str, Collection[str]]] = {
 }
 """Fields of the answers by part, in the order in which the parts are shown."""
 
-LONGEST: Final = 500  # most characters of an unreadable answer without --generation
+MAX_SHOWN: Final = 500  # most characters of an unreadable answer without --generation
 STEP: Final = "  "  # indentation by level
 
 
@@ -198,8 +198,8 @@ def _answer(answer: Reply | Failure, fields: Collection[str], *, whole: bool) ->
         yield f"thinking:\n{textwrap.indent(answer.thinking, STEP)}"
     values = None if whole else find_object(answer.text, fields)
     if values is None:
-        cut = not whole and len(answer.text) > LONGEST
-        yield f"{answer.text[:LONGEST]}..." if cut else answer.text
+        cut = not whole and len(answer.text) > MAX_SHOWN
+        yield f"{answer.text[:MAX_SHOWN]}..." if cut else answer.text
     for name, value in (values or {}).items():
         several = isinstance(value, list)
         for number, item in enumerate(value if several else [value], 1):

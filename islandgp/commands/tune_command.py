@@ -32,7 +32,7 @@ if TYPE_CHECKING:
         Tuned,
     )
 
-MOST: Final = 100  # most numbers of a file that are tuned
+MAX_TUNED: Final = 100  # most numbers of a file that are tuned
 
 
 @click.command()
@@ -80,10 +80,10 @@ def command(
         )
         write_text(output, text)
         return
-    if len(thresholds) > MOST:
+    if len(thresholds) > MAX_TUNED:
         raise IslandError(
-            f"{name}: expected at most {MOST} numbers to tune, found {len(thresholds)}; give those"
-            " that belong together one name: constant NAME = NUMBER."
+            f"{name}: expected at most {MAX_TUNED} numbers to tune, found {len(thresholds)}; give"
+            " those that belong together one name: constant NAME = NUMBER."
         )
     search = NumberSettings(episodes=episodes, worlds=worlds)
     _report_plan(search, len(thresholds))

@@ -17,7 +17,7 @@ from islandgp.redaction import FREE, names_secret
 VARIABLE: Final = "ANTHROPIC_API_KEY"
 KEY: Final = "supervisor.policy.api_key"
 NONE: Final = f"{KEY}=null"
-INSIDE: Final = re.compile(
+SECRET_FIELD: Final = re.compile(
     r"""[{,:'"]\s*(?:[^\s:{},'"]*[_.])?(api_?key|token|secret|password)['"]?\s*:""", re.IGNORECASE
 )
 """A secret's name inside an override's value, as in `{api_key: ...}`, quoted or not."""
@@ -81,7 +81,7 @@ def _check_free(name: str, value: str) -> None:
 def _check_inside(word: str) -> None:
     name, _, value = word.partition("=")
     _check_free(name.strip(), value)
-    if match := INSIDE.search(value):
+    if match := SECRET_FIELD.search(value):
         raise ConfigError(
             f"{name.lstrip('+~')}: expected no secret inside a value, found {match[1]};"
             f" {_REMEDY}, or set it separately, as {KEY}=..."

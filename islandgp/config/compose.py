@@ -19,7 +19,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.errors import MISTAKES, check_packages, explain, parsed, unresolved
+from islandgp.config.errors import USER_ERRORS, check_packages, explain, parsed, unresolved
 from islandgp.config.naming import command_line, group_of, key_of, run_folder
 from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
@@ -29,7 +29,7 @@ from islandgp.trust import names_in, trust
 BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"
 """Hydra's basic sweeper, which runs every combination."""
 
-MOST_JOBS: Final = 1000  # of a command; all are checked before the first one starts
+MAX_JOBS: Final = 1000  # of a command; all are checked before the first one starts
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,7 @@ def _end(override: Override, last: bool) -> str:
         value: Any = sweep.end if last else sweep.start
     else:
         _values(override)
-        values = islice(override.sweep_string_iterator(), MOST_JOBS)
+        values = islice(override.sweep_string_iterator(), MAX_JOBS)
         value = deque(values, 1)[0] if last else next(values)
     return f"{override.get_key_element()}={value}"
 
@@ -226,10 +226,10 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
                 " hydra/sweeper=optuna."
             )
         jobs *= _values(sweep)
-        if jobs > MOST_JOBS:
+        if jobs > MAX_JOBS:
             count = f"{jobs:,}" if jobs < 10**12 else "far more"
             raise ConfigError(
-                f"{sweep.input_line}: expected at most {MOST_JOBS:,} jobs of a command, found"
+                f"{sweep.input_line}: expected at most {MAX_JOBS:,} jobs of a command, found"
                 f" {count}; give them in parts: commands with the same name are one sweep."
             )
 
@@ -240,7 +240,7 @@ def _values(sweep: Override) -> int:
     if isinstance(sweep_values, RangeSweep):
         n = _steps(sweep, sweep_values)
     else:
-        n = sum(1 for _ in islice(sweep.sweep_string_iterator(), MOST_JOBS + 1))
+        n = sum(1 for _ in islice(sweep.sweep_string_iterator(), MAX_JOBS + 1))
     if not n:
         raise ConfigError(
             f"{sweep.input_line}: expected a sweep over at least one value, found none;"
@@ -262,7 +262,7 @@ def _steps(sweep: Override, values: RangeSweep) -> int:
 def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
     try:
         composed = source.compose(overrides)
-    except MISTAKES as error:
+    except USER_ERRORS as error:
         raise ConfigError(explain(error, overrides, source)) from None
     check_packages(composed, source)
     return composed

@@ -21,7 +21,7 @@ TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
 NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 """Names of runs and sweeps, which are names of folders."""
 
-IN_WORDS: Final = {
+PATTERN_TEXTS: Final = {
     TAG: "1 to 250 letters, digits, spaces and . _ : / -",
     NAME: "letters, digits and . _ -, beginning with a letter or a digit",
     CLASS_NAME: "small letters, digits and _, beginning with a letter",
@@ -62,7 +62,7 @@ def error_lines(
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
             yield unknown_key(path, keys_at(config, e["loc"][:-1], model))
-        elif (words := IN_WORDS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
+        elif (words := PATTERN_TEXTS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
             yield f"{path.removesuffix('.[key]')}: expected {words}, found {e['input']!r}"
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"

@@ -26,7 +26,7 @@ from islandgp.records.parameters import RENAMED, flatten, is_secret
 from islandgp.redaction import HIDDEN
 from islandgp.text_files import decoded
 
-MISTAKES: Final = (
+USER_ERRORS: Final = (
     HydraException,
     OmegaConfBaseException,
     yaml.YAMLError,
@@ -37,7 +37,7 @@ MISTAKES: Final = (
 """Exceptions of Hydra and OmegaConf for a user's error."""
 
 LEVELS: Final = 50  # most levels of brackets in a value
-LONGEST: Final = 200  # most characters of a key, as Hydra uses it as a file name
+MAX_KEY: Final = 200  # most characters of a key, as Hydra uses it as a file name
 DIGITS: Final = 1000  # most digits of a number
 
 
@@ -59,9 +59,9 @@ def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
 def _must_be_readable(override: str) -> None:
     """Raises ConfigError for a value that Hydra's parser or Python cannot process."""
     key, _, value = override.partition("=")
-    if len(key) > LONGEST:
+    if len(key) > MAX_KEY:
         raise ConfigError(
-            f"{key[:20]}...: expected a key of at most {LONGEST} characters, found {len(key):,};"
+            f"{key[:20]}...: expected a key of at most {MAX_KEY} characters, found {len(key):,};"
             " write a shorter one"
         )
     level = deepest = 0
@@ -199,7 +199,7 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
 first line."""
 
 
-GLOBAL: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
+GLOBAL_PACKAGE: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
 """The line with which Hydra applies a group's file to the whole configuration."""
 
 
@@ -215,7 +215,7 @@ def check_packages(composed: DictConfig, source: ConfigSource) -> None:
         if not set(map(str, below)) & (Settings.model_fields.keys() - group_keys):
             continue
         for file in source.files(f"{group}/{choice}"):
-            if not GLOBAL.search(file.read_text(encoding="utf-8")):
+            if not GLOBAL_PACKAGE.search(file.read_text(encoding="utf-8")):
                 raise ConfigError(
                     f"{group}={choice}: expected `# @package _global_` as the first line of {file},"
                     " whose keys are those of the whole configuration, found none; add it."

@@ -26,7 +26,7 @@ NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
 }
 """Keys and groups that are not appended to the name of a run's folder."""
 
-LONGEST: Final = 180  # most characters of a folder's name; file systems allow 255 bytes
+MAX_LENGTH: Final = 180  # most characters of a folder's name; file systems allow 255 bytes
 
 
 def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) -> Path:
@@ -50,9 +50,9 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
 def _safe(name: str) -> str:
     """The name as a valid folder name; see `run_folder`."""
     safe = re.sub(r"[^A-Za-z0-9._=,+-]+", "_", name)
-    if safe == name and len(name) <= LONGEST:
+    if safe == name and len(name) <= MAX_LENGTH:
         return name
-    return ending_in_digest(safe, name, LONGEST)
+    return ending_in_digest(safe, name, MAX_LENGTH)
 
 
 def is_choice(override: str) -> bool:

@@ -97,7 +97,11 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
         return factory
 
 
-PAPERS: Final = {"name": "paper", "factory": "islandgp.search.paper:Paper", "ranking": "fitness"}
+PAPER_SEARCH: Final = {
+    "name": "paper",
+    "factory": "islandgp.search.paper:Paper",
+    "ranking": "fitness",
+}
 """The search of configurations without one, of versions before 0.3."""
 
 
@@ -144,7 +148,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     gp: GP
     budget: Budget = Budget()
     stop: Stop = Stop()
-    search: SearchSettings = SearchSettings.model_validate(PAPERS)
+    search: SearchSettings = SearchSettings.model_validate(PAPER_SEARCH)
     archive: ArchiveSettings = ArchiveSettings()
     perturb: Perturbation | None = None  # docs/perturbation.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain

@@ -22,7 +22,7 @@ from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.trust import trust_folder
 
-COMPOSING: Final = Lock()  # Hydra composes one configuration at a time in a process
+COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def _must_hide_nothing(user_folder: Path, folder: Path) -> None:
 @contextmanager
 def _alone() -> Iterator[None]:
     """Context with its own Hydra instance, also if Hydra is initialised already."""
-    with COMPOSING:
+    with COMPOSE_LOCK:
         others = GlobalHydra.instance().hydra
         GlobalHydra.instance().clear()
         try:

@@ -11,7 +11,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Outcome
-from islandgp.errors import LONGER, EvaluationError, RunError, TimeLimitError, brief
+from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import (
     Perturbation,
     PerturbedWorlds,
@@ -217,7 +217,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
             domain = problem.in_world(job.stage, job.seed)
             outcome = domain.run_episode(tree, job.seed, weights)
     except TimeLimitError as late:
-        raise EvaluationError(blame(job, f"{late.running}; {LONGER}")) from None
+        raise EvaluationError(blame(job, f"{late.running}; {RAISE_LIMIT}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         fault = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
         raise EvaluationError(blame(job, fault)) from error
@@ -228,7 +228,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     except (TypeError, ValueError, AttributeError) as error:
         fault = f"an Outcome with values that are not numbers ({error}); correct the domain"
         raise EvaluationError(blame(job, fault)) from None
-    if not abs(outcome.fitness) < MOST_POINTS:
+    if not abs(outcome.fitness) < MAX_POINTS:
         fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
         raise EvaluationError(blame(job, fault))
     return outcome
@@ -250,22 +250,22 @@ def in_floats(outcome: Outcome) -> Outcome:
     )
 
 
-MOST_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite
+MAX_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite
 
 
 def blame(job: Job, fault: str) -> str:
     """The message of an error in a job, with its tree and world seed."""
     return (
         f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {fault}."
-        f"{KEPT}{job.tree}"
+        f"{TREE_INTRODUCTION}{job.tree}"
     )
 
 
-KEPT: Final = " The run keeps what it has; this is the tree:\n"
+TREE_INTRODUCTION: Final = " The run's records are kept. The tree:\n"
 """Text before the tree in this message."""
 
 
-MOST_KEPT: Final = 2000
+MAX_CACHED: Final = 2000
 """Number of outcomes in the cache, enough for a typical run."""
 
 
@@ -292,7 +292,7 @@ class Cached:
         for job, outcome in zip(new, self.inner.evaluate(new), strict=True):
             self._known[replace(job, node=None)] = outcome
         outcomes = [self._known[job] for job in jobs]
-        for job in [*self._known][: -max(MOST_KEPT, len(new))]:
+        for job in [*self._known][: -max(MAX_CACHED, len(new))]:
             del self._known[job]
         return outcomes
 

@@ -14,15 +14,15 @@ from typing import Any, Final, TypeAlias
 
 from pydantic import BaseModel, Field, ValidationError, field_validator
 
-from islandgp.domain import MOST_DELAY, Domain, Schema
+from islandgp.domain import MAX_DELAY, Domain, Schema
 from islandgp.errors import IslandError, brief
 from islandgp.evaluation.worlds import staged
 from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
 from islandgp.sensors import SensorFaults
 
-MOST_RANGES: Final = 100
-KEPT: Final = 64  # size of a process's cache of perturbed domains
+MAX_RANGES: Final = 100
+CACHE_SIZE: Final = 64  # size of a process's cache of perturbed domains
 
 Span: TypeAlias = tuple[float, float]
 
@@ -34,7 +34,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
     """Least and greatest value of settings of the group `world`, nested or by dotted name. Whole
     numbers stay whole."""
     noise: float = Field(default=0.0, ge=0, le=100)  # multiple of the keys' declared noise
-    delay: int = Field(default=0, ge=0, le=MOST_DELAY)  # most ticks of delay of the sensors
+    delay: int = Field(default=0, ge=0, le=MAX_DELAY)  # most ticks of delay of the sensors
     training: bool = False  # True: training and validation are in perturbed worlds
 
     @field_validator("world", mode="before")
@@ -44,8 +44,8 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
             message = f"expected ranges by setting, found {world!r:.50}"
             raise ValueError(message)  # noqa: TRY004 -- pydantic's
         settings = dict(_flat(world, ""))
-        if len(settings) > MOST_RANGES:
-            raise ValueError(f"expected at most {MOST_RANGES} ranges, found {len(settings)}")
+        if len(settings) > MAX_RANGES:
+            raise ValueError(f"expected at most {MAX_RANGES} ranges, found {len(settings)}")
         return settings
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
@@ -142,7 +142,7 @@ class PerturbedWorlds:
     def domain(self, stage: int, seed: int) -> Domain:
         """The domain of a world seed in a stage. Raises ConfigError, pydantic.ValidationError."""
         if (stage, seed) not in self._made:
-            if len(self._made) >= KEPT:
+            if len(self._made) >= CACHE_SIZE:
                 self._made.clear()
             world = self.worlds[stage]
             changed = staged(world, self.how.changes(world.model_dump(), seed))

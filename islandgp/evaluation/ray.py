@@ -28,10 +28,11 @@ if TYPE_CHECKING:
 
 QUIET: Final = {"include_dashboard": False, "log_to_driver": False, "logging_level": logging.ERROR}
 
-LOOK: Final = 5.0  # s between two checks of the cluster while waiting for an episode
+POLL_S: Final = 5.0  # s between two checks of the cluster while waiting for an episode
 BATCH_S: Final = 0.25  # target duration of a task, s
 SHARES: Final = 3  # least tasks per worker, so that all end at about the same time
-GONE: Final = 20.0  # s without the head node until the run ends; Ray exits silently after 60
+HEAD_TIMEOUT_S: Final = 20.0
+"""Seconds without the head node until the run ends; Ray exits silently after 60."""
 
 
 class RaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -104,7 +105,7 @@ class Ray:
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        if monotonic() > self._looked + LOOK:
+        if monotonic() > self._looked + POLL_S:
             self._must_be_there()  # without the head, Ray ends this process after a minute
             self._looked = monotonic()
         n = batch_size(self._episode_s, len(jobs), self._workers())
@@ -133,7 +134,7 @@ class Ray:
 
         while True:
             try:
-                result: Batch = self._ray.get(future, timeout=LOOK)
+                result: Batch = self._ray.get(future, timeout=POLL_S)
             except GetTimeoutError:
                 self._must_be_there()
             except RayTaskError as error:  # its message names the job
@@ -148,8 +149,8 @@ class Ray:
                 return result
 
     def _must_be_there(self) -> None:
-        """Raises EvaluationError if the cluster has ended; waits GONE s for its head node."""
-        end = monotonic() + GONE
+        """Raises EvaluationError if the head node is away for HEAD_TIMEOUT_S seconds."""
+        end = monotonic() + HEAD_TIMEOUT_S
         while True:
             try:
                 _reach(self._node)  # Ray ends this process some seconds after its node
@@ -158,7 +159,7 @@ class Ray:
                 if monotonic() > end or not _listens(self._node):
                     raise EvaluationError(
                         f"Expected the Ray cluster at {self._head!r}, found that it has ended"
-                        f" ({error}). The run keeps what it has; start the cluster, and give the"
+                        f" ({error}). The run's records are kept; start the cluster and give the"
                         " command again."
                     ) from error
                 sleep(1)

@@ -35,10 +35,10 @@ from islandgp.seeding import Stream, stream
 
 T = TypeVar("T")
 
-MOST: Final = 24  # candidates
+MAX_CANDIDATES: Final = 24  # candidates
 FINALISTS: Final = 3  # candidates of the last round
 WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all candidates
-TOP: Final = 2  # candidates per generation
+TOP_PER_GENERATION: Final = 2  # candidates per generation
 PART: Final = 100  # least generations of a part of a long run
 
 
@@ -88,8 +88,8 @@ def candidates(
     records: Iterable[Mapping[str, Any]],
     classes: Classes,
     *,
-    most: int = MOST,
-    top: int = TOP,
+    most: int = MAX_CANDIDATES,
+    top: int = TOP_PER_GENERATION,
     tier: str = "",
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
@@ -148,7 +148,7 @@ def _of_last_stage(
 def candidates_by_evidence(
     records: Iterable[Mapping[str, Any]],
     *,
-    most: int = MOST,
+    most: int = MAX_CANDIDATES,
     bound_width: float = 1.0,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:

@@ -25,8 +25,8 @@ from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, mean_viola
 from islandgp.scoring.rewards import unknown
 
 EDGES: Final = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # of a counter where none are configured
-MOST_AXES: Final = 4  # a map with more axes is hard to read
-MOST_CELLS: Final = 10_000  # each checkpoint holds the whole archive
+MAX_AXES: Final = 4  # a map with more axes is hard to read
+MAX_CELLS: Final = 10_000  # each checkpoint holds the whole archive
 
 Edges = Annotated[tuple[FiniteFloat, ...], Field(min_length=2, max_length=100)]
 
@@ -51,15 +51,15 @@ class ArchiveSettings(BaseModel, frozen=True, extra="forbid"):
             if any(b <= a for a, b in pairwise(edges)):
                 shown = ", ".join(f"{edge:g}" for edge in edges)
                 raise ValueError(f"expected rising edges of {counter}, found [{shown}]")
-        if len(cells) > MOST_AXES:
-            raise ValueError(f"expected at most {MOST_AXES} counters, found {len(cells)}")
-        if (n := prod(map(len, cells.values()))) > MOST_CELLS:
-            raise ValueError(f"expected at most {MOST_CELLS:,} cells in all, found {n:,}")
+        if len(cells) > MAX_AXES:
+            raise ValueError(f"expected at most {MAX_AXES} counters, found {len(cells)}")
+        if (n := prod(map(len, cells.values()))) > MAX_CELLS:
+            raise ValueError(f"expected at most {MAX_CELLS:,} cells in all, found {n:,}")
         return cells
 
     def axes(self, classes: Classes) -> Mapping[str, Edges]:
         """The grid's edges by counter."""
-        counters = [*dict.fromkeys(classes.behaviours.values())][:MOST_AXES]
+        counters = [*dict.fromkeys(classes.behaviours.values())][:MAX_AXES]
         return self.cells or dict.fromkeys(counters, EDGES)
 
     def faults(self, schema: Schema) -> Iterator[str]:

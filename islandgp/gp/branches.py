@@ -47,14 +47,14 @@ if TYPE_CHECKING:  # variation imports this module
 
 BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
 """Probability of each number of actions in a random branch."""
-DECLARED: Final = 0.5
+GUARDED: Final = 0.5
 """Probability that a random branch is guarded by the declared conditions of its first action."""
 PREPARED: Final = 0.7
 """Probability that an action of a random branch follows one that it declares as `after`."""
-LONG: Final = 3
+MAX_ACTIONS: Final = 3
 """Number of actions in a random branch from which on none is added."""
 FINE: Final = 200  # tuned thresholds are multiples of about range / FINE
-EVERY: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one
+TUNE_ALL: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one
 
 
 def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
@@ -67,7 +67,7 @@ def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
     if not space.keys:
         return body
     declared = space.vocabulary.action(next(_actions(body)).action).to_start
-    if declared and rng.random() < DECLARED:
+    if declared and rng.random() < GUARDED:
         condition: ConditionExpr = combine("and", declared)
     else:
         condition = _random_condition(rng, space)
@@ -85,7 +85,7 @@ def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
     """
     names: list[str] = []
     for _ in range(n):
-        if len(names) < LONG:
+        if len(names) < MAX_ACTIONS:
             names += _prepared(rng, space.actions[rng.integers(len(space.actions))], space)
     actions = [random_leaf(rng, name, space) for name in names]
     return actions[0] if len(actions) == 1 else sequence(*actions)
@@ -240,7 +240,7 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
     if not places:
         return tree
     sd = how.number_sd * 20 ** (rng.random() - 1)
-    if rng.random() >= EVERY:
+    if rng.random() >= TUNE_ALL:
         places = [places[rng.integers(len(places))]]
     for i, k in places:
         tree = _moved(tree, i, k, rng.normal(0, sd), space)

@@ -24,7 +24,7 @@ from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 
-MOST_NODES: Final = 2000.0  # most expected nodes of a random tree; a run allows up to 1,000
+MAX_EXPECTED_NODES: Final = 2000.0  # most expected nodes of a random tree; a run allows up to 1,000
 
 
 class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
@@ -264,14 +264,14 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
 
 
 def expected_nodes(trees: TreeSettings, depth: int) -> float:
-    """Expected number of nodes of `grow` with this depth, >= 1; at most MOST_NODES."""
+    """Expected number of nodes of `grow` with this depth, >= 1; at most MAX_EXPECTED_NODES."""
     weight = sum(trees.kinds.values())
     several = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
     children = 1 - several + several * sum(trees.children) / 2
     nodes = 1.0
     for _ in range(1, depth):
         before, nodes = nodes, trees.leaf + (1 - trees.leaf) * (1 + children * nodes)
-        if nodes > MOST_NODES or nodes == before:
+        if nodes > MAX_EXPECTED_NODES or nodes == before:
             break
     return nodes
 
@@ -302,8 +302,8 @@ def check_growth(
         ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
         (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),
     ):
-        if value > MOST_NODES:
+        if value > MAX_EXPECTED_NODES:
             raise ValueError(
-                f"{key}: expected random trees of at most {MOST_NODES:,.0f} nodes on average,"
-                " found larger ones; lower it or gp.trees.children, or raise gp.trees.leaf"
+                f"{key}: expected random trees of at most {MAX_EXPECTED_NODES:,.0f} nodes on"
+                " average, found larger ones; lower it or gp.trees.children, or raise gp.trees.leaf"
             )

@@ -16,7 +16,7 @@ from islandgp.records.manifest import must_be_as_written
 from islandgp.trust import must_have_no_links
 
 NAME: Final = "archive.json"
-MOST_BYTES: Final = 2**28  # largest file; an archive of 10,000 trees with 1,000 nodes is smaller
+MAX_BYTES: Final = 2**28  # largest file; an archive of 10,000 trees with 1,000 nodes is smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +72,15 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
         must_be_as_written(path, NAME)
     try:
         with file.open("rb") as opened:
-            data = opened.read(MOST_BYTES + 1)
+            data = opened.read(MAX_BYTES + 1)
     except OSError as error:
         raise RunError(
             f"Expected the archive of a finished run in {file}, found: {error.strerror or error};"
             f" give the folder of a run that has ended, or its {NAME}."
         ) from error
     try:
-        if len(data) > MOST_BYTES:
-            raise ValueError(f"it has more than {MOST_BYTES:,} bytes")
+        if len(data) > MAX_BYTES:
+            raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
         archive = from_json(ArchiveFile, read_json(data))
         sizes = [len(edges) for edges in archive.cells.values()]
         for e in archive.elites:

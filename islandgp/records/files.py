@@ -83,7 +83,7 @@ def validation_mean(summary: Mapping[str, Any]) -> float | None:
 
 PAGE: Final = "run.html"
 
-OWN: Final = (
+RUN_FILES: Final = (
     "about.json",
     "config.yaml",
     "generations.jsonl",

@@ -80,7 +80,7 @@ class RunFolder:
                 " work there; wait for it, or give this one another name=..."
             )
             take(self._lock, self.path, busy)
-            for name in files.OWN:
+            for name in files.RUN_FILES:
                 remove_leftovers(self.path, f"{name}.*")
             if self.finished():
                 return

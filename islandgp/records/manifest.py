@@ -23,10 +23,10 @@ from islandgp.trust import must_have_no_links
 
 NAME: Final = "manifest.json"
 
-OUTSIDE: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
+UNLISTED: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
 """Files without an entry, as they change or are removed after the end. Hidden files have none."""
 
-NEEDED: Final = (
+REQUIRED: Final = (
     "about.json",
     "config.yaml",
     "generations.jsonl",
@@ -130,7 +130,7 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
     manifest = read_manifest(folder)
     if manifest is None:
         return []
-    names = sorted({*manifest.files, *NEEDED, *_names(folder)})
+    names = sorted({*manifest.files, *REQUIRED, *_names(folder)})
     return [damage for name in names if (damage := manifest.damage(folder / name))]
 
 
@@ -156,7 +156,7 @@ def _names(folder: Path) -> Iterator[str]:
     """The files of a folder that have an entry in a manifest."""
     must_have_no_links(folder)
     for file in sorted(folder.iterdir()):
-        if not file.name.startswith(".") and file.name not in OUTSIDE:
+        if not file.name.startswith(".") and file.name not in UNLISTED:
             yield file.name
 
 

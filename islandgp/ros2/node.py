@@ -14,7 +14,7 @@ from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
 from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
-from islandgp.bt.core.vocabulary import NOTHING
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
 from islandgp.errors import IslandError
 from islandgp.ros2.keys import ros_keys
 from islandgp.ros2.leaves import RosLeaves
@@ -51,7 +51,7 @@ class TreeNode:
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
-        words = load_tree(file, vocabulary).vocabulary or NOTHING
+        words = load_tree(file, vocabulary).vocabulary or EMPTY_VOCABULARY
         texts = [name for name, key in words.keys.items() if key.words]
         self._keys = ros_keys(node, robot_map.keys, texts=texts)
         answers = ros_keys(node, robot_map.conditions)

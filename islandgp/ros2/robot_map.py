@@ -13,7 +13,7 @@ from islandgp.bt.core.source import shown
 from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
-_MOST: Final = 100_000  # characters
+_MAX_CHARACTERS: Final = 100_000  # characters
 _NAME: Final = Field(
     pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$", max_length=200
 )
@@ -98,7 +98,7 @@ def read_map(file: Path) -> RobotMap:
     import yaml
 
     text = read_text_file(file)
-    if len(text) > _MOST or re.search(r"(^|[\s:,\[{-])[&*][A-Za-z0-9_]", text):
+    if len(text) > _MAX_CHARACTERS or re.search(r"(^|[\s:,\[{-])[&*][A-Za-z0-9_]", text):
         raise ConfigError(
             f"{file}: expected a short file without anchors (&name, *name); write each entry out"
         )

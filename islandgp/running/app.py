@@ -25,7 +25,7 @@ from hydra.errors import HydraException
 
 from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import Planned, Searched, planned, searched
-from islandgp.config.errors import MISTAKES, explain, parsed
+from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
 from islandgp.domain_files import default_domain_module
@@ -171,7 +171,7 @@ def _show(args: argparse.Namespace, argv: Sequence[str]) -> None:
         _start(argv, lambda _: None)
     except SystemExit as end:  # Hydra has printed the error
         sys.exit(2 if end.code else 0)
-    except MISTAKES as error:  # e.g. options that exclude each other
+    except USER_ERRORS as error:  # e.g. options that exclude each other
         if isinstance(error, OSError) and not isinstance(error, HydraException):
             raise  # the output's: the configuration has been read
         raise ConfigError(explain(error, args.overrides, source)) from None
@@ -197,7 +197,7 @@ def _refuse(message: str) -> NoReturn:
     )
 
 
-COMPOSING: Final = ("launcher", "sweeper", "searchpath")
+ACCEPTED_KEYS: Final = ("launcher", "sweeper", "searchpath")
 """Keys of Hydra that a single run accepts."""
 
 
@@ -208,7 +208,7 @@ def _must_not_need_hydra(overrides: Sequence[str]) -> None:
     """
     for override in overrides:
         key = override.partition("=")[0].lstrip("+~")
-        if key.startswith("hydra.") and key.split(".")[1] not in COMPOSING:
+        if key.startswith("hydra.") and key.split(".")[1] not in ACCEPTED_KEYS:
             raise ConfigError(
                 f"{key}: expected keys of islandgp, found one of Hydra, which has no effect on a"
                 " single run; leave it out, or start a sweep with -m."
@@ -225,8 +225,12 @@ def _run_single(job: Planned, command: str) -> int:
     return 0
 
 
-SHORT: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
-SIGNS: Final = ("can't start new thread", "failed to map segment", "cannot allocate memory")
+RESOURCE_ERRORS: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
+RESOURCE_MESSAGES: Final = (
+    "can't start new thread",
+    "failed to map segment",
+    "cannot allocate memory",
+)
 """Parts of messages of other errors in that case, in lower case."""
 
 
@@ -235,10 +239,10 @@ def shortage(error: BaseException) -> str:
     seen: BaseException | None = error
     while seen is not None:
         if isinstance(seen, OSError):
-            short = seen.errno in SHORT
+            short = seen.errno in RESOURCE_ERRORS
         else:
             text = str(seen).lower()
-            short = isinstance(seen, MemoryError) or any(sign in text for sign in SIGNS)
+            short = isinstance(seen, MemoryError) or any(sign in text for sign in RESOURCE_MESSAGES)
         if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"

@@ -29,8 +29,8 @@ crisis enforces it; only searches that use the rate have it. `time left` is esti
 DISPENSABLE: Final = ("working", "mean", "diversity")
 """Columns that are left out on a narrow terminal, the first one first."""
 
-AROUND: Final = 4  # other lines of the terminal: title, head, bar, cursor
-FEWEST: Final = 3  # least number of generations in the live table
+OTHER_LINES: Final = 4  # other lines of the terminal: title, head, bar, cursor
+MIN_ROWS: Final = 3  # least number of generations in the live table
 
 
 def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
@@ -168,7 +168,7 @@ class Progress:
         room = self._live.console.width if self._live is not None else 80
         rows = [
             dict(zip(self.columns, cells, strict=True))
-            for cells in self.rows[-max(FEWEST, height - AROUND) :]
+            for cells in self.rows[-max(MIN_ROWS, height - OTHER_LINES) :]
         ]
         widths = {
             name: max([width, *(len(cells[name]) for cells in rows)])

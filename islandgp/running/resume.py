@@ -22,7 +22,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, identity_config, runtime_keys
 from islandgp.running.start import start_digest
 
-AGAIN: Final = "~"
+REPEAT_MARK: Final = "~"
 """Precedes the number in the folder name of a repeated run; no other name contains it."""
 
 
@@ -38,7 +38,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
         return folder
     if settings.resume == "never":
         n = 2
-        while (path := folder.path.with_name(f"{folder.path.name}{AGAIN}{n}")).exists():
+        while (path := folder.path.with_name(f"{folder.path.name}{REPEAT_MARK}{n}")).exists():
             n += 1
         return RunFolder(path)
     changed = differences(folder.configuration(), config)

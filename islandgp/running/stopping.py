@@ -12,7 +12,7 @@ from typing import Final
 
 from islandgp.startup import stop_at_once
 
-AGAIN: Final = 0.05
+RETRY_S: Final = 0.05
 """Seconds after which a lost signal is raised again."""
 
 
@@ -23,7 +23,7 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
     Ignored signals stay ignored, as under `nohup`; signals that the system does not have are
     skipped. After a signal any error is replaced by KeyboardInterrupt, because interrupted
     libraries may raise errors of their own. A signal during a finalizer, where Python drops
-    exceptions, is raised again after AGAIN seconds.
+    exceptions, is raised again after RETRY_S seconds.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -41,7 +41,7 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         if interrupt is None or unraisable.exc_value is not interrupt:
             old_hook(unraisable)
             return
-        again = threading.Timer(AGAIN, signal.raise_signal, interrupt.args)
+        again = threading.Timer(RETRY_S, signal.raise_signal, interrupt.args)
         again.daemon = True
         again.start()
 

@@ -75,7 +75,7 @@ def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
 Worth = Callable[[str, float], tuple[str, float]]
 """(event, amount) -> (component, points)."""
 
-NOTHING: Final = Reward(component="")
+NO_REWARD: Final = Reward(component="")
 
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
@@ -85,7 +85,7 @@ def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     for event, reward in table.events.items():
         name = reward.component
         rows[event] = (name, _points(reward), float(weights.get(name, 1.0)) / shares.get(name, 1.0))
-    no_reward = ("", NOTHING.points, 0.0)
+    no_reward = ("", NO_REWARD.points, 0.0)
 
     def value(event: str, amount: float) -> tuple[str, float]:
         component, points, scale = rows.get(event, no_reward)

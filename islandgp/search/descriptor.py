@@ -13,7 +13,7 @@ from islandgp.domain import Outcome, Schema
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import unknown
 
-MOST_BINS: Final = 1e30  # greater values are clipped
+MAX_BINS: Final = 1e30  # greater values are clipped
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Dimension:
     def scaled(self, value: float) -> float:
         """A counter's value on a scale where each bin has the width 1; 0 stays 0."""
         if self.width is not None:
-            return copysign(min(abs(value) / self.width, MOST_BINS), value)
+            return copysign(min(abs(value) / self.width, MAX_BINS), value)
         return copysign(log2(1 + abs(value)), value)
 
 

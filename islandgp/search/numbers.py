@@ -40,8 +40,8 @@ SEARCH: Final = Fraction(
     4, 5
 )  # share of the episodes; half of the rest is for the race, half to compare
 RACING: Final = 8  # most trees in the race, including the written one
-LEAST_WORLDS: Final = 2  # an interval needs two
-LEAST_RANGE: Final = 1e-7  # of a key; `fine` rounds to 9 decimals
+MIN_WORLDS: Final = 2  # an interval needs two
+MIN_RANGE: Final = 1e-7  # of a key; `fine` rounds to 9 decimals
 
 Values: TypeAlias = tuple[float, ...]
 """A value for each threshold that is tuned."""
@@ -83,7 +83,7 @@ class NumberSettings:
     """Range and budget of the search for thresholds."""
 
     episodes: int = 9_600  # most episodes in total
-    worlds: int = 16  # of each generation, >= LEAST_WORLDS
+    worlds: int = 16  # of each generation, >= MIN_WORLDS
     population: int = 12  # trees of a generation; more with more than 14 thresholds, as in Hansen
     sigma: float = 0.1  # initial standard deviation, as a share of a key's range
 
@@ -99,8 +99,8 @@ class NumberSettings:
         rest = self.episodes - generations * generation
         comparing = rest // 4
         racing = rest - 2 * comparing
-        if generations < 1 or comparing < LEAST_WORLDS:
-            least = max(ceil(generation / SEARCH), generation + 4 * LEAST_WORLDS)
+        if generations < 1 or comparing < MIN_WORLDS:
+            least = max(ceil(generation / SEARCH), generation + 4 * MIN_WORLDS)
             raise ConfigError(
                 f"Expected at least {least:,} episodes: a generation is {population} trees in"
                 f" {self.worlds} worlds, and a race and a comparison follow; found"
@@ -186,7 +186,7 @@ def thresholds_of(
             continue
         low = max(-MAX_NUMBER, *(key.low for key in keys))
         high = min(MAX_NUMBER, *(key.high for key in keys))
-        if high - low < LEAST_RANGE:  # the range may be empty
+        if high - low < MIN_RANGE:  # the range may be empty
             continue
         common = number("", low, high, min(key.step for key in keys))
         common = replace(common, whole=any(key.whole for key in keys))
@@ -347,11 +347,11 @@ def _race(
 ) -> Values:
     """The winner of a race by successive halving; the first of equal trees.
 
-    The number of trees is limited so that each has LEAST_WORLDS new worlds in each round.
+    The number of trees is limited so that each has MIN_WORLDS new worlds in each round.
     """
     distinct = list(dict.fromkeys(trees))
     n = min(RACING, len(distinct))
-    while n > 2 and episodes // len(_halving(n)) // n < LEAST_WORLDS:
+    while n > 2 and episodes // len(_halving(n)) // n < MIN_WORLDS:
         n -= 1
     points: dict[Values, list[float]] = {tree: [] for tree in distinct[:n]}
     sizes = _halving(n)

@@ -21,7 +21,7 @@ from islandgp.scoring.generation_stats import diversity
 from islandgp.search.base import NoSettings, SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
-SPARED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
+UNMUTATED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
 """Origins of individuals that are not mutated if `gp.mutate_elites` is false."""
 
 
@@ -106,7 +106,7 @@ def mutated(
     """
     new = []
     for slot, i in enumerate(population):
-        spared = () if plan.gp.mutate_elites else SPARED
+        spared = () if plan.gp.mutate_elites else UNMUTATED
         if i.origin not in (*spared, Origin.EDITED):
             rng = streams(Stream.MUTATION, generation=generation, slot=slot)
             tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=plan.gp.mutation)

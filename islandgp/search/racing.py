@@ -103,7 +103,7 @@ class RacingMemory:
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
-TRIED: Final = 3000  # most digests kept, the latest ones
+MAX_DIGESTS: Final = 3000  # most digests kept, the latest ones
 
 
 class Racing(BreedingSearch[RacingSettings]):
@@ -177,7 +177,7 @@ class Racing(BreedingSearch[RacingSettings]):
         after = replace(
             memory,
             entries=tuple(ranked[:survivors]),
-            tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-TRIED:],
+            tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-MAX_DIGESTS:],
             contenders=tuple(contender(e, e.episodes) for e in evaluated) if lexicase else (),
         )
         return self._restarted(after, state.generation + 1)

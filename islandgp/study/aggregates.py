@@ -24,7 +24,7 @@ from islandgp.seeding import Stream, stream
 from islandgp.statistics import (
     ENUMERATED,
     EXACT,
-    FEWEST,
+    MIN_VALUES,
     RESAMPLES,
     UNTESTED,
     Interval,
@@ -38,10 +38,10 @@ from islandgp.study.strata import Strata, arrays_of, first_values, in_worlds
 
 EXACT_PAIRS: Final = "exact, exchanges of the pairs enumerated"
 NORMAL: Final = "asymptotic, corrected for ties"
-FEWEST_A_WORLD: Final = 5  # least runs per world; with 3 in each of 5, intervals cover 83 to 86 %
-MOST_THRESHOLDS: Final = 400  # most thresholds of a profile
+MIN_PER_WORLD: Final = 5  # least runs per world; with 3 in each of 5, intervals cover 83 to 86 %
+MAX_THRESHOLDS: Final = 400  # most thresholds of a profile
 BLOCK: Final = 1_000_000  # numbers drawn at a time
-LONGEST: Final = 100_000  # largest sum for an exact test
+MAX_SUM: Final = 100_000  # largest sum for an exact test
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ def stratified_bootstrap(strata: Strata, statistic: Callable[[Any], Any]) -> Int
     """A statistic of all scores of an arm with its 95 % percentile interval.
 
     A resample has as many scores of each world as the arm. The interval is nan for fewer than
-    FEWEST scores, and for several worlds if one has fewer than FEWEST_A_WORLD, as it would cover
+    MIN_VALUES scores, and for several worlds if one has fewer than MIN_PER_WORLD, as it would cover
     too little.
 
     Args:
@@ -193,15 +193,15 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
 
     Args:
         strata: the scores, world by world; all worlds must have one scale.
-        thresholds: at least one and at most MOST_THRESHOLDS, finite; their order does not matter.
+        thresholds: at least one and at most MAX_THRESHOLDS, finite; their order does not matter.
 
     Raises:
         StudyError: scores or thresholds are missing or not finite, or thresholds are too many.
     """
     steps = np.unique(np.asarray(thresholds, float))
-    if not 0 < len(steps) <= MOST_THRESHOLDS or not np.all(np.isfinite(steps)):
+    if not 0 < len(steps) <= MAX_THRESHOLDS or not np.all(np.isfinite(steps)):
         raise StudyError(
-            f"Expected 1 to {MOST_THRESHOLDS} finite thresholds of a performance profile, found"
+            f"Expected 1 to {MAX_THRESHOLDS} finite thresholds of a performance profile, found"
             f" {len(steps)}, {first_values(steps)}; `thresholds` chooses some."
         )
     arrays = [np.sort(each) for each in arrays_of(strata)]
@@ -226,11 +226,11 @@ def performance_profile(strata: Strata, thresholds: Sequence[float]) -> Profile:
 def thresholds(*arms: Strata) -> tuple[float, ...]:
     """The thresholds at which the profiles of some arms change: all distinct scores.
 
-    If there are more than MOST_THRESHOLDS, that many evenly spaced values.
+    If there are more than MAX_THRESHOLDS, that many evenly spaced values.
     """
     values = np.unique(np.concatenate([each for strata in arms for each in arrays_of(strata)]))
-    if len(values) > MOST_THRESHOLDS:
-        values = np.linspace(values[0], values[-1], MOST_THRESHOLDS)
+    if len(values) > MAX_THRESHOLDS:
+        values = np.linspace(values[0], values[-1], MAX_THRESHOLDS)
     return tuple(map(float, values))
 
 
@@ -259,7 +259,7 @@ def improvement_test(first: Strata, second: Strata, *, paired: bool = False) -> 
         return ImprovementTest(1.0, UNTESTED)
     alike = len({(len(x), len(y)) for x, y in worlds}) == 1
     few = all((len(x) if paired else len(x) + len(y)) <= ENUMERATED for x, y in worlds)
-    if alike and few and sum(s.most for s in strata) <= LONGEST:
+    if alike and few and sum(s.most for s in strata) <= MAX_SUM:
         ways = np.ones(1)
         for s in strata:
             counted = s.counts()
@@ -337,4 +337,4 @@ def _with_ends(estimate: float, ends: Any) -> Interval:
 def _enough(samples: Sequence[Any]) -> bool:
     """True if an arm has enough runs for an interval."""
     sizes = [len(each) for each in samples]
-    return sum(sizes) >= FEWEST and (len(sizes) == 1 or min(sizes) >= FEWEST_A_WORLD)
+    return sum(sizes) >= MIN_VALUES and (len(sizes) == 1 or min(sizes) >= MIN_PER_WORLD)

@@ -16,13 +16,13 @@ from islandgp.study.paper import paper_of
 from islandgp.study.select import Selection, in_short, parse_selection
 from islandgp.study.texts import note
 
-STUDIED: Final = frozenset({"supervisor"})
+VARIED_GROUPS: Final = frozenset({"supervisor"})
 """The group in which arms may always differ (section 3.1)."""
 
 TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
 """Groups that define fitness and tiers; arms must not differ in them."""
 
-WHOLE: Final = frozenset({"library", "search"})
+REPLACEABLE_GROUPS: Final = frozenset({"library", "search"})
 """Groups that may differ as a whole if every selection names a key of the group."""
 
 BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp.shared_seed"})
@@ -34,9 +34,9 @@ START: Final = (BUDGET - {"gp.generations"}) | {"gp.reseed_every", "gp.max_depth
 TREES: Final = "gp.trees."
 """Prefix of the keys of random trees."""
 
-SHORTEST: Final = 4  # least number of generations, so that no stage of Table 10 is empty
+MIN_GENERATIONS: Final = 4  # least number of generations, so that no stage of Table 10 is empty
 
-OTHERS: Final = 3  # most arms with the same value that are named
+MAX_ARMS: Final = 3  # most arms with the same value that are named
 
 
 def compare_arms(
@@ -139,10 +139,10 @@ def _check_names(arms: Sequence[Arm]) -> None:
             ' --arm expert="supervisor=expert" --arm baseline="supervisor=baseline".'
         )
     for arm in arms:
-        if arm.generations < SHORTEST:
+        if arm.generations < MIN_GENERATIONS:
             raise StudyError(
-                f"Expected runs of at least {SHORTEST} generations, found {arm.generations} in"
-                f" {arm.name}; early, mid and late training need one each."
+                f"Expected runs of at least {MIN_GENERATIONS} generations, found {arm.generations}"
+                f" in {arm.name}; early, mid and late training need one each."
             )
     for name, count in Counter(arm.name for arm in arms).items():
         if count > 1:
@@ -230,9 +230,9 @@ def _by_value(names: Sequence[str], values: Sequence[str]) -> str:
     parts = [
         f"{value} in {' and '.join(group)}"
         for value, group in groups.items()
-        if value != most or len(group) <= OTHERS
+        if value != most or len(group) <= MAX_ARMS
     ]
-    if len(groups[most]) > OTHERS:
+    if len(groups[most]) > MAX_ARMS:
         parts.append(f"{most} in the others")
     return ", ".join(parts)
 
@@ -244,11 +244,11 @@ def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
 
 
 def _may_differ(key: str, selections: Sequence[Selection]) -> bool:
-    if _group(key) in STUDIED:
+    if _group(key) in VARIED_GROUPS:
         return True
     if _group(key) in TASK or key in BUDGET:
         return False
-    if _group(key) in WHOLE:
+    if _group(key) in REPLACEABLE_GROUPS:
         return all(_group(key) in map(_group, s.keys) for s in selections)
     return all(key in s.keys for s in selections)
 

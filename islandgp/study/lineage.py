@@ -28,7 +28,7 @@ RANDOM: Final = "a random tree, as it was drawn"
 BRED: Final = "bred, no injected ancestor"
 HEIR: Final = "bred, with an injected ancestor"
 EDITED: Final = "edited by the supervisor"
-GIVEN: Final = "injected, as it is: "  # prefix of the tree's source
+UNCHANGED: Final = "injected, as it is: "  # prefix of the tree's source
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +161,7 @@ def _as_advised(i: IndividualRecord) -> bool:
 
 
 def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
-    """RANDOM, BRED, HEIR, or GIVEN with a name, for each of some individuals of a run.
+    """RANDOM, BRED, HEIR, or UNCHANGED with a name, for each of some individuals of a run.
 
     A tree that was mutated when it was drawn or injected counts as bred.
     """
@@ -172,7 +172,7 @@ def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
 
 def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
     if i.origin == Origin.INJECTED and not i.mutation:
-        return f"{GIVEN}{giver(run, i)}"
+        return f"{UNCHANGED}{giver(run, i)}"
     if i.origin == Origin.EDITED:
         return EDITED
     if i.id in heirs:

@@ -139,7 +139,7 @@ OVERLAPPING: Final = _mean(
     "Eq. (3)",
     attrgetter("overlapping"),
 )
-FURTHER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
+UNTESTED_IN_PAPER: Final = (*TABLE_12, OVERLAPPING, MUTATION)
 """Measures that the paper compares without a test; here they form a family of tests."""
 
 
@@ -152,7 +152,7 @@ def all_measures(study: Comparison) -> tuple[Measure, ...]:
     """Every measure of a report, in its order."""
     agent = study.classes.agent
     descendants = (descendant(tier, agent) for tier in study.milestones)
-    return (*main_family(study.milestones, agent), *FURTHER, *descendants)
+    return (*main_family(study.milestones, agent), *UNTESTED_IN_PAPER, *descendants)
 
 
 def examined(study: Comparison, requested: Collection[str]) -> tuple[Measure, ...]:

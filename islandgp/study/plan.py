@@ -29,7 +29,7 @@ class AnalysisPlan:
     margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
 
 
-NOTHING: Final = AnalysisPlan()
+DEFAULT_PLAN: Final = AnalysisPlan()
 """The default plan."""
 
 

@@ -12,9 +12,16 @@ from islandgp.study.figures import emergence, episodes, generations, newcomers, 
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
-from islandgp.study.measures import FURTHER, MEAN_MAX, TABLE_9, TABLE_10, all_measures, examined
+from islandgp.study.measures import (
+    MEAN_MAX,
+    TABLE_9,
+    TABLE_10,
+    UNTESTED_IN_PAPER,
+    all_measures,
+    examined,
+)
 from islandgp.study.measures import emergence as first_emergence
-from islandgp.study.plan import NOTHING, AnalysisPlan, families, in_sentences
+from islandgp.study.plan import DEFAULT_PLAN, AnalysisPlan, families, in_sentences
 from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.select import in_short
 from islandgp.study.table import Table
@@ -61,7 +68,7 @@ def build(
     unseen: Sequence[Generalisation],
     worlds: int,
     controls: Sequence[Control] = (),
-    plan: AnalysisPlan = NOTHING,
+    plan: AnalysisPlan = DEFAULT_PLAN,
 ) -> ComparisonReport:
     """Build the report; `unseen` and `controls` are empty if they were left out."""
     requested = {*plan.margins, *filter(None, [plan.primary])}
@@ -116,7 +123,7 @@ def build(
             *tables(
                 "table-12",
                 "Table 12. Behavioural diversity and mutation rate",
-                FURTHER,
+                UNTESTED_IN_PAPER,
                 comparisons.diversity_row,
                 note("untested"),
             ),

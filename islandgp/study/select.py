@@ -97,7 +97,7 @@ def read(entry: RunEntry) -> Run:
     return run
 
 
-SHORT: Final = {
+SHORT_KEYS: Final = {
     "supervisor": "supervisor.name",
     "search": "search.name",
     "evaluator": "evaluator.factory",
@@ -148,7 +148,7 @@ def parse_selection(text: str) -> Selection:
         key, equals, value = part.partition("=")
         if not equals:
             key, value = "name", part
-        wanted.append((SHORT.get(key, key), _value(value)))
+        wanted.append((SHORT_KEYS.get(key, key), _value(value)))
     return Selection(text, tuple(wanted))
 
 
@@ -230,9 +230,9 @@ def _nothing(name: str, selection: Selection, runs: Sequence[RunEntry], unfinish
     known = sorted({key for run in runs for key in run.flat})
     hints = []
     for key in sorted(selection.keys - set(known)):
-        near = get_close_matches(key, [*known, *SHORT], 1, 0.5)
+        near = get_close_matches(key, [*known, *SHORT_KEYS], 1, 0.5)
         hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
-    if SHORT.get(name, name) in known:  # the arm's own name was forgotten
+    if SHORT_KEYS.get(name, name) in known:  # the arm's own name was forgotten
         hints.append(f' Did you mean --arm NAME="{name}={selection.text}"?')
     table = overview(runs)
     return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (

@@ -13,8 +13,8 @@ from islandgp.statistics import DECIMALS
 Strata = Sequence[Sequence[float]]
 """An arm's scores, one sequence per world."""
 
-MOST_SCORES: Final = 10_000  # most scores of an arm in a world
-LARGEST: Final = 1e100  # largest absolute value of a score, so that sums are finite
+MAX_SCORES: Final = 10_000  # most scores of an arm in a world
+MAX_SCORE: Final = 1e100  # largest absolute value of a score, so that sums are finite
 
 
 def in_worlds(first: Strata, second: Strata, *, paired: bool = False) -> list[tuple[Any, Any]]:
@@ -53,15 +53,15 @@ def arrays_of(strata: Strata) -> list[Any]:
     if not arrays:
         raise StudyError("Expected scores of at least one world, found none; give some.")
     for values in arrays:
-        if values.ndim != 1 or not 0 < len(values) <= MOST_SCORES:
+        if values.ndim != 1 or not 0 < len(values) <= MAX_SCORES:
             raise StudyError(
-                f"Expected 1 to {MOST_SCORES:,} scores of an arm in a world, found an array of"
+                f"Expected 1 to {MAX_SCORES:,} scores of an arm in a world, found an array of"
                 f" shape {values.shape}; give one number a run."
             )
-        wrong = ~(np.abs(values) <= LARGEST)
+        wrong = ~(np.abs(values) <= MAX_SCORE)
         if np.any(wrong):
             raise StudyError(
-                f"Expected finite scores of at most {LARGEST:g}, found"
+                f"Expected finite scores of at most {MAX_SCORE:g}, found"
                 f" {first_values(values[wrong])}; a run that failed needs a score, or must be left"
                 " out in all arms."
             )

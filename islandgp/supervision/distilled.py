@@ -23,7 +23,7 @@ from islandgp.supervision.expert import Expert, ExpertSettings
 from islandgp.supervision.state_json import field_meanings, state_json
 
 NAME: Final = "policy.json"
-LARGEST: Final = 5_000_000  # most bytes of a policy's file
+MAX_BYTES: Final = 5_000_000  # most bytes of a policy's file
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):
@@ -85,9 +85,9 @@ def read_policy(folder: Path) -> Policy:
     """Reads the policy in a folder. Raises SupervisionError if it is missing or not valid."""
     path = folder / NAME if folder.is_dir() else folder
     try:
-        if path.stat().st_size > LARGEST:
+        if path.stat().st_size > MAX_BYTES:
             raise SupervisionError(
-                f"Expected a policy of at most {LARGEST:,} bytes in {path}, found more."
+                f"Expected a policy of at most {MAX_BYTES:,} bytes in {path}, found more."
             )
         return Policy.model_validate(read_json(path.read_bytes()))
     except OSError as error:

@@ -40,7 +40,7 @@ from islandgp.supervision.base import (
     SupervisorLifecycle,
 )
 
-MOST_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
+MAX_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
 RECORDED: Final = (
     *("source", "phase", "pattern", "target", "intervention"),
     *("risk", "reasoning", "rationale", "notes"),
@@ -239,7 +239,7 @@ def decide(
         refused.append(why)
         tree = None
     applied = plan.gp.crisis.rate(wanted, state.crisis)
-    edits, trees = decide_edits(plan, search, guidance.edits[:MOST_EDITS], names or {})
+    edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
     if switches.mutate_advice and streams is not None:
         trees = _mutated(plan, trees, streams, state.now.generation + 1, applied)
     record = GuidanceRecord(

@@ -26,10 +26,10 @@ from islandgp.running.run import Judge, Pruned, run
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start, job_line, sweep_line
 
-ALONE: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
+SEPARATE_OUTPUT: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
 """Launchers whose jobs have their own terminal or log."""
 
-LASTING: Final = frozenset({"BasicLauncher", "JoblibLauncher"})
+SHARED_PROCESS: Final = frozenset({"BasicLauncher", "JoblibLauncher"})
 """Launchers whose processes run several jobs."""
 
 
@@ -146,11 +146,11 @@ def fitted(settings: Settings, launcher: Mapping[str, Any], jobs: int) -> Settin
     changes: dict[str, Any] = {}
     if settings.resume == "never":
         changes["resume"] = "auto"  # the sweep has chosen its new folder
-    if kind not in ALONE:
+    if kind not in SEPARATE_OUTPUT:
         changes["progress"] = "off"  # the launching process shows it
     if (workers := workers_of(launcher, jobs)) and settings.evaluator.policy.get("workers") == 0:
         changes["evaluator"] = _with_policy(settings.evaluator, "workers", workers)
-    if kind in LASTING and "patience" in settings.tracking.policy:
+    if kind in SHARED_PROCESS and "patience" in settings.tracking.policy:
         # The job need not wait for its tracker, which goes on in the background.
         changes["tracking"] = _with_policy(settings.tracking, "patience", 0)
     return settings.model_copy(update=changes)

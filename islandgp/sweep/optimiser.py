@@ -23,7 +23,7 @@ from hydra.core.override_parser.types import IntervalSweep, Override
 from omegaconf import DictConfig
 from pydantic import BaseModel, Field, ValidationError
 
-from islandgp.config.compose import MOST_JOBS, Planned, Searched, plain
+from islandgp.config.compose import MAX_JOBS, Planned, Searched, plain
 from islandgp.config.error_lines import setting_at
 from islandgp.config.naming import command_line, run_folder
 from islandgp.config.settings import Settings, read_settings
@@ -43,7 +43,7 @@ from islandgp.trust import names_in, trust
 RESULTS: Final = "optimization_results.yaml"
 """File name for the results of Hydra's optimising sweepers."""
 
-OURS: Final = "hydra_plugins.islandgp_optuna.OptunaSweeper"
+SWEEPER: Final = "hydra_plugins.islandgp_optuna.OptunaSweeper"
 
 Direction = Literal["minimize", "maximize"]
 
@@ -51,8 +51,8 @@ Direction = Literal["minimize", "maximize"]
 class SweeperSettings(BaseModel, frozen=True, extra="forbid"):
     """The keys of `conf/hydra/sweeper/optuna.yaml`."""
 
-    n_trials: int = Field(ge=1, le=MOST_JOBS)
-    n_jobs: int = Field(ge=1, le=MOST_JOBS)
+    n_trials: int = Field(ge=1, le=MAX_JOBS)
+    n_jobs: int = Field(ge=1, le=MAX_JOBS)
     direction: Direction | tuple[Direction, ...]
     params: dict[str, Any]
     sampler: dict[str, Any]  # conf/hydra/sweeper/sampler
@@ -156,7 +156,7 @@ def check(searched: Searched) -> None:
     first = searched.ends[0]
     for override in searched.sweeps:
         _must_be_whole(override, first.settings)
-    if searched.sweeper.get("_target_") != OURS:
+    if searched.sweeper.get("_target_") != SWEEPER:
         return
     if find_spec("optuna") is None:
         raise ConfigError(
@@ -234,7 +234,7 @@ def _must_be_whole(override: Override, settings: Settings) -> None:
         )
 
 
-AT_WORK: Final[dict[int, Callable[[int, float], bool]]] = {}
+PRUNING: Final[dict[int, Callable[[int, float], bool]]] = {}
 """Pruning functions by Hydra's job number: called with a generation and its highest fitness, True
 to stop the trial. Filled by the sweeper, so pruning needs a launcher that runs the jobs in the
 sweeper's process."""
@@ -274,7 +274,7 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
                 print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
                 return nan
             entry = sweep_entry(plain_config, overrides, named, target.path, command, search.id)
-            judge = AT_WORK.get(int(hydra.job.num))
+            judge = PRUNING.get(int(hydra.job.num))
             own = fitted(settings, hydra.launcher, search.at_once)
             return _run(search, entry, plain_config, own, home, judge)
 

@@ -27,7 +27,7 @@ from optuna.distributions import (
 from optuna.trial import FrozenTrial, TrialState
 
 from islandgp.atomic_files import write_atomic
-from islandgp.sweep.optimiser import AT_WORK, Direction
+from islandgp.sweep.optimiser import PRUNING, Direction
 
 Words = tuple[str, ...]
 """The overrides of a job."""
@@ -121,11 +121,11 @@ def _launched(
 ) -> dict[Words, Outcome]:
     """Launches jobs, which get the numbers from `first` on."""
     if prune:
-        AT_WORK.update((first + n, partial(_judge, trial)) for n, trial in enumerate(jobs.values()))
+        PRUNING.update((first + n, partial(_judge, trial)) for n, trial in enumerate(jobs.values()))
     try:
         returned = launch(list(jobs), first) if jobs else ()
     finally:
-        AT_WORK.clear()
+        PRUNING.clear()
     return dict(zip(jobs, map(_outcome, returned), strict=True))
 
 

@@ -39,7 +39,7 @@ from islandgp.testing.survey import (
 from islandgp.time_limit import TimeLimit
 
 SEEDS = (0, 1, 2**32 - 1)
-MOST_FAULTS: Final = 10  # failed episodes that are reported
+MAX_FAULTS: Final = 10  # failed episodes that are reported
 
 
 class DomainSuite:
@@ -217,7 +217,7 @@ class DomainSuite:
             f"{fault.text} (world seed {fault.seed}, tree {tree_line(fault.tree)})"
             for fault in self._survey.faults.values()
         ]
-        assert not faults, "\n".join(faults[:MOST_FAULTS])
+        assert not faults, "\n".join(faults[:MAX_FAULTS])
 
     def test_an_episode_is_a_function_of_tree_seed_and_weights(self) -> None:
         """Equal arguments give equal outcomes, in any order of episodes and in any instance."""

@@ -34,9 +34,9 @@ _PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
 _COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 
 _QUESTION: Final = "# Question: "  # begins a question of a shared system prompt
-SPOILS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
-STUCK: Final = 5  # generations without improvement
-DIED: Final = 2  # extinct trees for a target, after which it chooses another target
+FAULTS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
+STAGNANT: Final = 5  # generations without improvement
+MAX_EXTINCT: Final = 2  # extinct trees for a target, after which it chooses another target
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class MockModel:
         else:
             answer = _rate(state, system, rng, guess)
         if spoil:
-            return spoiled(answer, SPOILS[rng.integers(len(SPOILS))])[0]
+            return spoiled(answer, FAULTS[rng.integers(len(FAULTS))])[0]
         return answer
 
     def _draws(self, request: Mapping[str, Any]) -> np.random.Generator:
@@ -93,7 +93,7 @@ def _rate(
     ranges = {name: (float(low), float(high)) for name, low, high in _RANGE.findall(system)}
     milestone = next(iter(state["milestones"])).removesuffix("_seen")
     good, ever = state["tiers"][milestone], state["milestones"][f"{milestone}_seen"]
-    stuck, varied = state["stagnation"]["generations"] >= STUCK, state["diversity"]["now"]
+    stuck, varied = state["stagnation"]["generations"] >= STAGNANT, state["diversity"]["now"]
     low = varied < state["crisis"]["diversity_below"] + 0.2
     if not good:
         phase = ("crisis_intervention" if low else "aggressive_exploration") if ever else ""
@@ -165,7 +165,7 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
 def _target(
     state: Mapping[str, Any], named: Sequence[str], user: str, rng: np.random.Generator, guess: bool
 ) -> str:
-    """The rarest behaviour, or another one if trees for it have died out DIED times."""
+    """The rarest behaviour, or another one if trees for it have died out MAX_EXTINCT times."""
     rarest: list[str] = state["behaviours"]["lacking"]
     if guess:
         known = [*rarest, *(t for names in named for t in names.split(", ") if t)]
@@ -173,7 +173,7 @@ def _target(
     rare_below = 0.1 * state["parameters"]["population"]
     missing = [name for name in rarest if state["doing"][name] < rare_below]
     died = _FATE.findall(user)
-    alive = [name for name in missing if died.count(name) < DIED]
+    alive = [name for name in missing if died.count(name) < MAX_EXTINCT]
     return (alive or missing or ["integration"])[0]
 
 

@@ -12,10 +12,10 @@ from islandgp.errors import StudyError, TrackingError, brief
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.tracking.store import Place, Store, metric
 
-NEEDED: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
+REQUIRED_FILES: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
 """The artifacts from which a run's folder is restored."""
 
-MOST: Final = 10_000  # most runs that a filter may select
+MAX_RUNS: Final = 10_000  # most runs that a filter may select
 
 
 def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
@@ -33,11 +33,11 @@ def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
         raise TrackingError(f"Expected an MLflow store in {place.file}, found none; give --uri.")
     try:
         store = Store(place)
-        page = store.client.search_runs([store.experiment], filter_string, max_results=MOST)
+        page = store.client.search_runs([store.experiment], filter_string, max_results=MAX_RUNS)
         folders = [
             _download(store, str(run.info.run_id), cache)
             for run in page
-            if set(NEEDED) <= {f.path for f in store.client.list_artifacts(run.info.run_id)}
+            if set(REQUIRED_FILES) <= {f.path for f in store.client.list_artifacts(run.info.run_id)}
         ]
     except MlflowException as error:
         if error.error_code == "INVALID_PARAMETER_VALUE":
@@ -59,7 +59,7 @@ def _download(store: Store, run: str, cache: Path) -> Path:
     folder = cache / run
     folder.mkdir(parents=True, exist_ok=True)
     paths = {file.path for file in store.client.list_artifacts(run)}
-    for name in (*NEEDED, *({MANIFEST} & paths)):
+    for name in (*REQUIRED_FILES, *({MANIFEST} & paths)):
         if not (folder / name).exists():
             store.client.download_artifacts(run, name, str(folder))
     return folder

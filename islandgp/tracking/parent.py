@@ -18,7 +18,7 @@ from islandgp.tracking.store import ARM, POINTS, Store, metric
 from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
 from islandgp.tracking.sync_state import LOCK, SyncState, read_state, write_state
 
-LONGEST: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
+MAX_NAME: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
@@ -132,11 +132,13 @@ def _ended(sweep: SweepFolder, file: SweepFile) -> int:
 
 
 def metric_names(arms: Sequence[str]) -> list[str]:
-    """Names of the arms in metrics: unique, of at most LONGEST characters."""
+    """Names of the arms in metrics: unique, of at most MAX_NAME characters."""
     safe = [_safe(arm) for arm in arms]
     often = Counter(safe)
     return [
-        name if often[name] == 1 and len(name) <= LONGEST else ending_in_digest(name, arm, LONGEST)
+        name
+        if often[name] == 1 and len(name) <= MAX_NAME
+        else ending_in_digest(name, arm, MAX_NAME)
         for arm, name in zip(arms, safe, strict=True)
     ]
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
-LONGEST: Final = 6000  # MLflow's limit of characters a parameter
+MAX_PARAMETER: Final = 6000  # MLflow's limit of characters a parameter
 KEY: Final = "islandgp.id"  # tag with the key of a run
 ARM: Final = "islandgp.sweep.arm"
 """The tag with the name of a run's arm in its sweep.
@@ -192,7 +192,7 @@ class Store:
         from mlflow.entities import Param
 
         waiting = iter(pairs)
-        while batch := [Param(k, v[:LONGEST]) for k, v in islice(waiting, PARAMETERS)]:
+        while batch := [Param(k, v[:MAX_PARAMETER]) for k, v in islice(waiting, PARAMETERS)]:
             self.client.log_batch(run, params=batch)
 
     def find(self, key: str, known: str = "") -> Run | None:

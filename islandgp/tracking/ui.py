@@ -28,7 +28,7 @@ from islandgp.errors import TrackingError, brief
 from islandgp.tracking.store import ARM, Place, Store
 
 RECENT: Final = 100  # runs whose milestones are read
-MOST: Final = 5  # milestones with a chart; a tag has at most 5000 characters
+MAX_MILESTONES: Final = 5  # milestones with a chart; a tag has at most 5000 characters
 HOST: Final = "mlflow.localhost"
 """The host in the pages' addresses, which browsers resolve to 127.0.0.1.
 
@@ -61,7 +61,7 @@ def _milestones(store: Store) -> list[str]:
     runs = store.client.search_runs([store.experiment], max_results=RECENT)
     jobs = [run for run in runs if run.data.tags.get("kind") != "sweep"]
     named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in jobs]
-    return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MOST]
+    return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MAX_MILESTONES]
 
 
 def _view(tiers: list[str], *tags: str) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from islandgp.viewer.run_page import NAME_OF_PAGE
 if TYPE_CHECKING:
     from mlflow.entities import Metric
 
-MARK: Final = "fitness/max"  # a metric that every generation has
+MARKER_METRIC: Final = "fitness/max"  # a metric that every generation has
 TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
 PAGE_PERIOD: Final = 30.0  # s between two copies of the page of an unfinished run
 
@@ -121,7 +121,7 @@ class RunUploader:
             state = replace(empty, run=self._create())
         elif run.info.run_id != state.run:
             state = replace(empty, run=str(run.info.run_id))
-        start = self.store.last_step(state.run, MARK) + 1
+        start = self.store.last_step(state.run, MARKER_METRIC) + 1
         if start < state.generations:  # an older copy of the store, which may lack other parts too
             state = replace(state, begun=False, done="")
         if run is None or run.info.status != status:

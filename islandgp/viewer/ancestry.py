@@ -20,9 +20,9 @@ from islandgp.bt.export.render import label
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import generation_lines
 
-MOST_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
-LARGEST: Final = 300  # most nodes of trees that are compared
-MOST_CHANGES: Final = 40  # most changed nodes of a step that are listed
+MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
+MAX_NODES: Final = 300  # most nodes of trees that are compared
+MAX_CHANGES: Final = 40  # most changed nodes of a step that are listed
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class LineageStep:
     evaluated: int  # number of individuals with this tree
     gain: float | None  # points above the first parent; None: no parent, or another stage
     same_worlds: bool  # True: the gain is measured in the same worlds
-    changes: tuple[TreeChange, ...]  # to the first parent's tree, MOST_CHANGES at most
+    changes: tuple[TreeChange, ...]  # to the first parent's tree, MAX_CHANGES at most
     left_out: int  # number of changes that are not listed; -1: the trees are too large
     guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
 
@@ -72,7 +72,7 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
     steps: list[LineageStep] = []
     same: list[dict[str, Any]] = []  # individuals with one tree, the newest first
     ancestor = reader.individual(name)
-    for _ in range(MOST_INDIVIDUALS):
+    for _ in range(MAX_INDIVIDUALS):
         if ancestor is None:
             break
         same.append(ancestor)
@@ -81,7 +81,7 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
             steps.append(_step(reader, same, parent))
             same = []
         ancestor = parent
-    if same:  # the chain is longer than MOST_INDIVIDUALS
+    if same:  # the chain is longer than MAX_INDIVIDUALS
         steps.append(_step(reader, same, None))
     whole = bool(steps) and not steps[-1].parents
     return Lineage(tuple(reversed(steps)), whole)
@@ -109,11 +109,11 @@ def _step(
     changes: list[TreeChange] = []
     left_out = 0
     if parent is not None:
-        if max(size(parse(i["tree"])) for i in (parent, first)) > LARGEST:
+        if max(size(parse(i["tree"])) for i in (parent, first)) > MAX_NODES:
             left_out = -1
         else:
             changes = tree_changes(parent["tree"], first["tree"])
-            left_out = max(0, len(changes) - MOST_CHANGES)
+            left_out = max(0, len(changes) - MAX_CHANGES)
     others = ((name, reader.individual(name)) for name in first["parents"])
     guidance = None
     if first["origin"] in ("injected", "edited") and generation:
@@ -131,7 +131,7 @@ def _step(
         evaluated=len(same),
         gain=gain,
         same_worlds=same_worlds,
-        changes=tuple(changes[:MOST_CHANGES]),
+        changes=tuple(changes[:MAX_CHANGES]),
         left_out=left_out,
         guidance=guidance,
     )

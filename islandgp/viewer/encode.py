@@ -18,7 +18,8 @@ from islandgp.viewer.recording import Recording, SceneTrack, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
 GRID: Final = 3000  # grid cells along the picture's longer side, for positions
-MOST_FRAMES: Final = 4_000_000  # most bytes of PNG in a page; further frames are left out evenly
+MAX_FRAME_BYTES: Final = 4_000_000
+"""Most bytes of PNG in a page. Of more frames, evenly spaced ones are kept."""
 
 
 def encode(recording: Recording, *, title: str) -> dict[str, Any]:
@@ -204,7 +205,7 @@ class _Scene:
     @staticmethod
     def _frames(frames: Sequence[tuple[int, bytes]]) -> dict[str, Any]:
         """The distinct pictures, and the index of the picture from each tick on."""
-        every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MOST_FRAMES))
+        every = max(1, -(-sum(map(len, {frame for _, frame in frames})) // MAX_FRAME_BYTES))
         places: dict[bytes, int] = {}
         encoded, last = [], 0
         for tick, frame in frames[::every]:

@@ -25,7 +25,7 @@ Bounds = tuple[float, float, float, float]
 """Least x, least y, greatest x, greatest y."""
 
 
-HUGE: Final = 1e300
+MAX_NUMBER: Final = 1e300
 """Above this, differences of numbers are infinite."""
 
 
@@ -285,5 +285,5 @@ def _placed(thing: Thing) -> Thing:
 def _must_be_numbers(what: str, values: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity, and numbers near infinity."""
     for number in values:
-        if not (is_number(number) and -HUGE < float(number) < HUGE):
+        if not (is_number(number) and -MAX_NUMBER < float(number) < MAX_NUMBER):
             raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
-MOST_LINES: Final = 5_000  # of a timeline
-MOST_GUARDS: Final = 8  # on such a line
+MAX_LINES: Final = 5_000  # of a timeline
+MAX_GUARDS: Final = 8  # on such a line
 WIDTH: Final = 60  # characters of a key's curve
 _SPAN: Final = re.compile(
     b"%(runs)c[%(runs)c%(idle)c]*+[^%(runs)c%(idle)c]?|[^%(runs)c%(idle)c]"
@@ -120,7 +120,7 @@ def drawn(recording: Recording) -> Text:
 def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iterator[Text]:
     """A heading and one line per action that began between two times, in s.
 
-    After MOST_LINES a last line has the number of those left out.
+    After MAX_LINES a last line has the number of those left out.
     """
     from rich.text import Text
 
@@ -133,9 +133,9 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
     for number, span in enumerate(merged(action_spans(recording, first))):
         if span.start * step > end:
             return
-        if number == MOST_LINES:
+        if number == MAX_LINES:
             yield Text(
-                f"More than {MOST_LINES:,} lines: the rest is left out; --from and --to choose a"
+                f"More than {MAX_LINES:,} lines: the rest is left out; --from and --to choose a"
                 " part.",
                 "bold",
             )
@@ -150,14 +150,14 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
 
 
 def _guards(tree: Node) -> list[str]:
-    """The conditions above each node, at most the innermost MOST_GUARDS."""
+    """The conditions above each node, at most the innermost MAX_GUARDS."""
     guards: list[str] = []
 
     def visit(node: Node, above: tuple[str, ...], text: str) -> None:
         guards.append(text)
         if node.guard:
             above = (*above, condition_text(node.guard.condition))
-            shown = above if len(above) <= MOST_GUARDS else (ELLIPSIS, *above[-MOST_GUARDS:])
+            shown = above if len(above) <= MAX_GUARDS else (ELLIPSIS, *above[-MAX_GUARDS:])
             text = " & ".join(shown)  # shared by all descendants
         for child in node.children:
             visit(child, above, text)

@@ -150,7 +150,7 @@ def test_too_much_work_gives_a_larger_set(steps: int) -> None:
     ]
     asked = combine("or", pairs)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(boards, "MOST_STEPS", steps)
+        patch.setattr(boards, "MAX_STEPS", steps)
         sets = BoardSets(keys)
         found, other = sets.of(asked), sets.of(opposite(asked))
         assert not sets.exact

@@ -13,7 +13,7 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, leaf
 from islandgp.bt.core.parameters import one_of
 from islandgp.bt.core.vocabulary import (
-    NOTHING,
+    EMPTY_VOCABULARY,
     RESERVED,
     UNKNOWN,
     Action,
@@ -140,7 +140,7 @@ def test_an_action_may_do_anything_unless_it_says_more() -> None:
 def test_vocabularies_are_values() -> None:
     """Equal ones are equal, also after a journey to a worker process."""
     assert pickle.loads(pickle.dumps(MAZE)) == MAZE != VOCABULARY
-    assert NOTHING.actions == NOTHING.keys == {}
+    assert EMPTY_VOCABULARY.actions == EMPTY_VOCABULARY.keys == {}
 
 
 def test_a_tree_of_one_domain_is_not_one_of_another() -> None:

@@ -12,7 +12,7 @@ import yaml
 
 from islandgp import plugin
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.vocabulary import NOTHING
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
 from islandgp.config.compose import only_job
 from islandgp.domain import Schema
 from islandgp.errors import DomainError, EvaluationError
@@ -66,7 +66,7 @@ def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
     """Actions for the leaves of trees, and components for their fitness."""
     from tests.domains.test_ticking import SCHEMA
 
-    words = NOTHING if missing == "action" else SCHEMA.vocabulary
+    words = EMPTY_VOCABULARY if missing == "action" else SCHEMA.vocabulary
     components = {} if missing == "component" else SCHEMA.components
     with pytest.raises(DomainError, match=f"at least one {missing} in the domain {words.domain}"):
         Schema(words, components, SCHEMA.events, "Counts.")

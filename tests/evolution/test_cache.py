@@ -67,7 +67,7 @@ def test_what_makes_an_episode_another_one() -> None:
 
 def test_outcomes_outlast_other_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as the archive's between two generations; the oldest ones go where there are many."""
-    monkeypatch.setattr(base, "MOST_KEPT", 3)
+    monkeypatch.setattr(base, "MAX_CACHED", 3)
     cached = Cached(Fake())
     jobs = [Job("PatrolWaypoint\n", 0, seed) for seed in range(4)]
     for batch in (jobs[:2], jobs[2:3], jobs[:2]):

@@ -14,7 +14,7 @@ from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.evolution.validation import (
     FINALISTS,
-    MOST,
+    MAX_CANDIDATES,
     PART,
     Candidate,
     candidates,
@@ -94,10 +94,10 @@ def test_candidates_are_of_the_last_stage() -> None:
 
 def test_candidates_are_few() -> None:
     """However long the stage is."""
-    assert len(candidates([record(g, 0, 1, 2, 3) for g in range(100)], CLASSES)) == MOST
+    assert len(candidates([record(g, 0, 1, 2, 3) for g in range(100)], CLASSES)) == MAX_CANDIDATES
 
 
-@given(n=st.integers(1, MOST), episodes=st.integers(MOST, 2000))
+@given(n=st.integers(1, MAX_CANDIDATES), episodes=st.integers(MAX_CANDIDATES, 2000))
 def test_rounds_keep_the_budget(n: int, episodes: int) -> None:
     """Half of the candidates go in each round, and the episodes are about as many as allowed."""
     found = rounds(n, episodes)

@@ -20,8 +20,8 @@ import httpx2
 import pytest
 
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.message import SANE, Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.services import LARGEST
+from islandgp.supervision.llm.message import MAX_ANSWER, Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.services import MAX_BODY
 from islandgp.testing.faults import Fault
 from islandgp.testing.server import MessagesServer
 
@@ -278,17 +278,17 @@ def test_an_endless_body_is_left() -> None:
             found = client.send(ASK, seconds=10)
         thread.join()
     assert isinstance(found, Failure)
-    assert str(LARGEST) in found.message
-    assert sum(sent) < 4 * LARGEST
+    assert str(MAX_BODY) in found.message
+    assert sum(sent) < 4 * MAX_BODY
 
 
 def test_a_huge_answer_is_cut() -> None:
     """No more of an answer is kept than can be of use."""
     found = mocked(
-        b'{"content": [{"type": "text", "text": "' + b"x" * (2 * SANE) + b'"}], "usage": {}}'
+        b'{"content": [{"type": "text", "text": "' + b"x" * (2 * MAX_ANSWER) + b'"}], "usage": {}}'
     )
     assert isinstance(found, Reply)
-    assert len(found.text) == SANE + 1
+    assert len(found.text) == MAX_ANSWER + 1
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.answers import RejectionStage
 from islandgp.supervision.llm.history import RUN_VALUES
-from islandgp.supervision.llm.prompts import SETS, render
+from islandgp.supervision.llm.prompts import PROMPT_SETS, render
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.demo import demo
 from tests.composed import composed
@@ -107,7 +107,7 @@ def test_the_variables_of_the_prompts_are_told() -> None:
     table = TEXT.partition("| variable | what it is |")[2].partition("\n\n")[0]
     told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
     values = dict.fromkeys(told, "")
-    for name in SETS:
+    for name in PROMPT_SETS:
         adviser = Questions(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
             render(prompt, values)

@@ -23,7 +23,7 @@ from islandgp.commands.estimate_command import (
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.llm.ledger import Bill
-from islandgp.supervision.llm.prompts import SETS
+from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.made import advise, answering, context, settings, state, supervisor
 
@@ -145,14 +145,14 @@ def test_the_estimate_is_near_what_was_measured() -> None:
     text = (resource("conf").parent / "docs" / "llm" / "cost.md").read_text(encoding="utf-8")
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
     told = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
-    assert set(told.values()) == set(SETS)
+    assert set(told.values()) == set(PROMPT_SETS)
     for size, name in told.items():
         how, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.2
         measured = 40 * int(size.replace(",", "")) / how.facts.characters
         assert expected(how, context()).input == pytest.approx(measured, rel=tolerance)
 
 
-@pytest.mark.parametrize("prompts", SETS)
+@pytest.mark.parametrize("prompts", PROMPT_SETS)
 def test_samples_of_edits_are_counted(prompts: str) -> None:
     """Each answer that is asked for is a request of every generation."""
     given = context(None, "supervisor.edits=2")

@@ -16,7 +16,7 @@ from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
-    LONGEST,
+    MAX_EXPLANATION,
     Accepted,
     DecisionAnswer,
     ModelAnswer,
@@ -28,7 +28,7 @@ from islandgp.supervision.llm.answers import (
     proposal_model,
     schema,
 )
-from islandgp.supervision.llm.message import SANE, Reply
+from islandgp.supervision.llm.message import MAX_ANSWER, Reply
 from islandgp.supervision.llm.settings import RateSettings
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
@@ -95,7 +95,7 @@ def test_json_is_found_between_other_words(text: str) -> None:
         "{'mutation_rate': 0.3}",
         "[" * 90_000,
         '{"a":' * 18_000,
-        " " * (SANE + 1) + json.dumps(GOOD),
+        " " * (MAX_ANSWER + 1) + json.dumps(GOOD),
     ],
 )
 def test_no_json(text: str) -> None:
@@ -212,7 +212,7 @@ def test_clamping_is_told() -> None:
 def test_trees_are_turned_away_at_their_stage(tree: str, stage: RejectionStage, error: str) -> None:
     """Grammar, names and limits each speak with the language's own message."""
     body = json.dumps({**GOOD_TREE, "tree": tree})
-    if len(body) > SANE:
+    if len(body) > MAX_ANSWER:
         assert rejected(propose(said(body))).stage is RejectionStage.JSON
         return
     found = rejected(propose(said(body)))
@@ -269,7 +269,7 @@ def test_explanations_are_kept_short() -> None:
     """A model that rambles does not fill the records."""
     found = decide(said({**GOOD, "reasoning": "x" * 50_000}))
     assert isinstance(found, Accepted)
-    assert len(found.guidance.reasoning) == LONGEST
+    assert len(found.guidance.reasoning) == MAX_EXPLANATION
 
 
 def test_the_first_object_with_a_known_field_wins() -> None:
@@ -341,7 +341,7 @@ def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
     assert "think much less" in found.error
 
 
-@pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * SANE])
+@pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * MAX_ANSWER])
 def test_no_text_takes_long_to_read(text: str) -> None:
     """However many brackets there are."""
     began = time.monotonic()

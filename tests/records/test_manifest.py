@@ -17,7 +17,7 @@ from islandgp.cli import islandgp as group
 from islandgp.errors import RunError, UntrustedError
 from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
-from islandgp.records.manifest import NAME, OUTSIDE, damaged_files, read_manifest
+from islandgp.records.manifest import NAME, UNLISTED, damaged_files, read_manifest
 from islandgp.running.app import main
 from islandgp.tracking.place import place_from
 from islandgp.tracking.sync import sync
@@ -64,7 +64,7 @@ def test_all_files_of_a_run_have_an_entry(run: Path) -> None:
     manifest = read_manifest(run)
     assert manifest is not None
     shown = {f.name for f in run.iterdir() if not f.name.startswith(".")}
-    assert {*manifest.files} == shown - OUTSIDE
+    assert {*manifest.files} == shown - UNLISTED
     assert "run.html" in manifest.files
     assert damaged_files(run) == []
 

@@ -17,7 +17,7 @@ from islandgp.errors import StudyError
 from islandgp.statistics import EXACT, UNTESTED, Interval, rank_test
 from islandgp.study.aggregates import (
     EXACT_PAIRS,
-    MOST_THRESHOLDS,
+    MAX_THRESHOLDS,
     NORMAL,
     improvement_interval,
     improvement_test,
@@ -29,7 +29,7 @@ from islandgp.study.aggregates import (
     stratified_bootstrap,
     thresholds,
 )
-from islandgp.study.strata import MOST_SCORES
+from islandgp.study.strata import MAX_SCORES
 from tests.profiles import examples
 
 # Two arms with two peaks, 10 runs (rows) in 3 worlds (columns).
@@ -95,7 +95,7 @@ def test_a_profile_by_hand() -> None:
     assert found.share == (1, 0.75, 0.25, 0)
     assert all(isnan(x) for x in (*found.low, *found.high))  # four runs have no band
     assert thresholds([[2.0, 1.0]], [[3.0], [2.0]]) == (1, 2, 3)
-    assert len(thresholds([np.arange(5000.0)])) == MOST_THRESHOLDS
+    assert len(thresholds([np.arange(5000.0)])) == MAX_THRESHOLDS
 
 
 def test_estimates_are_those_of_rliable() -> None:
@@ -348,7 +348,7 @@ def test_coverage_of_intervals_of_scores_with_two_peaks(
     worlds: int, runs: int, least: float, most: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With few runs a world they cover too little, which is why these have none."""
-    monkeypatch.setattr("islandgp.study.aggregates.FEWEST_A_WORLD", 3)
+    monkeypatch.setattr("islandgp.study.aggregates.MIN_PER_WORLD", 3)
     monkeypatch.setattr("islandgp.study.aggregates.RESAMPLES", 1000)
     rng = np.random.default_rng(1)
 
@@ -375,7 +375,7 @@ def test_coverage_of_intervals_of_scores_with_two_peaks(
         ([["good"]], "Expected scores as lists of numbers, found others"),
         ([[1.0, [2.0]]], "Expected scores as lists of numbers, found others"),
         ([5.0], r"found an array of shape \(\)"),
-        ([np.zeros(MOST_SCORES + 1)], r"shape \(10001,\)"),
+        ([np.zeros(MAX_SCORES + 1)], r"shape \(10001,\)"),
     ],
 )
 def test_what_are_no_scores_is_refused(strata: list[list[float]], message: str) -> None:
@@ -398,6 +398,6 @@ def test_arms_that_do_not_fit_are_refused() -> None:
     for ask in (improvement_interval, improvement_test):
         with pytest.raises(StudyError, match=r"as many scores of both arms.*found 2 and 1"):
             ask([[1.0, 2.0]], [[1.0]], paired=True)
-    for at in ([], [nan], np.arange(MOST_THRESHOLDS + 1.0)):
+    for at in ([], [nan], np.arange(MAX_THRESHOLDS + 1.0)):
         with pytest.raises(StudyError, match="Expected 1 to 400 finite thresholds"):
             performance_profile([[1.0]], at)

@@ -14,7 +14,7 @@ from islandgp.study.comparable import compare_arms, paired
 from islandgp.study.emergence import first
 from islandgp.study.findings import examine_all
 from islandgp.study.measures import TABLE_9, emergence
-from islandgp.study.plan import NOTHING, families
+from islandgp.study.plan import DEFAULT_PLAN, families
 from tests.study.made_runs import made_arm, made_run
 
 
@@ -81,7 +81,7 @@ def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected:
     arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
     study = compare_arms(arms, force=True)
     assert paired(*study.pairs[0]) is expected
-    (found,) = examine_all(study, families(study, NOTHING), TABLE_9[:1])
+    (found,) = examine_all(study, families(study, DEFAULT_PLAN), TABLE_9[:1])
     assert (found.paired is not None) is expected
 
 
@@ -174,7 +174,7 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     assert TABLE_9[0].of(run) == 6.0
     assert "expert has runs of 8 generations" in study.notes[-1]
     firsts = [emergence("complete"), emergence("excellent")]
-    found = examine_all(study, families(study, NOTHING), firsts)
+    found = examine_all(study, families(study, DEFAULT_PLAN), firsts)
     assert [f.samples[0] for f in found] == [(3,), (None,)]
     assert found[1].rank.kind == UNTESTED
 

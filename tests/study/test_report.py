@@ -24,7 +24,7 @@ from islandgp.study.figures.trees import (
 )
 from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
-from islandgp.study.plan import NOTHING, check_plan, families, parse_plan
+from islandgp.study.plan import DEFAULT_PLAN, check_plan, families, parse_plan
 from islandgp.study.report import ComparisonReport, build
 from islandgp.study.table import Table
 from islandgp.study.tables.scores import champion_rows, champion_scores
@@ -332,7 +332,7 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
         )
         for k, (name, given) in enumerate((("expert", True), ("baseline", False), ("fixed", True)))
     ]
-    names = [(f.name, f.pairs) for f in families(compare_arms(arms), NOTHING)]
+    names = [(f.name, f.pairs) for f in families(compare_arms(arms), DEFAULT_PLAN)]
     assert names == [
         ("the paper's claims", (("expert", "baseline"),)),
         ("arms that inject trees", (("expert", "fixed"),)),

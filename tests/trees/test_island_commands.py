@@ -159,7 +159,7 @@ def test_play_fits_a_narrow_terminal(
     islandgp: Cli, monkeypatch: pytest.MonkeyPatch, width: int
 ) -> None:
     """All columns are printed, in parts, and nothing is cut off."""
-    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.UNLIMITED_WIDTH", width)
     said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -177,7 +177,7 @@ def test_play_of_several_fits_a_narrow_terminal(
     file = tmp_path / "a folder" / f"{'long' * 20}.bt"
     file.parent.mkdir()
     file.write_text("PatrolWaypoint", encoding="utf-8")
-    monkeypatch.setattr("islandgp.commands.tables.ENDLESS", width)
+    monkeypatch.setattr("islandgp.commands.tables.UNLIMITED_WIDTH", width)
     said = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
     assert said.code == 0
     assert max(map(len, said.out.splitlines())) <= width
@@ -318,7 +318,7 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     recording = record(parse(GOOD.read_text()), island(length=60), seed=1, stage=3)
     whole = [line.plain for line in timeline(recording)]
     assert len(whole) > 8
-    monkeypatch.setattr("islandgp.viewer.trace.MOST_LINES", 5)
+    monkeypatch.setattr("islandgp.viewer.trace.MAX_LINES", 5)
     cut = [line.plain for line in timeline(recording)]
     assert cut[:-1] == whole[:6]
     assert cut[-1].startswith("More than 5 lines")

@@ -151,7 +151,7 @@ def test_nobody(tmp_path: Path) -> None:
 
 def test_a_long_chain_is_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a very long chain the newest part is read."""
-    monkeypatch.setattr(ancestry, "MOST_INDIVIDUALS", 3)
+    monkeypatch.setattr(ancestry, "MAX_INDIVIDUALS", 3)
     populations = [
         [individual(f"{g}.0", "copy", [f"{g - 1}.0"] if g else [], tree=(A, B)[g % 2])]
         for g in range(8)
@@ -167,9 +167,9 @@ def test_large_trees_are_not_compared(tmp_path: Path, monkeypatch: pytest.Monkey
         tmp_path / "run",
         [[individual("0.0", "random", tree=A)], [individual("1.0", "copy", ["0.0"], tree=C)]],
     )
-    monkeypatch.setattr(ancestry, "MOST_CHANGES", 1)
+    monkeypatch.setattr(ancestry, "MAX_CHANGES", 1)
     step = lineage(folder, "1.0").steps[-1]
     assert (len(step.changes), step.left_out) == (1, len(tree_changes(A, C)) - 1)
-    monkeypatch.setattr(ancestry, "LARGEST", 2)
+    monkeypatch.setattr(ancestry, "MAX_NODES", 2)
     step = lineage(folder, "1.0").steps[-1]
     assert (step.changes, step.left_out) == ((), -1)

@@ -141,7 +141,7 @@ def test_frames_are_kept_where_they_change() -> None:
 
 def test_many_frames_are_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of more bytes than a page may have: evenly spread ones of them are shown."""
-    monkeypatch.setattr("islandgp.viewer.encode.MOST_FRAMES", 30)
+    monkeypatch.setattr("islandgp.viewer.encode.MAX_FRAME_BYTES", 30)
     scenes = [Scene((0, 0, 1, 1), frame=partial(bytes, bytes([tick]) * 10)) for tick in range(12)]
     told = encode(small(scenes=scenes, ticks=12), title="t")["scene"]
     assert len(told["frames"]) == 3

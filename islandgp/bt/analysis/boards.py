@@ -23,7 +23,7 @@ NO_BOARD: Final[Boards] = 0
 ANY_BOARD: Final[Boards] = 1
 """All blackboards whose values are in the ranges of their keys."""
 
-MOST_STEPS: Final = 20_000  # to join two sets; beyond it, the result is a superset
+MAX_STEPS: Final = 20_000  # to join two sets; beyond it, the result is a superset
 ALL_STEPS: Final = 300_000  # to join all sets of a BoardSets
 
 Cut: TypeAlias = tuple[float, int]
@@ -163,7 +163,7 @@ class BoardSets:
             return b
         if b == 1 - absorbing:
             return a
-        self._room = min(MOST_STEPS, self._left)
+        self._room = min(MAX_STEPS, self._left)
         before = self._room
         try:
             return self._merge(a, b, absorbing)

@@ -21,7 +21,7 @@ from islandgp.bt.core.kinds import count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
 
-MOST_KEPT: Final = 300_000  # most outcomes in the cache
+MAX_CACHED: Final = 300_000  # most outcomes in the cache
 
 _NONE: Final[Outcomes] = (NO_BOARD, NO_BOARD, NO_BOARD)
 _ENDED: Final[tuple[Outcomes, Outcomes]] = (
@@ -315,7 +315,7 @@ class Machine:
             *before, last = self.children[place][: branch + 1]
             self.spend(len(before))
             self._kept += len(before)
-            if self._kept > MOST_KEPT:
+            if self._kept > MAX_CACHED:
                 self._kept = 0
                 self._ways.clear()
             outcomes = [self._behind(place, branch, self.aimed(last, None, target), target)]

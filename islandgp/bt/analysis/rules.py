@@ -32,7 +32,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 STEPS: Final = 200_000  # default of the search; takes some seconds
-MOST_CELLS: Final = 2_000  # most classes of blackboards
+MAX_CELLS: Final = 2_000  # most classes of blackboards
 
 _SHOWN: Final = 200  # characters of a rule in messages
 _RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
@@ -194,8 +194,8 @@ def _cells(machine: Machine) -> tuple[list[list[float]], bool]:
     for place, holds in machine.holds.items():
         halves = ((sets.both(c, holds), sets.both(c, machine.fails[place])) for c in cells)
         cells = list(dict.fromkeys(half for pair in halves for half in pair if half != NO_BOARD))
-        if len(cells) > MOST_CELLS:
-            return _picked(sets, cells[:MOST_CELLS]), False
+        if len(cells) > MAX_CELLS:
+            return _picked(sets, cells[:MAX_CELLS]), False
     return _picked(sets, cells), True
 
 

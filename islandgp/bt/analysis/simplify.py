@@ -35,7 +35,7 @@ from islandgp.bt.core.node import (
     guard_of,
 )
 from islandgp.bt.core.printer import condition_text, head
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
 Rewrite: TypeAlias = tuple[Node, str] | None  # the simpler node and the reason; None: no change
 
@@ -233,8 +233,8 @@ RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
 """A node with its context, without the vocabulary."""
 
-MOST_SHORT: Final = 20_000
-_short: tuple[Vocabulary, set[Place]] = (NOTHING, set())
+MAX_SHORT: Final = 20_000  # most nodes in this cache
+_short: tuple[Vocabulary, set[Place]] = (EMPTY_VOCABULARY, set())
 """The last vocabulary, and nodes that no rule applies to; trees of a search share most branches."""
 
 
@@ -245,13 +245,13 @@ class Simplified(NamedTuple):
     reasons: tuple[str, ...]  # of each rewrite, in order; empty: the tree is unchanged
 
 
-def simplify(tree: Node, vocabulary: Vocabulary = NOTHING) -> Simplified:
+def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplified:
     """Apply the rules until none applies.
 
     The declarations of actions and keys in `vocabulary` allow more rewrites.
     """
     global _short
-    if _short[0] is not vocabulary or len(_short[1]) > MOST_SHORT:
+    if _short[0] is not vocabulary or len(_short[1]) > MAX_SHORT:
         _short = vocabulary, set()
     short, reasons = _short[1], list[str]()
     while True:

@@ -24,12 +24,12 @@ from islandgp.bt.core.condition import (
 )
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Args, GuardArgs, Node, commented, comments_of
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
-MOST_CASES: Final = 32  # most cases of conditions joined by `or`
-MOST_TERMS: Final = 64  # most comparisons and flags that are analysed together
+MAX_CASES: Final = 32  # most cases of conditions joined by `or`
+MAX_TERMS: Final = 64  # most comparisons and flags that are analysed together
 
 
 class NodeContext(NamedTuple):
@@ -38,7 +38,7 @@ class NodeContext(NamedTuple):
     always: Conditions = ()  # in each tick in which the node runs
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
     observer: Conditions | None = None  # whenever its guards are observed; None: never observed
-    vocabulary: Vocabulary = NOTHING  # the declared actions and keys
+    vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
 
 
 def root_context(vocabulary: Vocabulary) -> NodeContext:
@@ -91,8 +91,8 @@ def has_interrupting_guard(branch: Node) -> bool:
 def implies(known: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on every blackboard on which all of `known` hold.
 
-    It may also return False for a condition that is implied, if more than MOST_CASES cases or
-    MOST_TERMS terms would have to be examined.
+    It may also return False for a condition that is implied, if more than MAX_CASES cases or
+    MAX_TERMS terms would have to be examined.
     """
     return excludes(known, opposite(expr))
 
@@ -165,13 +165,13 @@ def _related(known: Conditions, expr: ConditionExpr) -> Conditions:
 def _consistent(known: Conditions, expr: ConditionExpr) -> bool:
     """True if there may be a blackboard on which `expr` and all of `known` hold."""
     exprs = [to_nnf(expr)]
-    room = MOST_TERMS
+    room = MAX_TERMS
     for each in known:
         room -= sum(1 for _ in terms(each))
         if room >= 0:  # dropping a known condition can only turn False into True
             exprs.append(to_nnf(each))
     joint = combine("and", exprs)
-    return _case_count(joint) > MOST_CASES or _any_case_holds([], [joint])
+    return _case_count(joint) > MAX_CASES or _any_case_holds([], [joint])
 
 
 def _case_count(expr: ConditionExpr) -> int:

@@ -12,7 +12,7 @@ from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.vocabulary import NOTHING, Key, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
 from islandgp.errors import TreeError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -171,7 +171,7 @@ def syntax_error(
             return unknown_key(ScopedWord(word, source), vocabulary)
         if not is_key and word not in vocabulary.actions:
             return unknown_node(ScopedWord(word, source), subtrees, vocabulary)
-    words = vocabulary or NOTHING
+    words = vocabulary or EMPTY_VOCABULARY
     if not isinstance(error, UnexpectedToken):
         rest = source.text[error.pos_in_stream or 0 :]
         sign = next((sign for sign in _SIGNS if rest.startswith(sign)), rest[0])

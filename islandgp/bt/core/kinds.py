@@ -28,7 +28,7 @@ from islandgp.bt.core.node import (
     walk,
 )
 
-ANY: Final = 1_000_000  # "as many children as the limits allow"
+UNLIMITED: Final = 1_000_000  # "as many children as the limits allow"
 
 
 class Sort(Enum):
@@ -152,21 +152,21 @@ SECONDS: Final = (0.001, 100_000)
 KINDS: Final[dict[str, NodeKind]] = {
     "selector": NodeKind(
         meaning="tries its children in order until one succeeds",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look("?", "bold cyan", "#d7ecfa", "#0072b2"),
         advance_status=FAILURE,
         dual="sequence",
     ),
     "sequence": NodeKind(
         meaning="runs its children in order until one fails",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look("\N{RIGHTWARDS ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         advance_status=SUCCESS,
         dual="selector",
     ),
     "parallel": NodeKind(
         meaning="runs all its children at once",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         args=ParallelArgs,
         arguments=(
             Argument("success", Sort.POLICY, "how many must succeed", POLICIES, REPEATS, "all"),
@@ -214,7 +214,7 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
     "reactive_selector": NodeKind(
         meaning="tries its children in order in each tick until one does not fail",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look("?\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         advance_status=FAILURE,
         dual="reactive_sequence",
@@ -223,7 +223,7 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
     "reactive_sequence": NodeKind(
         meaning="runs its children in order in each tick until one does not succeed",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look(
             "\N{RIGHTWARDS ARROW}\N{CLOCKWISE OPEN CIRCLE ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"
         ),
@@ -262,7 +262,7 @@ KINDS: Final[dict[str, NodeKind]] = {
     "pipeline": NodeKind(
         meaning="runs its children as a sequence that repeats the earlier ones in each tick, as"
         " Nav2's PipelineSequence",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         opaque=True,
         paper=False,
@@ -270,7 +270,7 @@ KINDS: Final[dict[str, NodeKind]] = {
     "round_robin": NodeKind(
         meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
         " RoundRobin",
-        children=(1, ANY),
+        children=(1, UNLIMITED),
         look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,

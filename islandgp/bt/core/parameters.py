@@ -22,7 +22,7 @@ from islandgp.errors import DomainError
 NO_YES: Final = ("no", "yes")
 """The words of a flag."""
 
-LARGEST: Final = 1_000_000  # magnitude of a number
+MAX_MAGNITUDE: Final = 1_000_000  # magnitude of a number
 SMALLEST_STEP: Final = 1e-9  # smallest step of random numbers
 
 
@@ -212,10 +212,10 @@ def check_parameters(
 
 def _check_range(each: Parameter, at: str) -> None:
     least = 0.0 if each.logarithmic else -inf
-    if not (-LARGEST <= each.low < each.high <= LARGEST and each.low > least):
+    if not (-MAX_MAGNITUDE <= each.low < each.high <= MAX_MAGNITUDE and each.low > least):
         above = " above 0" if each.logarithmic else ""
         raise DomainError(
-            f"Expected low < high{above}, at most {LARGEST:,}, for {at}, found {each.low:g},"
+            f"Expected low < high{above}, at most {MAX_MAGNITUDE:,}, for {at}, found {each.low:g},"
             f" {each.high:g}."
         )
     if each.step is not None and not SMALLEST_STEP <= each.step <= each.high - each.low:

@@ -18,7 +18,7 @@ from islandgp.bt.core.kinds import NAME as NAME
 from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
 from islandgp.bt.core.parameters import (
-    LARGEST,
+    MAX_MAGNITUDE,
     SMALLEST_STEP,
     Parameter,
     check_parameters,
@@ -198,10 +198,10 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
 
 def _check_range(key: Key, where: str) -> None:
     """Raises DomainError for a number whose range is empty or too large."""
-    if not -LARGEST <= key.low < key.high <= LARGEST:
+    if not -MAX_MAGNITUDE <= key.low < key.high <= MAX_MAGNITUDE:
         raise DomainError(
-            f"Expected low < high, both from -{LARGEST:,} to {LARGEST:,}, for {where}, found"
-            f" {key.low:g}, {key.high:g}."
+            f"Expected low < high, both from -{MAX_MAGNITUDE:,} to {MAX_MAGNITUDE:,}, for {where},"
+            f" found {key.low:g}, {key.high:g}."
         )
     if not SMALLEST_STEP <= key.step <= key.high - key.low:
         raise DomainError(
@@ -325,5 +325,5 @@ class Vocabulary:
         return self.actions.get(name, UNKNOWN)
 
 
-NOTHING: Final = Vocabulary("nothing", {}, {})
+EMPTY_VOCABULARY: Final = Vocabulary("nothing", {}, {})
 """A vocabulary that declares nothing."""

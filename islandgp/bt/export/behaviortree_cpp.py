@@ -28,11 +28,11 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
-from islandgp.bt.core.vocabulary import NOTHING, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
+    CUSTOM_NODES,
     NAV2,
-    OWN,
     PLUGINS,
     Loss,
     TargetNode,
@@ -161,7 +161,7 @@ def differs(node: Node) -> bool:
 
 def to_xml(
     tree: Node,
-    vocabulary: Vocabulary = NOTHING,
+    vocabulary: Vocabulary = EMPTY_VOCABULARY,
     *,
     plain: bool = False,
     step_s: float | None = None,
@@ -189,7 +189,7 @@ def to_xml(
         )
     _check_ports(used, vocabulary)
     whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
-    custom_kinds = {part.kind for part in parts(whole)} & OWN
+    custom_kinds = {part.kind for part in parts(whole)} & CUSTOM_NODES
     identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in keys_in(tree))
@@ -232,7 +232,7 @@ def _check_ports(actions: Iterable[str], vocabulary: Vocabulary) -> None:
 
 def needs_header(tree: Node) -> bool:
     """True if the tree's file, unless it is plain, has nodes of our header."""
-    return any(part.kind in OWN for part in parts(plan(tree, differs)))
+    return any(part.kind in CUSTOM_NODES for part in parts(plan(tree, differs)))
 
 
 def header() -> str:

@@ -91,7 +91,7 @@ PLUGINS = Loss(
     " as Nav2's actions do and a StatefulActionNode does not",
 )
 
-OWN: Final = frozenset({
+CUSTOM_NODES: Final = frozenset({
     "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
     "repeat_per_tick", "retry_per_tick", "wait_ticks", "timeout_ticks", "cooldown_ticks",
 })  # fmt: skip

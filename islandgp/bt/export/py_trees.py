@@ -29,11 +29,11 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
-from islandgp.bt.core.vocabulary import NOTHING, Key, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
+    CUSTOM_NODES,
     NAV2,
-    OWN,
     Loss,
     TargetNode,
     check_kinds,
@@ -79,7 +79,7 @@ def differs(node: Node) -> bool:
 
 def to_python(
     tree: Node,
-    vocabulary: Vocabulary = NOTHING,
+    vocabulary: Vocabulary = EMPTY_VOCABULARY,
     *,
     plain: bool = False,
     step_s: float | None = None,
@@ -93,7 +93,7 @@ def to_python(
     whole = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.kind == "cooldown_ticks" for part in parts(whole)):
         whole = TargetNode("tick_counter", (), (whole,))
-    node_classes = _own() if any(part.kind in OWN for part in parts(whole)) else ""
+    node_classes = _own() if any(part.kind in CUSTOM_NODES for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     known = {name: _described(key) for name, key in vocabulary.keys.items()}
     known = known or dict.fromkeys(keys_in(tree), "")

@@ -24,8 +24,8 @@ from islandgp.ticking import EventLog, Leaf, Stepped, must_be_values, once_a_thr
 
 Observations: TypeAlias = Mapping[str, settings.Observation]
 
-HELPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
-"""Arguments of `gymnasium.make` without its time limit, which `ticks` replaces."""
+OUTER_WRAPPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
+"""Wrappers that are removed: `ticks` replaces the time limit, and the others only check calls."""
 
 
 @once_a_thread
@@ -47,7 +47,7 @@ def environment(name: str, options: str, render: bool) -> Any:
             os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # else pygame swallows SIGTERM
         more: dict[str, Any] = {"render_mode": "rgb_array"} if render else {}
         env = gymnasium.make(name, disable_env_checker=True, **loads(options), **more)
-    while type(env).__name__ in HELPERS:
+    while type(env).__name__ in OUTER_WRAPPERS:
         env = env.env  # type: ignore[attr-defined]
     if type(env.action_space) is gymnasium.spaces.Discrete:
         # `_check` has checked the actions; a check in each step is half of CartPole's time.

@@ -10,13 +10,13 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_val
 from islandgp.bt.core.node import SUCCESS
 from islandgp.bt.core.parameters import Parameter, real
 from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, enumeration, flag, number
-from islandgp.domain import MOST_DELAY, Counter, Event, Schema
+from islandgp.domain import MAX_DELAY, Counter, Event, Schema
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 
 EnvironmentAction = int | tuple[FiniteFloat, ...]
 
-OWN: Final = {
+REWARD_EVENTS: Final = {
     "reward": Event("the environment's own reward of a step", "reward"),
     "step": Event("steps"),
 }
@@ -140,7 +140,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     """The action where a tree chooses none: a number, or a list of as many as the environment
     takes; None: the first of each choice, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
-    delay: int = Field(default=0, ge=0, le=MOST_DELAY)
+    delay: int = Field(default=0, ge=0, le=MAX_DELAY)
     """Most ticks of delay in perturbed worlds."""
     shrink: int = Field(default=1, ge=1, le=64)  # factor by which frames are reduced in size
     frame_every: int = Field(default=1, ge=1, le=1000)  # ticks between two frames
@@ -169,9 +169,9 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _signals_of_something(self) -> Self:
-        known = [*OWN, *self.observations]
+        known = [*REWARD_EVENTS, *self.observations]
         for name, signal in self.signals.items():
-            if name in (*OWN, "return", "steps"):
+            if name in (*REWARD_EVENTS, "return", "steps"):
                 raise ValueError(f"signals: expected another name, as {name!r} is there already")
             if signal.of not in known:
                 raise ValueError(
@@ -194,7 +194,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
                 "length": "points for lasting",
                 "signals": "points for what the configuration looks for",
             },
-            events={**OWN, **signals},
+            events={**REWARD_EVENTS, **signals},
             counters={
                 "return": Counter("sum of the environment's own rewards"),
                 "steps": Counter("steps"),

@@ -49,7 +49,7 @@ FAINT: Final = "#8a8a8a"
 WIDTH: Final = 7.2  # text width of a page, inches
 DPI: Final = 150
 LETTERS: Final = 110  # characters of a line in a legend
-ACROSS: Final = 4  # most panels in a row
+MAX_COLUMNS: Final = 4  # most panels in a row
 ROW: Final = 2.2  # height of a further row of panels, inches
 THOUSANDS: Final = "{x:,.0f}"  # formats of ticks: 30,000
 PERCENT: Final = "{x:.0%}"
@@ -204,18 +204,18 @@ def panel_picture(
     """
 
     def draw(figure: Figure) -> None:
-        panels = grid(figure, len(study.arms), ACROSS, sharey=True)
+        panels = grid(figure, len(study.arms), MAX_COLUMNS, sharey=True)
         for axes, arm in zip(panels, study.arms, strict=True):
             fill(axes, arm)
             epoch_lines(axes, study)
             axes.set_title(plain(arm.name))
-        for axes in panels[-ACROSS:]:  # the lowest panel of each column
+        for axes in panels[-MAX_COLUMNS:]:  # the lowest panel of each column
             axes.set_xlabel("Generation")
-        for axes in panels[::ACROSS]:
+        for axes in panels[::MAX_COLUMNS]:
             axes.set_ylabel(label)
         legend(figure, panels[0], columns)
 
-    rows = -(-len(study.arms) // ACROSS)
+    rows = -(-len(study.arms) // MAX_COLUMNS)
     return picture(key, draw, height=height + ROW * (rows - 1), **values)
 
 

@@ -81,7 +81,7 @@ def generalisation(results: Sequence[Generalisation], study: Comparison) -> draw
 
     entries = len(study.arms) + sum(g.seed is None for g in results)
     legend = 0.21 * max(0, -(-entries // 2) - 3)
-    names = 0 if len(study.arms) <= drawing.ACROSS else 1
+    names = 0 if len(study.arms) <= drawing.MAX_COLUMNS else 1
     return drawing.picture("generalisation", draw, height=4.2 + legend + names)
 
 
@@ -110,7 +110,9 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
             zorder=4,
         )
     names = [drawing.plain(arm.name) for arm in study.arms]
-    axes.set_xticks(range(len(names)), names, rotation=20 if len(names) <= drawing.ACROSS else 90)
+    axes.set_xticks(
+        range(len(names)), names, rotation=20 if len(names) <= drawing.MAX_COLUMNS else 90
+    )
     axes.set_xlim(-0.6, len(study.arms) - 0.4)
     axes.grid(visible=False, axis="x")
     axes.set(title="(a) By arm", ylabel="Mean in unseen worlds (points)")

@@ -6,7 +6,7 @@ from dataclasses import replace
 from math import isnan
 from typing import TYPE_CHECKING, Any, Final
 
-from islandgp.statistics import FEWEST
+from islandgp.statistics import MIN_VALUES
 from islandgp.study.aggregates import performance_profile, thresholds
 from islandgp.study.figures import drawing
 from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names
@@ -61,7 +61,7 @@ def profile_picture(
 
     height = HEIGHT * -(-len(panels) // PANELS) + 0.4 + 0.2 * -(-len(arms) // _across(arms))
     picture = drawing.picture(
-        "profiles", draw, height=height, width=WIDTH, bands=BANDS, fewest=FEWEST
+        "profiles", draw, height=height, width=WIDTH, bands=BANDS, fewest=MIN_VALUES
     )
     return replace(picture, key=key)
 

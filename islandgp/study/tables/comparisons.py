@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final, TypeVar
 
 from islandgp.statistics import (
-    FEWEST,
     LEVEL,
+    MIN_VALUES,
     bootstrap,
     mean_sd,
     median_difference,
@@ -242,7 +242,7 @@ def median_tables(study: Comparison, findings: Sequence[Finding]) -> Iterator[Ta
             f"medians{end}",
             f"Medians, intervals and paired tests{of}",
             ([("Measure", f.measure.label), *_medians(f), *_pairs(f)] for f in selected),
-            note("medians", fewest=FEWEST),
+            note("medians", fewest=MIN_VALUES),
             note("pairs"),
         )
 

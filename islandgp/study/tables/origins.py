@@ -15,7 +15,7 @@ from islandgp.study.table import NONE, Table, number
 from islandgp.study.texts import note
 from islandgp.text import title
 
-LATER: Final = 5  # generations after which survival is reported
+SURVIVAL_AFTER: Final = 5  # generations after which survival is reported
 
 EVOLVED: Final = (lineage.RANDOM, lineage.BRED, lineage.HEIR)
 """Rows that are in every table."""
@@ -30,13 +30,13 @@ def lineage_table(study: Comparison) -> Table:
             if newcomers := [n for n in trees if n.origin == origin]:
                 life = lineage.median_life(newcomers, study.generations)
                 elite = fmean(lineage.elite_share(run, origin) for run in arm.runs)
-                alive_later = lineage.alive(newcomers, LATER + 1)[LATER]
+                alive_later = lineage.alive(newcomers, SURVIVAL_AFTER + 1)[SURVIVAL_AFTER]
                 row = {
                     "Arm and origin": f"{arm.name}: {origin.value}",
                     "newcomers": number(len(newcomers)),
                     "mean fitness on arrival": number(fmean(n.fitness for n in newcomers)),
                     "median generations lived": "not reached" if life is None else str(life),
-                    f"alive after {LATER} generations": f"{alive_later:.0%}",
+                    f"alive after {SURVIVAL_AFTER} generations": f"{alive_later:.0%}",
                     "mean descendants": number(fmean(n.descendants for n in newcomers), 1),
                     "share of the final elite": f"{elite:.0%}",
                 }

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from math import isnan
 from typing import Final
 
-from islandgp.statistics import FEWEST, Interval
-from islandgp.study.aggregates import FEWEST_A_WORLD
+from islandgp.statistics import MIN_VALUES, Interval
+from islandgp.study.aggregates import MIN_PER_WORLD
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.generalise import Generalisation
@@ -104,7 +104,7 @@ def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
     reasons = []
     shown = [i for row in rows for i in (row.mean, row.improvement) if i is not None]
     if any(isnan(i.low) and not isnan(i.estimate) for i in shown):
-        reasons.append(note("few-runs", fewest=FEWEST, world=FEWEST_A_WORLD))
+        reasons.append(note("few-runs", fewest=MIN_VALUES, world=MIN_PER_WORLD))
     if any(isnan(row.mean.estimate) for row in rows):
         reasons.append(note("no-scale"))
     worlds = list(dict.fromkeys(row.world for row in rows if row.world != ALL_WORLDS))

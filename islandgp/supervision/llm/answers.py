@@ -23,13 +23,13 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
 from islandgp.gp.edits import EDITS, Edit, edited
 from islandgp.supervision.base import Guidance, Pattern, Phase
-from islandgp.supervision.llm.message import SANE, Reply, clean
+from islandgp.supervision.llm.message import MAX_ANSWER, Reply, clean
 from islandgp.supervision.llm.settings import RateSettings
 
 A = TypeVar("A", bound=BaseModel)
 
-LONGEST: Final = 1000  # most characters of an explanation in the record
-MOST_EDITS: Final = 20  # most edits of an answer; further ones are ignored
+MAX_EXPLANATION: Final = 1000  # most characters of an explanation in the record
+MAX_EDITS: Final = 20  # most edits of an answer; further ones are ignored
 _CANDIDATES: Final = 2000  # most places of a text at which a JSON object is searched
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
@@ -116,7 +116,7 @@ def reasons_first(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {**answer, "properties": fields, "required": [*fields]}
 
 
-_SORTS: Final = {
+_TYPE_NAMES: Final = {
     # the type of a field, or that of a list's items: as a prompt shows it, and in an error
     "number": ("NUMBER", "a number"),
     "integer": ("NUMBER", "a whole number"),
@@ -129,7 +129,7 @@ _SORTS: Final = {
 
 def _sort(field: Mapping[str, Any]) -> tuple[str, str]:
     name: str = field["type"]
-    return _SORTS[f"{name} of {field['items']['type']}" if "items" in field else name]
+    return _TYPE_NAMES[f"{name} of {field['items']['type']}" if "items" in field else name]
 
 
 def form(answer: Mapping[str, Any]) -> str:
@@ -225,7 +225,7 @@ def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
         present = [field in objects[place] for field in fields]
         return all(present), any(present), place
 
-    objects = _objects(text)[0] if len(text) <= SANE else []
+    objects = _objects(text)[0] if len(text) <= MAX_ANSWER else []
     return objects[max(range(len(objects)), key=rank)] if objects else None
 
 
@@ -267,8 +267,8 @@ def check_decision(reply: Reply, rates: RateSettings) -> Accepted | Rejection:
         phase=answer.phase,
         pattern=answer.pattern,
         intervention=answer.intervention,
-        risk=answer.risk[:LONGEST],
-        reasoning=answer.reasoning[:LONGEST],
+        risk=answer.risk[:MAX_EXPLANATION],
+        reasoning=answer.reasoning[:MAX_EXPLANATION],
     )
     return Accepted(decision, "" if rate == advised else f"clamped from {advised}")
 
@@ -296,7 +296,7 @@ def check_proposal(
     if not trees:
         return next(wrong for wrong in checked if isinstance(wrong, Rejection))
     change = f"{len(trees)} of {len(texts)} trees" if len(trees) < len(texts) else ""
-    rationale = proposal.rationale[:LONGEST]
+    rationale = proposal.rationale[:MAX_EXPLANATION]
     guidance = Guidance(None, trees[0], "llm", target=proposal.target, rationale=rationale)
     return Accepted(guidance, change, tuple(trees[1:]))
 
@@ -345,7 +345,7 @@ def check_edits(
     answer = read_answer(reply, EditsAnswer)
     if isinstance(answer, Rejection):
         return answer
-    listed, edits, wrong = answer.edits[:MOST_EDITS], [], []
+    listed, edits, wrong = answer.edits[:MAX_EDITS], [], []
     for number, plain in enumerate(listed, 1):
         try:
             edit = _edit(plain)
@@ -358,7 +358,7 @@ def check_edits(
     if not edits:
         return Rejection(RejectionStage.EDITS, "\n".join(wrong))
     change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else ""
-    return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:LONGEST])
+    return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:MAX_EXPLANATION])
 
 
 def _edit(plain: Mapping[str, Any]) -> Edit:
@@ -378,14 +378,14 @@ def _edit(plain: Mapping[str, Any]) -> Edit:
         raise ValueError(f"{needs}: expected a value in an edit {answer.kind}, found none")
     return Edit(
         answer.kind,
-        of=answer.of[:LONGEST],
-        at=answer.at[:LONGEST],
+        of=answer.of[:MAX_EXPLANATION],
+        at=answer.at[:MAX_EXPLANATION],
         branch=parse(without_fences(answer.branch), name="branch") if needs == "branch" else None,
         number=answer.number if needs == "number" else None,
         term=answer.term,
-        donor=answer.donor[:LONGEST] if needs == "donor" else "",
-        donor_at=answer.donor_at[:LONGEST],
-        reason=answer.reason[:LONGEST],
+        donor=answer.donor[:MAX_EXPLANATION] if needs == "donor" else "",
+        donor_at=answer.donor_at[:MAX_EXPLANATION],
+        reason=answer.reason[:MAX_EXPLANATION],
     )
 
 

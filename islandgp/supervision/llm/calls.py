@@ -29,7 +29,7 @@ from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
 from islandgp.supervision.llm.ledger import Ledger, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
-    QUOTED,
+    MAX_QUOTED,
     TRANSIENT,
     Client,
     Failure,
@@ -214,7 +214,7 @@ class LiveCalls:
         """
         turns = 1 + repairs
         times = self.retry.attempts * turns
-        most = [most_tokens(request, longer=QUOTED * repairs) for request in requests]
+        most = [most_tokens(request, longer=MAX_QUOTED * repairs) for request in requests]
         return self.ledger.room_for(
             times * len(requests),
             sum(most, Usage()).times(times),
@@ -327,7 +327,7 @@ def converse(
         why = f"{checked.stage}: {checked.error}"
         if checked.stage is RejectionStage.REFUSED:
             break
-        request = request.followed_by(answer.text[:QUOTED], repair(checked))
+        request = request.followed_by(answer.text[:MAX_QUOTED], repair(checked))
     end = Conclusion(generation, part, source, why, tuple(rejected), failed)
     calls.transcript.add(end)
     if accepted is None:

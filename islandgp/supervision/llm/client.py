@@ -24,7 +24,7 @@ from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
-from islandgp.supervision.llm.services import BEGUN, ENCODING, Service, sdk_client
+from islandgp.supervision.llm.services import ENCODING, REQUEST_EVENTS, Service, sdk_client
 
 if TYPE_CHECKING:
     import anthropic
@@ -120,7 +120,7 @@ class AnthropicClient:
     ) -> Reply | Failure:
         """An attempt that ends at the deadline."""
         events = [] if self._transport is None else ["transport"]  # it emits no events
-        BEGUN.set(events)
+        REQUEST_EVENTS.set(events)
         try:
             return await asyncio.wait_for(self._attempt(sdk, request), seconds)
         except TimeoutError:
@@ -149,7 +149,7 @@ class AnthropicClient:
             cause = error.__cause__ or error
             return Failure(_unconnected(cause), self._line(str(cause)) or type(cause).__name__)
         except Exception as error:  # the SDK raises various types for a damaged answer
-            kind = FailureKind.MALFORMED if BEGUN.get() else unsent(error)
+            kind = FailureKind.MALFORMED if REQUEST_EVENTS.get() else unsent(error)
             return Failure(kind, self._line(f"{type(error).__name__}: {error}"))
 
     def _refused(self, error: anthropic.APIStatusError) -> Failure:

@@ -30,7 +30,7 @@ from islandgp.text import in_points
 
 SPANS: Final = 8  # most spans of an episode, one line each
 BINS: Final = 60  # intervals of an episode from which spans are formed
-NAMED: Final = 3  # most actions and events named in a span
+MAX_NAMED: Final = 3  # most actions and events named in a span
 KEYS: Final = 12  # most keys that are described
 TREE: Final = 1500  # most characters of a tree
 PARTS: Final = 3  # most components of a class's earnings
@@ -118,7 +118,7 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
         length = span.end - span.begin
         did = ", ".join(
             f"{name or 'nothing'} {count / length:.0%}"
-            for name, count in span.actions.most_common(NAMED)
+            for name, count in span.actions.most_common(MAX_NAMED)
         )
         inside = [
             (event, points)
@@ -126,7 +126,7 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
             if span.begin <= min(tick, last) < span.end
         ]
         times = Counter(event for event, _ in inside)
-        earned = "".join(f", {event} {n}x" for event, n in times.most_common(NAMED))
+        earned = "".join(f", {event} {n}x" for event, n in times.most_common(MAX_NAMED))
         won = sum(points for _, points in inside)
         tail = f"; {earned[2:]}: {in_points(won, '+')} points" if inside else ""
         yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {did}{tail}"

@@ -27,14 +27,14 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.answers import LONGEST
+from islandgp.supervision.llm.answers import MAX_EXPLANATION
 from islandgp.supervision.llm.episode import components, cut, trace_of
-from islandgp.supervision.llm.settings import KEPT, InformedSettings
+from islandgp.supervision.llm.settings import MAX_KEPT, InformedSettings
 from islandgp.text import in_points
 
 ROWS: Final = 40  # most rewards and classes in a prompt
 SHOWN: Final = 2000  # most characters of rewards that are not a table of events
-PAST: Final = 8  # most earlier edits in a prompt
+MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
 LINES: Final = 60  # most nodes of a listed tree
 
@@ -108,8 +108,8 @@ class RunHistory:
                 won, lost = gains.get(models[k], (0, 0))
                 gained = trial is not None and trial.fitness > trial.parent_fitness
                 gains[models[k]] = (won + gained, lost + (not gained))
-        last = tuple(edits[-PAST:])
-        return RunHistory(seen, tuple(trees[-KEPT:]), decisions[-KEPT:], last, gains)
+        last = tuple(edits[-MAX_PAST_EDITS:])
+        return RunHistory(seen, tuple(trees[-MAX_KEPT:]), decisions[-MAX_KEPT:], last, gains)
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -378,12 +378,12 @@ def _past(past: PastEdit) -> str:
     change = " ".join(change.split())
     text = f'- generation {past.generation}, {e.kind} at "{e.at}" of {e.of}: {change}'
     if e.refused:
-        return f"{text[:LONGEST]}; refused: {e.refused}"
+        return f"{text[:MAX_EXPLANATION]}; refused: {e.refused}"
     if trial is None:
-        return f"{text[:LONGEST]}; not evaluated"
+        return f"{text[:MAX_EXPLANATION]}; not evaluated"
     before, after = trial.parent_fitness, trial.fitness
     gain = in_points(after - before, "+")
-    return f"{text[:LONGEST]}; {in_points(before)} -> {in_points(after)} points ({gain})"
+    return f"{text[:MAX_EXPLANATION]}; {in_points(before)} -> {in_points(after)} points ({gain})"
 
 
 def known_texts(living: Iterable[str], examples: Iterable[Node]) -> frozenset[str]:

@@ -27,7 +27,7 @@ from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Re
 from islandgp.supervision.llm.settings import Caps, Price, SweepCaps
 from islandgp.supervision.llm.transcript import NAME, Attempt, Transcript
 
-PER: Final = 1e6  # tokens per price
+TOKENS_PER_PRICE: Final = 1e6  # tokens per price
 
 
 def cost(usage: Usage, price: Price) -> float:
@@ -37,7 +37,7 @@ def cost(usage: Usage, price: Price) -> float:
         + usage.output * price.output
         + usage.cache_read * price.cache_read
         + usage.cache_write * price.cache_write
-    ) / PER
+    ) / TOKENS_PER_PRICE
 
 
 def dearest(price: Price) -> Price:

@@ -15,11 +15,12 @@ from typing import Any, Final, Protocol
 
 from islandgp.redaction import without_secrets
 
-SANE: Final = 100_000  # most characters of an answer that are read; 2048 tokens have about 8,000
+MAX_ANSWER: Final = 100_000
+"""Most characters of an answer that are read; 2048 tokens have about 8,000."""
 
 NO_TEXT: Final = "(no text)"  # replaces an empty answer in a repair turn
 
-QUOTED: Final = 6000  # most characters of a rejected answer that a repair turn quotes
+MAX_QUOTED: Final = 6000  # most characters of a rejected answer that a repair turn quotes
 
 
 class FailureKind(StrEnum):
@@ -192,8 +193,8 @@ class Client(Protocol):
 
 
 def clean(text: str) -> str:
-    """Text without lone surrogates and control characters, cut after SANE characters."""
-    kept = text[: SANE + 1].encode("utf-8", "replace").decode("utf-8")
+    """Text without lone surrogates and control characters, cut after MAX_ANSWER characters."""
+    kept = text[: MAX_ANSWER + 1].encode("utf-8", "replace").decode("utf-8")
     return "".join(c if c.isprintable() or c in "\n\t" else " " for c in kept)
 
 

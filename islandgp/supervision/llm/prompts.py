@@ -36,7 +36,7 @@ _SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.D
 _MARK: Final = re.compile(r"\{\{[#/][\w.]*\}\}")
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
-SETS: Final = ("paper", "informed")
+PROMPT_SETS: Final = ("paper", "informed")
 """The shipped prompt sets; `paper` is the folder `prompts` itself."""
 
 
@@ -58,7 +58,7 @@ def prompt_folder(chosen: str | None) -> Path:
     """The folder of a prompt set: `paper`, `informed`, or the path of another folder."""
     if chosen is None or chosen == "paper":
         return resource("prompts")
-    return resource("prompts") / chosen if chosen in SETS else Path(chosen)
+    return resource("prompts") / chosen if chosen in PROMPT_SETS else Path(chosen)
 
 
 def load_prompt(name: str, folder: Path) -> Prompt:

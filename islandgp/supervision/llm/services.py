@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     import anthropic
     import httpx2
 
-LARGEST: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
+MAX_BODY: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
 ENCODING: Final = "islandgp.encoding"  # extension of a response: the encoding of its body
-BEGUN: Final[ContextVar[list[str]]] = ContextVar("begun")
+REQUEST_EVENTS: Final[ContextVar[list[str]]] = ContextVar("begun")
 """Events of sending the attempt's request so far; empty: nothing is sent yet."""
 
 Service = Literal["anthropic", "bedrock", "vertex", "foundry"]
@@ -129,7 +129,7 @@ def _http(transport: httpx2.AsyncBaseTransport | None) -> httpx2.AsyncClient:
     import httpx2
 
     class Bounded(httpx2.AsyncByteStream):
-        """A body that raises ValueError after LARGEST bytes."""
+        """A body that raises ValueError after MAX_BODY bytes."""
 
         def __init__(self, body: httpx2.AsyncByteStream) -> None:
             self.body = body
@@ -138,8 +138,8 @@ def _http(transport: httpx2.AsyncBaseTransport | None) -> httpx2.AsyncClient:
             size = 0
             async for chunk in self.body:
                 size += len(chunk)
-                if size > LARGEST:
-                    raise ValueError(f"expected a body of at most {LARGEST} bytes, found more")
+                if size > MAX_BODY:
+                    raise ValueError(f"expected a body of at most {MAX_BODY} bytes, found more")
                 yield chunk
 
         async def aclose(self) -> None:
@@ -154,7 +154,7 @@ def _http(transport: httpx2.AsyncBaseTransport | None) -> httpx2.AsyncClient:
             response.stream = Bounded(response.stream)
 
     async def watch(request: httpx2.Request) -> None:
-        events = BEGUN.get()
+        events = REQUEST_EVENTS.get()
 
         async def note(event: str, info: dict[str, Any]) -> None:
             # CONNECT is the request to a proxy, before the actual request.

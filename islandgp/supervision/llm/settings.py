@@ -15,7 +15,7 @@ from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 from islandgp.supervision.llm.services import CLOUDS, Service
 
 DAY: Final = 86_400  # s
-KEPT: Final = 20  # most injected trees and decisions in the history
+MAX_KEPT: Final = 20  # most injected trees and decisions in the history
 CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm/cost.md
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # for thinking before an answer
@@ -134,9 +134,11 @@ class InformedSettings(BaseModel, frozen=True, extra="forbid"):
     reasoning: bool = True  # the answer begins with its reasons
     rewards: bool = True  # the reward table, and the thresholds of a crisis
     classes: bool = True  # earnings of each class of the population
-    injected: int = Field(default=5, ge=0, le=KEPT)  # last injected trees with their descendants
+    injected: int = Field(
+        default=5, ge=0, le=MAX_KEPT
+    )  # last injected trees with their descendants
     traces: bool = True  # episodes of the best and the least capable tree, in words
-    decisions: int = Field(default=5, ge=0, le=KEPT)  # last decisions with their results
+    decisions: int = Field(default=5, ge=0, le=MAX_KEPT)  # last decisions with their results
     differ: bool = True  # the instruction to differ from the examples
 
 
