@@ -80,8 +80,8 @@ def measure(effort: Effort) -> list[Figure]:
                     "minigrid_blind_ratio",
                     ratio(blind, 0, 1),
                     "",
-                    "the same / the bare environment without its observation, which nobody could"
-                    " act on",
+                    "the same / the bare environment without its observation, on which no policy"
+                    " could act",
                 )
             )
     return figures

@@ -236,7 +236,7 @@ def test_trace_between(islandgp: Cli) -> None:
     ("times", "message"),
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
-        (("--from", "nan"), "expected a number of at least 0, found 'nan'"),
+        (("--from", "nan"), "expected x>=0, found nan"),
         (("--from", -5, "--to", -1), "expected x>=0, found -5.0"),
         (("--to", -1), "expected x>=0, found -1.0"),
     ],
