@@ -25,14 +25,14 @@ COMMANDS = [
 def rows(heading: str) -> list[str]:
     """The names in the first column of the table below a heading."""
     part = TEXT.split(heading, 1)[1].split("\n## ")[0]
-    cells = re.findall(r"^\| ((?:`\w+`(?:, )?)+)", part, re.MULTILINE)
+    cells = re.findall(r"^\| ((?:`\w+`(?:, )?)+)(?: \(default\))? \|", part, re.MULTILINE)
     return [name for cell in cells for name in re.findall(r"`(\w+)`", cell)]
 
 
 def test_every_supervisor_has_its_row() -> None:
     """The table has what conf/supervisor has."""
-    there = sorted(path.stem for path in (resource("conf") / "supervisor").glob("*.yaml"))
-    assert sorted(rows("# Supervisors")) == there
+    names = sorted(path.stem for path in (resource("conf") / "supervisor").glob("*.yaml"))
+    assert sorted(rows("# Supervisors")) == names
 
 
 def test_every_kind_of_edit_has_its_row() -> None:
