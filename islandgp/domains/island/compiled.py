@@ -126,8 +126,9 @@ def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
 @lru_cache(maxsize=16)
 def _turns(schedule: Schedule) -> tuple[array[int], array[int], array[float]]:
     """Steps, humanoids and velocities of a day's turns."""
-    steps, who, x, y = zip(*schedule.turns, strict=True)
-    return array("q", steps), array("q", who), array("d", chain(*zip(x, y, strict=True)))
+    turns = schedule.turns
+    steps, who = array("q", [turn[0] for turn in turns]), array("q", [turn[1] for turn in turns])
+    return steps, who, array("d", [v for turn in turns for v in turn[2:]])
 
 
 @lru_cache(maxsize=16)
