@@ -2,21 +2,22 @@
 
 import sys
 
-from islandgp.startup import stop_before_work
+from islandgp.startup import Imports, stop_before_work
 
 
 def script() -> None:
     """The console script: reads the command's words from sys.argv, and exits."""
     stop_before_work("SIGTERM", "SIGHUP")
-    from islandgp.cli import main
-
+    with Imports():
+        from islandgp.cli import main
     main()
 
 
 if __name__ == "__main__":
     stop_before_work("SIGTERM", "SIGHUP")
     try:
-        from islandgp.running.app import main
+        with Imports():
+            from islandgp.running.app import main
     except (ImportError, AttributeError):
         from pathlib import Path
 

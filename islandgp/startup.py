@@ -1,13 +1,14 @@
-"""Handlers of signals during the start of a command; imports only fast modules."""
+"""Signals and Python's collector during the start of a command; imports only fast modules."""
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from types import FrameType
+    from types import FrameType, TracebackType
 
 
 def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
@@ -26,3 +27,23 @@ def stop_before_work(*names: str) -> None:
         number = getattr(signal, name, None)
         if number and signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
             signal.signal(number, stop_at_once)
+
+
+class Imports:
+    """A context for imports: pauses Python's collector, which later leaves their objects out.
+
+    Imported objects stay in use, so to look through them again and again only takes time. (A
+    function with `contextmanager` would need the slow module `contextlib`.)
+    """
+
+    def __enter__(self) -> None:
+        gc.disable()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        gc.freeze()
+        gc.enable()

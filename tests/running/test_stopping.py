@@ -165,3 +165,15 @@ def test_sigterm_ends_a_script_that_has_drawn_a_scene() -> None:
     pytest.importorskip("pygame")
     words = [sys.executable, "-c", DRAWS]
     assert subprocess.run(words, cwd=ROOT, check=False).returncode == -signal.SIGTERM
+
+
+def test_garbage_is_collected_after_imports() -> None:
+    """Not during them; afterwards also if one has failed, but not among the objects imported."""
+    code = (
+        "import gc; from islandgp.startup import Imports\n"
+        "with Imports(): during = gc.isenabled()\n"
+        "assert (during, gc.isenabled()) == (False, True) and gc.get_freeze_count() > 0\n"
+        "try:\n    with Imports(): import missing_module\n"
+        "except ImportError: assert gc.isenabled()\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
