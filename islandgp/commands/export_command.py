@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from os.path import samefile
-from pathlib import Path
 from typing import Final
 
 import click
@@ -13,7 +11,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.commands.files import FILE, STDIN, write_text
+from islandgp.commands.files import FILE, check_other_file, write_text
 from islandgp.commands.options import (
     Chosen,
     NumberRange,
@@ -63,8 +61,7 @@ def command(
         return
     if file is None:
         raise click.UsageError("expected FILE, found none")
-    if STDIN not in (file, output) and Path(output).exists() and samefile(file, output):
-        raise click.UsageError(f"expected another file after -o, found {output} itself")
+    check_other_file(file, output)
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
         raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")

@@ -142,6 +142,12 @@ def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
     return parse(read_text(file), vocabulary, name=called(file), folder=folder_of(file))
 
 
+def check_other_file(file: str, output: str) -> None:
+    """Raises click.UsageError if a command would replace the file that it reads."""
+    if STDIN not in (file, output) and Path(output).exists() and os.path.samefile(file, output):
+        raise click.UsageError(f"expected another file after -o, found {output} itself")
+
+
 def write_text(file: str, text: str) -> None:
     """Writes a file atomically, or prints the text if `file` is `-`. Raises IslandError."""
     if file == STDIN:

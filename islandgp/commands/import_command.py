@@ -11,7 +11,7 @@ from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.commands.files import FILE, called, folder_of, read_text, write_text
+from islandgp.commands.files import FILE, called, check_other_file, folder_of, read_text, write_text
 from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
@@ -36,6 +36,7 @@ def command(
     behaviour are printed to the standard error. The result names its domain, unless
     that is the default domain.
     """
+    check_other_file(file, output)
     text, name = read_text(file), called(file)
     form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
     if form is None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, write_text
+from islandgp.commands.files import FILE, OUTPUT, STDIN, called, check_other_file, write_text
 from islandgp.commands.options import EpisodeOptions, with_episode_options
 from islandgp.commands.setting import recorded
 
@@ -25,6 +25,7 @@ def command(file: str, seed: int, output: str, title: str | None, episode: Episo
     """
     from islandgp.viewer.page import page
 
+    check_other_file(file, output)
     text = page(recorded(file, seed, episode), title=title or Path(called(file)).stem)
     write_text(output, text)
     if output != STDIN:

@@ -10,7 +10,7 @@ import click
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.export.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
-from islandgp.commands.files import FILE, STDIN, read_tree, write_text
+from islandgp.commands.files import FILE, STDIN, check_other_file, read_tree, write_text
 from islandgp.commands.options import with_output_option
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {
@@ -42,6 +42,7 @@ def command(file: str, form: str | None, output: str) -> None:
 
     Named subtrees are drawn where they are used.
     """
+    check_other_file(file, output)
     form = form or _form(output)
     tree = read_tree(file)
     if form == "text" and output == STDIN:

@@ -120,6 +120,9 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["export", "ok.bt", "--to", "pdf"], "expected one of 'json', 'btcpp', 'pytrees'"),
         (["export", "ok.bt", "-o", "x.pdf"], "expected --to with one of"),
         (["export", "ok.bt", "--to", "json", "-o", "ok.bt"], "found ok.bt itself"),
+        (["show", "ok.bt", "--format", "dot", "-o", "ok.bt"], "found ok.bt itself"),
+        (["replay", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
+        (["import", "ok.bt", "--from", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["export", "ok.bt", "--header"], "expected --header alone"),
         *(
             (["export", "ok.bt", "--to", "btcpp", "--step", step], "expected 1e-06<=x<=86400")
@@ -145,6 +148,16 @@ def test_odd_options(islandgp: Cli, folder: Path, words: list[str], message: str
     assert len(said.err) < 700
     assert [*folder.iterdir()] == [folder / "ok.bt"]
     assert (folder / "ok.bt").read_text() == OK
+
+
+def test_a_file_without_permission(
+    islandgp: Cli, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not reported as missing."""
+    monkeypatch.setattr("os.access", lambda *_: False)  # root can read every file
+    said = islandgp("fmt", folder / "ok.bt")
+    assert said.code == 2
+    assert "expected a File that is readable, found" in said.err
 
 
 @pytest.mark.usefixtures("folder")

@@ -40,9 +40,9 @@ def tree(tmp_path: Path) -> Path:
     [
         ["fmt", "mine.bt"],
         ["simplify", "mine.bt", "-o", "mine.bt"],
-        ["show", "mine.bt", "--format", "dot", "-o", "mine.bt"],
-        ["export", "mine.bt", "--to", "json", "-o", "mine.bt"],
-        ["replay", "mine.bt", "-o", "mine.bt", "--set", "world.episode.length=5"],
+        ["show", "-", "--format", "dot", "-o", "mine.bt"],
+        ["export", "-", "--to", "json", "-o", "mine.bt"],
+        ["replay", "-", "-o", "mine.bt", "--set", "world.episode.length=5"],
     ],
     ids=lambda words: words[0],
 )
@@ -52,7 +52,7 @@ def test_a_full_disk_leaves_the_file_as_it_was(
     """One message, exit code 2, the old text, and no temporary file."""
     monkeypatch.chdir(tree.parent)
     with full_disk():
-        said = islandgp(*words)
+        said = islandgp(*words, stdin=TREE)
     assert said.code == 2
     assert said.err == "islandgp: Expected to write mine.bt: File too large.\n"
     assert tree.read_text() == TREE
