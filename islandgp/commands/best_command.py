@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -28,7 +28,7 @@ from islandgp.scoring.constraints import Constraints, feasible_share, recorded_c
 from islandgp.seeding import Stream
 from islandgp.study.comparable import TASK
 from islandgp.study.library import reference_trees
-from islandgp.text import title
+from islandgp.text import in_points, title
 
 TIMEOUT: Final = 600.0  # time limit of an episode, s
 EFFORT: Final = 20
@@ -223,27 +223,28 @@ def _used_worlds(run: RunFolder) -> Iterator[int]:
 
 
 def _print(rows: Sequence[Row], worlds: int) -> None:
-    def column(heading: str, form: str, name: str) -> list[Column]:
+    def column(heading: str, form: Callable[[float], str], name: str) -> list[Column]:
         """A column of numbers, if the rows have them."""
         values: list[Any] = [getattr(row, name) for row in rows]
-        return [] if None in values else [Column(heading, [form.format(v) for v in values])]
+        return [] if None in values else [Column(heading, [*map(form, values)])]
 
     differences = [
-        f"{row.difference:+,.0f} [{row.difference_low:+,.0f}, {row.difference_high:+,.0f}]"
+        f"{in_points(row.difference, '+')} [{in_points(row.difference_low, '+')},"
+        f" {in_points(row.difference_high, '+')}]"
         for row in rows[1:]
     ]
     console = standard_output()
     columns = [
         Column("tree", [row.name for row in rows], left=True),
-        *column("points", "{:,.0f}", "mean"),
-        Column("95 % interval", [f"[{row.low:,.0f}, {row.high:,.0f}]" for row in rows]),
+        *column("points", in_points, "mean"),
+        Column("95 % interval", [f"[{in_points(row.low)}, {in_points(row.high)}]" for row in rows]),
         *(
             Column(title(tier), [f"{row.reached[tier]:.0%}" for row in rows])
             for tier in rows[0].reached
         ),
-        *column("constraints kept", "{:.0%}", "feasible"),
-        *column("perturbed", "{:,.0f}", "perturbed"),
-        *column("worst", "{:,.0f}", "perturbed_worst"),
+        *column("constraints kept", "{:.0%}".format, "feasible"),
+        *column("perturbed", in_points, "perturbed"),
+        *column("worst", in_points, "perturbed_worst"),
         Column("to the first", ["", *differences]),
     ]
     print_table(console, columns)

@@ -8,6 +8,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Final, Literal, Self
 
 from islandgp.gp.record import Step
+from islandgp.text import in_points
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -70,8 +71,8 @@ def row(
         mutation = f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
     return (
         f"{s.generation}/{generations - 1}",
-        f"{s.best:,.0f}",
-        f"{s.mean:,.0f}",
+        in_points(s.best),
+        in_points(s.mean),
         f"{s.diversity:.2f}",
         f"{s.working:.2f}",
         *(str(s.tiers[name]) for name in milestones),

@@ -13,7 +13,7 @@ from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
-from islandgp.text import title
+from islandgp.text import in_points, title
 
 MOSTLY_FALLBACK: Final = (
     "expected guidance by the language model, found that the fallback gave more of it than"
@@ -80,7 +80,7 @@ def report(target: RunFolder) -> str:
     s, agent = target.summary(), target.agent
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
-    came_from = ", ".join(f"{name} {points:+,.0f}" for name, points in parts if points)
+    came_from = ", ".join(f"{name} {in_points(points, '+')}" for name, points in parts if points)
     first = "; ".join(
         f"first {title(tier)} {agent}: {'never' if g is None else f'generation {g}'}"
         for tier, g in s["first"].items()
@@ -89,9 +89,9 @@ def report(target: RunFolder) -> str:
         (
             *validated(s["champion"]),
             *constrained(s),
-            f"Its fitness in training: {best['fitness']:,.0f} ({came_from})",
-            f"Highest fitness in training: {s['fittest']['record']['fitness']:,.0f} in generation"
-            f" {s['fittest']['generation']}",
+            f"Its fitness in training: {in_points(best['fitness'])} ({came_from})",
+            f"Highest fitness in training: {in_points(s['fittest']['record']['fitness'])} in"
+            f" generation {s['fittest']['generation']}",
             first[:1].upper() + first[1:],
             *_known_episodes(target),
             *_supervision(target, s.get("answers", {})),
@@ -130,9 +130,10 @@ def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]
             f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
         )
     if spent.get("trials"):
+        gain = in_points(spent["trial_gain"] / spent["trials"], "+")
         yield (
             f"Candidates: the best of each of {spent['trials']:,.0f} answers has"
-            f" {spent['trial_gain'] / spent['trials']:+,.0f} points above the first in its trial"
+            f" {gain} points above the first in its trial"
         )
 
 
@@ -152,7 +153,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         yield f"{best}, not validated in other worlds"
         return
     yield (
-        f"{best}: {v['mean']:,.0f} points{_interval(v, '', ',.0f')} in {len(v['worlds'])}"
+        f"{best}: {in_points(v['mean'])} points{_interval(v, '')} in {len(v['worlds'])}"
         f" unseen world{'s' * (len(v['worlds']) != 1)}"
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
@@ -160,8 +161,8 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         yield f"In these worlds it is {', '.join(shares)}"
     if v["yardstick"]:
         yield (
-            f"Against the tree {v['yardstick']} in the same worlds: {v['difference']:+,.0f} points"
-            f"{_interval(v, 'difference_', '+,.0f')}"
+            f"Against the tree {v['yardstick']} in the same worlds:"
+            f" {in_points(v['difference'], '+')} points{_interval(v, 'difference_', '+')}"
         )
 
 
@@ -178,9 +179,9 @@ def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"Constraints ({limits}): {kept} on average, and in {v['feasible']:.0%} of these worlds"
 
 
-def _interval(v: Mapping[str, Any], what: str, form: str) -> str:
+def _interval(v: Mapping[str, Any], what: str, sign: str = "") -> str:
     """A 95 % interval in brackets, or the reason why there is none."""
     low, high = v[f"{what}low"], v[f"{what}high"]
     if len(v["worlds"]) < 2 or low is None or high is None:
         return " (no interval: one world)"
-    return f" (95 %: {low:{form}} to {high:{form}})"
+    return f" (95 %: {in_points(low, sign)} to {in_points(high, sign)})"

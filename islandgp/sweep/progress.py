@@ -14,7 +14,7 @@ from islandgp.records.files import validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.progress import duration
 from islandgp.sweep.folder import SweepJob, job_of
-from islandgp.text import title
+from islandgp.text import in_points, title
 
 PERIOD: Final = 1.0  # s between two updates
 
@@ -111,7 +111,7 @@ def job_line(run: RunFolder) -> str:
     milestone = f"{title(tier)} {run.agent}"
     emerged = f"no {milestone}" if first is None else f"first {milestone} in generation {first}"
     mean = validation_mean(s)
-    robot = "not validated" if mean is None else f"validation mean {mean:,.0f}"
+    robot = "not validated" if mean is None else f"validation mean {in_points(mean)}"
     return f"{run.path.name}: {robot}, {emerged}, {duration(s['seconds'])}"
 
 

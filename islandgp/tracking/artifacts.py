@@ -12,7 +12,7 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
 from islandgp.records.files import FITNESS_KEYS, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
-from islandgp.text import title
+from islandgp.text import in_points, title
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.run_page import NAME_OF_PAGE, embedded_replay
 
@@ -91,8 +91,8 @@ def _points(summary: Mapping[str, Any]) -> str:
     """The best robot's points in validation worlds and in training."""
     trained, mean = summary["champion"]["record"]["fitness"], validation_mean(summary)
     if mean is None:
-        return f"{trained:,.0f} points in training, not validated"
-    return f"**{mean:,.0f}** points in validation worlds, {trained:,.0f} in training"
+        return f"{in_points(trained)} points in training, not validated"
+    return f"**{in_points(mean)}** points in validation worlds, {in_points(trained)} in training"
 
 
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:

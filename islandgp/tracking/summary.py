@@ -15,7 +15,7 @@ from typing import Any, Final
 from islandgp.records.files import fallback_words, validation_mean
 from islandgp.records.folder import Status
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
-from islandgp.text import title
+from islandgp.text import in_points, title
 
 MEASURES: Final = {
     "fitness max": "best",
@@ -126,12 +126,12 @@ def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
     if not arm.summaries:
         return (name, finished, "", *("" for _ in tiers), "")
     means = [mean for s in arm.summaries if (mean := validation_mean(s)) is not None]
-    spread = f" ± {stdev(means):,.0f}" if len(means) > 1 else ""
+    spread = f" ± {in_points(stdev(means))}" if len(means) > 1 else ""
     diversity = fmean(s["mean_diversity"] for s in arm.summaries)
     return (
         name,
         finished,
-        f"{fmean(means):,.0f}{spread}" if means else "",
+        f"{in_points(fmean(means))}{spread}" if means else "",
         *(_emergence(arm, tier) for tier in tiers),
         f"{diversity:.3f}",
     )
