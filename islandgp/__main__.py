@@ -23,8 +23,8 @@ if __name__ == "__main__":
 
         from islandgp.errors import in_the_way
 
-        if not (why := in_the_way(Path.cwd())):
+        if not (reason := in_the_way(Path.cwd())):
             raise
-        print(f"islandgp: {why}", file=sys.stderr)
+        print(f"islandgp: {reason}", file=sys.stderr)
         sys.exit(2)
     sys.exit(main())

@@ -68,9 +68,9 @@ def reading(what: str, file: Path) -> Iterator[None]:
         raise damaged(what, file, brief(error)) from error
 
 
-def damaged(what: str, file: Path, why: str) -> RunError:
+def damaged(what: str, file: Path, reason: str) -> RunError:
     """The error for a damaged file with the expected content `what`."""
     return RunError(
-        f"Expected {what} in {file}, found a damaged file ({why});"
+        f"Expected {what} in {file}, found a damaged file ({reason});"
         " delete the run's folder or use resume=never."
     )

@@ -109,14 +109,14 @@ class Tree:
             entry = _entry(sources["action"], args.name)
             if entry is None:
                 yield f"nothing for the action {args.name}"
-            elif why := _uncallable(entry, _arguments(args, self.vocabulary)):
-                yield f"for the action {args.name}, {why}{defined_in(entry)}"
+            elif reason := _uncallable(entry, _arguments(args, self.vocabulary)):
+                yield f"for the action {args.name}, {reason}{defined_in(entry)}"
         for key in self.keys():
             entry = _entry(sources["key"], key)
             if entry is None:
                 yield f"nothing for the key {key}"
-            elif callable(entry) and (why := _uncallable(entry, {})):
-                yield f"for the key {key}, {why}{defined_in(entry)}"
+            elif callable(entry) and (reason := _uncallable(entry, {})):
+                yield f"for the key {key}, {reason}{defined_in(entry)}"
 
     def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
         """A line for each name that is not in the vocabulary."""
@@ -347,9 +347,9 @@ def _uncallable(entry: object, arguments: Mapping[str, object]) -> str:
         return "a coroutine; write `def` in place of `async def`"
     try:
         signature(entry).bind(**arguments)
-    except TypeError as why:
+    except TypeError as error:
         call = f"with {', '.join(arguments)}" if arguments else "without arguments"
-        return f"a function that cannot be called {call}: {why}"
+        return f"a function that cannot be called {call}: {error}"
     except ValueError:  # it has no signature
         pass
     return ""

@@ -212,7 +212,7 @@ def _main() -> None:
         print("islandgp: stopped", file=sys.stderr)
         sys.exit(130)
     except (ImportError, AttributeError):
-        if not (why := in_the_way(Path.cwd())):
+        if not (reason := in_the_way(Path.cwd())):
             raise
-        print(f"islandgp: {why}", file=sys.stderr)
+        print(f"islandgp: {reason}", file=sys.stderr)
         sys.exit(2)

@@ -76,10 +76,10 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
     if chosen:
         _echo(f"\n{_totals([a for a in transcript.attempts if _question(a) in chosen])}", 0)
     if wrong:
-        why = " ".join(clean(wrong[0].damage or wrong[0].change).split())
+        reason = " ".join(clean(wrong[0].damage or wrong[0].change).split())
         raise SupervisionError(
             f"Expected {path} as it was written, found {len(wrong)} damaged or changed lines, which"
-            f" are not shown (the first: line {wrong[0].number}, {why}); restore a copy."
+            f" are not shown (the first: line {wrong[0].number}, {reason}); restore a copy."
         )
     if not chosen:
         generations = (

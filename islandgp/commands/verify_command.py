@@ -95,8 +95,8 @@ def _check_records(folder: RunFolder, generations: int, expected: str | None) ->
     lines = (records := generation_lines(path)).head(generations)
     if expected is not None:
         sums = path / "generations.sha256"
-        if why := wrong_record(lines, expected, sums):
-            raise RunError(f"generations.jsonl: {why}")
+        if damage := wrong_record(lines, expected, sums):
+            raise RunError(f"generations.jsonl: {damage}")
         if read_digests(sums)[: len(lines)] != list(digests(lines)):
             raise RunError(
                 f"{sums.name}: it differs from the records, which are as they were written"

@@ -224,10 +224,10 @@ def check_packages(composed: DictConfig, source: ConfigSource) -> None:
 
 def unresolved(error: OmegaConfBaseException) -> str:
     """The message for an interpolation that cannot be resolved."""
-    key, why = error.full_key or "", _short(error)
-    if match := re.search(r'"(.+)"$', why):  # the message of a resolver
-        why = match[1]
-    return f"{key}: expected a value, found none ({why}); give {key}=VALUE"
+    key, reason = error.full_key or "", _short(error)
+    if match := re.search(r'"(.+)"$', reason):  # the message of a resolver
+        reason = match[1]
+    return f"{key}: expected a value, found none ({reason}); give {key}=VALUE"
 
 
 def _yaml(error: yaml.YAMLError) -> str:

@@ -196,11 +196,13 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         training.
         """
         factory = self.domain.factory
-        how = self.perturb
-        wanted = (how is not None and how.training) if perturbed is None else perturbed
+        perturbation = self.perturb
+        wanted = (
+            (perturbation is not None and perturbation.training) if perturbed is None else perturbed
+        )
         with plugin_errors(path_of(factory)):
             return Problem.of(
-                factory, self.world, self.rewards, self.curriculum, how if wanted else None
+                factory, self.world, self.rewards, self.curriculum, perturbation if wanted else None
             )
 
     def plan(self, domain: Domain) -> Plan:
@@ -280,8 +282,8 @@ def _conflicts(settings: Settings) -> Iterator[str]:
     if settings.stop.tier is not None and settings.stop.tier not in tiers:
         yield f"stop.tier: expected one of {', '.join(tiers)}, found {settings.stop.tier!r}"
     mutations = {"gp.mutation": gp.mutation}
-    if isinstance(how := getattr(settings.search.settings(), "breeding", None), Breeding):
-        mutations["search.policy.breeding.mutation"] = how.mutation
+    if isinstance(breeding := getattr(settings.search.settings(), "breeding", None), Breeding):
+        mutations["search.policy.breeding.mutation"] = breeding.mutation
     for path, mutation in mutations.items():
         try:
             check_growth(gp.trees, gp.limits, mutation.subtree_depth, path)

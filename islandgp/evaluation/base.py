@@ -100,10 +100,16 @@ class Problem:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
-            how = recorded_perturbation(config)
-            use_perturbed = (how is not None and how.training) if perturbed is None else perturbed
+            perturbation = recorded_perturbation(config)
+            use_perturbed = (
+                (perturbation is not None and perturbation.training)
+                if perturbed is None
+                else perturbed
+            )
             curriculum = Curriculum(**config["curriculum"])
-            return cls.of(factory, world, rewards, curriculum, how if use_perturbed else None)
+            return cls.of(
+                factory, world, rewards, curriculum, perturbation if use_perturbed else None
+            )
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"

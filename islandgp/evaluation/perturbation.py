@@ -133,7 +133,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
 class PerturbedWorlds:
     """Creates the domain of each perturbed world; equal arguments give equal domains."""
 
-    how: Perturbation
+    perturbation: Perturbation
     factory: Any  # the domain's class
     worlds: tuple[BaseModel, ...]  # settings of the group `world`, by stage
     rewards: Any
@@ -145,9 +145,9 @@ class PerturbedWorlds:
             if len(self._made) >= CACHE_SIZE:
                 self._made.clear()
             world = self.worlds[stage]
-            changed = staged(world, self.how.changes(world.model_dump(), seed))
+            changed = staged(world, self.perturbation.changes(world.model_dump(), seed))
             domain = self.factory.make(changed, self.rewards)
-            if (faults := self.how.sensors()) is not None:
+            if (faults := self.perturbation.sensors()) is not None:
                 domain = domain.with_sensors(faults)
             self._made[stage, seed] = domain
         return self._made[stage, seed]

@@ -38,7 +38,7 @@ Score = tuple[float, int, float, int]
 def single_behaviours(
     classes: Classes,
     space: TreeSpace,
-    how: MutationSettings,
+    mutation: MutationSettings,
     evaluator: Evaluator,
     stage: int,
     *,
@@ -50,7 +50,7 @@ def single_behaviours(
     Args:
         classes: with the behaviours and their counters.
         space: the trees to search, within COMPACT.
-        how: the mutations.
+        mutation: the mutations.
         evaluator: runs about 200 episodes, and 500 per behaviour, in each of WORLDS worlds.
         stage: index of the curriculum's stage that scores the episodes.
         wanted: behaviours to search for; None: all.
@@ -80,18 +80,18 @@ def single_behaviours(
                 stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)
                 for i in range(CHILDREN)
             )
-            tried.run([_child(rng, parents, space, how) for rng in draws])
+            tried.run([_child(rng, parents, space, mutation) for rng in draws])
         tree = tried.pruned(tried.best(behaviour)[0], behaviour, space)
         yield behaviour, tree if tried.score(tree, behaviour)[0] > 0 else None
 
 
 def _child(
-    rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, how: MutationSettings
+    rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, mutation: MutationSettings
 ) -> Node:
     """A mutant of a parent, or of a crossover of two."""
     first, second = by_rank(rng, parents), by_rank(rng, parents)
     tree = CROSSOVERS["subtree"](rng, first, second, space.limits) if rng.random() < 0.5 else first
-    return mutate(rng, tree, rate=0.8, space=space, how=how)[0]
+    return mutate(rng, tree, rate=0.8, space=space, settings=mutation)[0]
 
 
 class _Tried:

@@ -230,7 +230,9 @@ def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
     return simplify(tree, space.vocabulary).tree
 
 
-def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+def tune(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, mutation: MutationSettings
+) -> Node:
     """Perturbs one number in the tree's conditions, or all of them.
 
     The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
@@ -239,7 +241,7 @@ def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSe
     places = numbers_of(tree, space)
     if not places:
         return tree
-    sd = how.number_sd * 20 ** (rng.random() - 1)
+    sd = mutation.number_sd * 20 ** (rng.random() - 1)
     if rng.random() >= TUNE_ALL:
         places = [places[rng.integers(len(places))]]
     for i, k in places:

@@ -185,9 +185,9 @@ def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> fl
 
 
 def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
-    how = space.settings.conditions
-    if how.joined and rng.random() < how.joined:
-        condition = _random_joined(rng, space, int(rng.integers(2, how.terms + 1)))
+    settings = space.settings.conditions
+    if settings.joined and rng.random() < settings.joined:
+        condition = _random_joined(rng, space, int(rng.integers(2, settings.terms + 1)))
         return GuardArgs(condition, random_abort(rng, space))
     name = space.keys[rng.integers(len(space.keys))]
     abort = random_abort(rng, space)

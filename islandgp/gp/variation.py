@@ -106,9 +106,11 @@ def _tree(result: object) -> Node:
     return result
 
 
-def _subtree(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+def _subtree(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
+) -> Node:
     """Replaces a subtree by a random one."""
-    return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, how.subtree_depth))
+    return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, settings.subtree_depth))
 
 
 def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
@@ -131,7 +133,7 @@ def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSet
 
 
 def _parameter(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings
+    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
 ) -> Node:
     """Perturbs a number, or replaces an argument, of a node."""
     nodes = [
@@ -143,9 +145,9 @@ def _parameter(
         return tree
     i, old = nodes[rng.integers(len(nodes))]
     if isinstance(old.args, ActionArgs):
-        return replace_at(tree, i, _other_argument(rng, old.args, space, how))
+        return replace_at(tree, i, _other_argument(rng, old.args, space, settings))
     args = random_args(rng, old.kind, space)
-    nudge = rng.normal(0, how.number_sd)
+    nudge = rng.normal(0, settings.number_sd)
     if isinstance(old.args, CountArgs):
         least, most = REPEATS
         moved = round(old.args.times + nudge * space.settings.repeats)
@@ -163,7 +165,7 @@ def _parameter(
 
 
 def _other_argument(
-    rng: np.random.Generator, args: ActionArgs, space: TreeSpace, how: MutationSettings
+    rng: np.random.Generator, args: ActionArgs, space: TreeSpace, settings: MutationSettings
 ) -> Node:
     """A leaf with one of its arguments perturbed, or replaced by a random value."""
     arguments = space.vocabulary.action(args.name).arguments
@@ -172,7 +174,7 @@ def _other_argument(
     if rng.random() < 0.5:
         values[key] = random_value(rng, arguments[key])
     else:
-        by = rng.normal(0, how.number_sd)
+        by = rng.normal(0, settings.number_sd)
         values[key] = moved_value(rng, arguments[key], values[key], by)
     return leaf_of(args.name, values, arguments)
 
@@ -188,10 +190,10 @@ def _rejoined(
     rng: np.random.Generator, expr: ConditionExpr, nudge: float, space: TreeSpace
 ) -> ConditionExpr:
     """A condition with a part added, removed or changed."""
-    parts, how = list(terms(expr)), space.settings.conditions
+    parts, settings = list(terms(expr)), space.settings.conditions
     at = int(rng.integers(len(parts)))
     key = space.vocabulary.keys[parts[at].key]
-    if how.joined and len(parts) < how.terms and rng.random() < 0.5:
+    if settings.joined and len(parts) < settings.terms and rng.random() < 0.5:
         new = combine(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
         return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
@@ -201,14 +203,16 @@ def _rejoined(
     return with_term(expr, at, random_term(rng, space)) or expr
 
 
-def _insert(rng: np.random.Generator, tree: Node, space: TreeSpace, how: MutationSettings) -> Node:
+def _insert(
+    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
+) -> Node:
     """Inserts an inner node above a node, or a child into a composite."""
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
     old = nodes[i]
     if old.children and len(old.children) < KINDS[old.kind].children[1] and rng.random() < 0.5:
         at = int(rng.integers(len(old.children) + 1))
-        new = grow(rng, space, how.subtree_depth)
+        new = grow(rng, space, settings.subtree_depth)
         return replace_at(
             tree, i, old._replace(children=(*old.children[:at], new, *old.children[at:]))
         )
@@ -282,7 +286,7 @@ def mutate(
     *,
     rate: float,
     space: TreeSpace,
-    how: MutationSettings,
+    settings: MutationSettings,
 ) -> tuple[Node, str]:
     """A mutation with probability `rate`: (new tree, operator), else (the same tree, "").
 
@@ -292,8 +296,8 @@ def mutate(
     if rng.random() >= rate:
         return tree, ""
     for _ in range(TRIES):
-        name = weighted(rng, how.operators)
-        new = function(name, MUTATIONS, _must_be_mutant)(rng, tree, space, how)
+        name = weighted(rng, settings.operators)
+        new = function(name, MUTATIONS, _must_be_mutant)(rng, tree, space, settings)
         if new != tree and within(new, space.limits):
             return new, name
     return tree, ""

@@ -92,8 +92,8 @@ def sound_state(
             damage.append(str(error))
             continue
         if damage:
-            why = damage[0].partition(";")[0].rstrip(".")
-            warn(f"{why}; going on from the checkpoint of generation {state.generation}.")
+            reason = damage[0].partition(";")[0].rstrip(".")
+            warn(f"{reason}; going on from the checkpoint of generation {state.generation}.")
             file.replace(newest)
         return state
     raise RunError(damage[0])
@@ -115,8 +115,8 @@ def _with_history(file: Path, generations: Lines, sums: Path) -> RunState:
     """A checkpoint's state. Raises RunError if it or a record before it is damaged or missing."""
     state, expected = read_checkpoint(file)
     lines = generations.head(state.generation)
-    if why := wrong_record(lines, expected, sums):
-        raise damaged(generations.what, generations.path, why)
+    if damage := wrong_record(lines, expected, sums):
+        raise damaged(generations.what, generations.path, damage)
     records = (generations.value(line, i) for i, line in enumerate(lines))
     history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
     return replace(state, history=history)

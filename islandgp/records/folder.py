@@ -308,8 +308,8 @@ class RunFolder:
             digest = chained(digest, line)
             yield self._generations.value(line, i)
         if expected is not None and digest != expected:
-            why = lines.wrong_record(list(self._generations.whole()), expected, self._sums)
-            raise damaged(self._generations.what, self._generations.path, why)
+            damage = lines.wrong_record(list(self._generations.whole()), expected, self._sums)
+            raise damaged(self._generations.what, self._generations.path, damage)
 
     def generations(self) -> Iterator[GenerationRecord]:
         """`checked_records` as GenerationRecord objects. Raises RunError."""

@@ -66,8 +66,8 @@ class RosLeaves:
             goal = goal_of(**arguments)
             clock = _Clock(entry.timeout, entry.server_timeout)
             while not client.server_is_ready():
-                if why := clock.late(server_is_there=False):
-                    return self._failed(name, f"{entry.action}: {why}")
+                if reason := clock.late(server_is_there=False):
+                    return self._failed(name, f"{entry.action}: {reason}")
                 yield
             handle = result = None
             clock.seen()
@@ -89,8 +89,8 @@ class RosLeaves:
                         status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
                     ended = status in _ENDS
                     available = handle is not None and client.server_is_ready()
-                    if not ended and (why := clock.late(server_is_there=available)):
-                        return self._failed(name, f"{entry.action}: {why}")
+                    if not ended and (reason := clock.late(server_is_there=available)):
+                        return self._failed(name, f"{entry.action}: {reason}")
                     if not ended:
                         yield
                 if status == GoalStatus.STATUS_SUCCEEDED:
@@ -134,14 +134,14 @@ class RosLeaves:
             request = request_of(**arguments)
             clock = _Clock(entry.timeout, entry.timeout)
             while not client.service_is_ready():
-                if why := clock.late(server_is_there=False):
-                    return self._failed(name, f"{entry.service}: {why}")
+                if reason := clock.late(server_is_there=False):
+                    return self._failed(name, f"{entry.service}: {reason}")
                 yield
             answer = client.call_async(request)
             try:
                 while not answer.done():
-                    if why := clock.late(server_is_there=client.service_is_ready()):
-                        return self._failed(name, f"{entry.service}: {why}")
+                    if reason := clock.late(server_is_there=client.service_is_ready()):
+                        return self._failed(name, f"{entry.service}: {reason}")
                     yield
                 if field is None or bool(value_of(answer.result(), field)):
                     self._log.info(f"{name}: succeeded")
@@ -153,8 +153,8 @@ class RosLeaves:
 
         return run
 
-    def _failed(self, name: str, why: str) -> bool:
-        self._log.warning(f"{name}: failed, {why}")
+    def _failed(self, name: str, reason: str) -> bool:
+        self._log.warning(f"{name}: failed, {reason}")
         return False
 
 

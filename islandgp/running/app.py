@@ -82,8 +82,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
     except Exception as error:
-        if why := shortage(error):
-            print(f"islandgp: {why}", file=sys.stderr)
+        if reason := shortage(error):
+            print(f"islandgp: {reason}", file=sys.stderr)
             return 2
         traceback.print_exc()
         print("islandgp: this is a bug in islandgp; the run's records are kept", file=sys.stderr)

@@ -67,9 +67,9 @@ def validation_episodes(settings: Settings, target: RunFolder) -> int:
 
 def _reference_tree(settings: Settings) -> tuple[str, str] | None:
     """Name and canonical text of the tree with which the best robot is compared, or None."""
-    how, domain = settings.library, settings.make_domain()
-    if how.folder is None or not how.reference_trees:
+    library, domain = settings.library, settings.make_domain()
+    if library.folder is None or not library.reference_trees:
         return None
-    name = how.reference_trees[0]
-    text = read_tree(library_folder(how.folder, domain), name)
+    name = library.reference_trees[0]
+    text = read_tree(library_folder(library.folder, domain), name)
     return name, to_text(parse(text, domain.schema.vocabulary, name=name))

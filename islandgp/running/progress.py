@@ -97,7 +97,7 @@ class Progress:
 
     def __init__(
         self,
-        how: Literal["auto", "plain", "off"],
+        mode: Literal["auto", "plain", "off"],
         generations: int,
         title: str,
         milestones: Sequence[str],
@@ -109,7 +109,7 @@ class Progress:
         """Nothing is printed before the context is entered.
 
         Args:
-            how: auto: a live table on a terminal, else lines; plain: lines; off: no output.
+            mode: auto: a live table on a terminal, else lines; plain: lines; off: no output.
             generations: number of all generations, >= 1.
             title: first line.
             milestones: tiers with a column.
@@ -117,7 +117,7 @@ class Progress:
             done: number of generations before a resumed run continues.
             keep: True if the live table stays on the terminal at the end.
         """
-        self.how = how
+        self.mode = mode
         self.generations = generations
         self.title = title
         self.milestones = milestones
@@ -127,7 +127,7 @@ class Progress:
         self.began = monotonic()
         self.rows: list[tuple[str, ...]] = []
         self._live: Live | None = None
-        if how == "auto" and sys.stderr.isatty():
+        if mode == "auto" and sys.stderr.isatty():
             from rich.console import Console
             from rich.live import Live
 
@@ -138,7 +138,7 @@ class Progress:
         if self._live is not None:
             self._live.start()
             self._live.update(self.drawn(self._live.console.height))
-        elif self.how != "off":
+        elif self.mode != "off":
             resumed = f" (from generation {self.done})" if self.done else ""
             _say(f"{self.title}{resumed}")
             _say("  ".join(f"{name:>{width}}" for name, width in self.columns.items()))
@@ -156,7 +156,7 @@ class Progress:
         self.rows.append(row(step, self.generations, seconds_left, self.milestones, rate=self.rate))
         if self._live is not None:
             self._live.update(self.drawn(self._live.console.height))
-        elif self.how != "off":
+        elif self.mode != "off":
             cells = zip(self.rows[-1], self.columns.values(), strict=True)
             _say("  ".join(f"{cell:>{width}}" for cell, width in cells).rstrip())
 

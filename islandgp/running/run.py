@@ -108,11 +108,11 @@ def make_library(settings: Settings, domain: Domain) -> Library:
 
     Without a folder a search finds a tree for each behaviour, once for all runs in `runs`.
     """
-    how, vocabulary = settings.library, domain.schema.vocabulary
-    if how.folder is None:
+    library, vocabulary = settings.library, domain.schema.vocabulary
+    if library.folder is None:
         return automatic_library(settings, domain, lambda: make_evaluator(settings))
-    folder = library_folder(how.folder, domain)
-    return read_library(how, folder, vocabulary, settings.classes)
+    folder = library_folder(library.folder, domain)
+    return read_library(library, folder, vocabulary, settings.classes)
 
 
 def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None) -> Plan:

@@ -70,9 +70,9 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         else:
             reasons.append("it breaks gp.max_depth or gp.max_nodes")
     if not trees:
-        why = f" ({reasons[0]})" if reasons else ""
+        reason = f" ({reasons[0]})" if reasons else ""
         raise ConfigError(
-            f"start={start}: expected trees that this run can use, found none{why}; give another"
+            f"start={start}: expected trees that this run can use, found none{reason}; give another"
             " run, or raise the limits."
         )
     return StartTrees(tuple(trees), len(reasons), reasons[0] if reasons else "")

@@ -58,12 +58,12 @@ def digest(tree: Node) -> str:
     return sha256(to_text(tree).encode()).hexdigest()[:12]
 
 
-def new_tree(rng: np.random.Generator, space: TreeSpace, how: Breeding) -> Node:
-    """A random tree: a priority list with probability `how.lists`, else grown as in the paper."""
+def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> Node:
+    """A random tree: a priority list with probability `breeding.lists`, else as in the paper."""
     for _ in range(TRIES):
-        lists = rng.random() < how.lists
+        lists = rng.random() < breeding.lists
         tree = random_list(rng, space) if lists else random_tree(rng, space)
-        if how.simplify:
+        if breeding.simplify:
             tree = simplify(tree, space.vocabulary).tree
         if within(tree, space.limits):
             return tree
@@ -97,7 +97,7 @@ def new_child(
     mother: Parent,
     fathers: Sequence[Parent],
     space: TreeSpace,
-    how: Breeding,
+    breeding: Breeding,
 ) -> tuple[Node, tuple[str, ...], str]:
     """A child of `mother`, and possibly of one of `fathers`, within the limits.
 
@@ -106,26 +106,26 @@ def new_child(
         mother: its tree is changed.
         fathers: candidates for the second parent of a crossover; may be empty.
         space: actions, keys, limits and settings of random trees.
-        how: the operators and their probabilities.
+        breeding: the operators and their probabilities.
 
     Returns:
         The tree, the ids of its parents, and its mutations joined by "+", or "".
     """
     tree, parents = mother.tree, [mother.id]
-    if fathers and rng.random() < how.crossover_rate:
+    if fathers and rng.random() < breeding.crossover_rate:
         father = fathers[int(rng.integers(len(fathers)))]
-        cross = crossover(weighted(rng, how.crossovers))
+        cross = crossover(weighted(rng, breeding.crossovers))
         crossed = cross(rng, tree, father.tree, space.limits)
         if crossed != tree:
             tree = crossed
             parents += [father.id] if father.id else []
     changes: list[str] = []
-    while not changes or rng.random() < how.further:
+    while not changes or rng.random() < breeding.further:
         if tree != mother.tree and not changes and rng.random() < CROSSED_ONLY:
             break
-        tree, change = mutate(rng, tree, rate=1.0, space=space, how=how.mutation)
+        tree, change = mutate(rng, tree, rate=1.0, space=space, settings=breeding.mutation)
         changes.append(change)
-    if how.simplify:
+    if breeding.simplify:
         tree = simplify(tree, space.vocabulary).tree
     return tree, tuple(parents), "+".join(change for change in changes if change)
 
@@ -143,7 +143,7 @@ class Brood:
 
 
 def new_generation(
-    plan: Plan, streams: Streams, state: SearchState, brood: Brood, how: Breeding
+    plan: Plan, streams: Streams, state: SearchState, brood: Brood, breeding: Breeding
 ) -> Iterator[Individual]:
     """Yields the individuals of a generation, `gp.population` of them, in slot order.
 
@@ -155,7 +155,7 @@ def new_generation(
         streams: the run's random streams; those of new slots are consumed.
         state: has the generation's index and the supervisor's advice for it.
         brood: the contents of the generation.
-        how: the settings of children and random trees.
+        breeding: the settings of children and random trees.
     """
     g, n = state.generation, plan.gp.population
     advice = state.advice or Advice(rate=0.0)
@@ -171,7 +171,7 @@ def new_generation(
     tried = {*brood.tried, *(digest(i.tree) for i in individuals)}
     for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        yield _new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, how, tried)
+        yield _new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, breeding, tried)
 
 
 def _new_individual(
@@ -179,7 +179,7 @@ def _new_individual(
     name: str,
     pick: Pick | None,
     space: TreeSpace,
-    how: Breeding,
+    breeding: Breeding,
     tried: set[str],
 ) -> Individual:
     """A child of the parents that `pick` draws, or a random tree. Its digest is added to `tried`.
@@ -188,9 +188,9 @@ def _new_individual(
     """
     for _ in range(TRIES):
         if pick is None:
-            i = Individual(name, new_tree(rng, space, how), Origin.RANDOM)
+            i = Individual(name, new_tree(rng, space, breeding), Origin.RANDOM)
         else:
-            tree, parents, changes = new_child(rng, *pick(rng), space, how)
+            tree, parents, changes = new_child(rng, *pick(rng), space, breeding)
             origin = Origin.CROSSOVER if len(parents) > 1 else Origin.COPY
             i = Individual(name, tree, origin, parents, changes)
         key = digest(i.tree)

@@ -109,7 +109,9 @@ def mutated(
         spared = () if plan.gp.mutate_elites else UNMUTATED
         if i.origin not in (*spared, Origin.EDITED):
             rng = streams(Stream.MUTATION, generation=generation, slot=slot)
-            tree, operator = mutate(rng, i.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
+            tree, operator = mutate(
+                rng, i.tree, rate=rate, space=plan.space, settings=plan.gp.mutation
+            )
             i = replace(i, tree=tree, mutation=operator)
         new.append(i)
     return tuple(new)

@@ -41,13 +41,13 @@ class Baseline:
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
         """See `Supervisor`. The present rate times a factor, within the limits."""
-        how, stuck = self.settings, state.stagnant_generations
+        settings, stuck = self.settings, state.stagnant_generations
         if state.best_rose:
-            factor, why = how.down, "the best fitness rose"
-        elif stuck >= how.patience:
-            factor, why = how.up, f"no better fitness for {stuck} generations"
+            factor, reason = settings.down, "the best fitness rose"
+        elif stuck >= settings.patience:
+            factor, reason = settings.up, f"no better fitness for {stuck} generations"
         else:
-            factor, why = 1.0, "waiting"
-        least, most = how.rates
+            factor, reason = 1.0, "waiting"
+        least, most = settings.rates
         rate = min(most, max(least, state.mutation_rate * factor))
-        return Guidance(rate, None, self.name, reasoning=why)
+        return Guidance(rate, None, self.name, reasoning=reason)

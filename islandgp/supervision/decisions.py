@@ -35,6 +35,8 @@ def decisions(runs: Iterable[Sequence[GuidanceRecord]]) -> Decisions:
         patterns=Counter(g.pattern for g in guidance if g.pattern),
         targets=Counter(g.target for g in guidance if g.target and g.injected),
         crises=Counter(g.crisis for g in guidance if g.crisis),
-        episodes=Counter(why for run in runs for why, _ in groupby(g.crisis for g in run) if why),
+        episodes=Counter(
+            reason for run in runs for reason, _ in groupby(g.crisis for g in run) if reason
+        ),
         interventions=sum(g.intervention for g in guidance),
     )

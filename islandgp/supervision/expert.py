@@ -53,23 +53,23 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-def exploitation_level(state: PopulationState, how: ExpertSettings) -> float:
+def exploitation_level(state: PopulationState, settings: ExpertSettings) -> float:
     """Position in the phase's rate range, in [0, 1]; 0: its high end. Rises with working robots."""
-    return min(1.0, max(state.now.working, state.quality / (2 * how.several)))
+    return min(1.0, max(state.now.working, state.quality / (2 * settings.several)))
 
 
-def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
+def classify_phase(state: PopulationState, settings: ExpertSettings) -> Phase:
     """The phase of the state, Table 8."""
-    good, stuck = state.quality, state.stagnant_generations >= how.plateau
+    good, stuck = state.quality, state.stagnant_generations >= settings.plateau
     if not good:
         if state.ever_quality:
-            collapsed = state.now.diversity < how.collapse
+            collapsed = state.now.diversity < settings.collapse
             return Phase.CRISIS_INTERVENTION if collapsed else Phase.AGGRESSIVE_EXPLORATION
         return Phase.EARLY_EXPLORATION
-    if state.now.diversity < how.collapse:
+    if state.now.diversity < settings.collapse:
         return Phase.AGGRESSIVE_EXPLORATION
-    if good >= how.several:
-        if rising(state, how):
+    if good >= settings.several:
+        if rising(state, settings):
             return Phase.EXPLOITATION
         return Phase.BALANCED_OPTIMIZATION if stuck else Phase.REFINEMENT
     if stuck or (state.diversity_trend < 0 and state.diversity_warning):
@@ -77,29 +77,29 @@ def classify_phase(state: PopulationState, how: ExpertSettings) -> Phase:
     return Phase.REFINEMENT
 
 
-def rising(state: PopulationState, how: ExpertSettings) -> bool:
+def rising(state: PopulationState, settings: ExpertSettings) -> bool:
     """True if the best fitness rose by more than `strong` over the window."""
-    return state.best_rise > how.strong
+    return state.best_rise > settings.strong
 
 
-def classify_pattern(state: PopulationState, how: ExpertSettings) -> Pattern:
+def classify_pattern(state: PopulationState, settings: ExpertSettings) -> Pattern:
     """The evolutionary pattern of the state, Table 6."""
     if state.crisis == "stagnation":
         return Pattern.STAGNATION
-    if state.now.diversity < how.collapse:
+    if state.now.diversity < settings.collapse:
         return Pattern.PREMATURE_CONVERGENCE
     if not state.ever_quality:
         return Pattern.EXPLORATION_PHASE
-    return Pattern.RAPID_IMPROVEMENT if rising(state, how) else Pattern.HEALTHY_PROGRESS
+    return Pattern.RAPID_IMPROVEMENT if rising(state, settings) else Pattern.HEALTHY_PROGRESS
 
 
-def wanted_rate(state: PopulationState, how: ExpertSettings) -> float:
+def wanted_rate(state: PopulationState, settings: ExpertSettings) -> float:
     """The mutation rate, in [0, 1]: within the phase's range, lower with more working robots."""
-    low, high = how.rates[classify_phase(state, how)]
-    return high - (high - low) * exploitation_level(state, how)
+    low, high = settings.rates[classify_phase(state, settings)]
+    return high - (high - low) * exploitation_level(state, settings)
 
 
-def choose_target(state: PopulationState, how: ExpertSettings) -> str:
+def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
     """The target of the next tree, Table 7.
 
     Missing behaviours come first, then a crisis, then rare behaviours. Before the first robot of
@@ -107,15 +107,15 @@ def choose_target(state: PopulationState, how: ExpertSettings) -> str:
     behaviours.
     """
     counts = state.now.behaviour_counts
-    order = [*(name for name in how.hardest or () if name in counts), *reversed(counts)]
+    order = [*(name for name in settings.hardest or () if name in counts), *reversed(counts)]
     rarest = min(order, key=lambda name: counts[name])
     if not counts[rarest]:
         return rarest
     if state.crisis:
         return EXPLORATION
-    if not state.ever_quality or counts[rarest] < how.rare * state.population:
+    if not state.ever_quality or counts[rarest] < settings.rare * state.population:
         return rarest
-    return RARE if state.now.diversity < how.collapse else INTEGRATION
+    return RARE if state.now.diversity < settings.collapse else INTEGRATION
 
 
 def early(targets: Sequence[str]) -> tuple[str, ...]:
@@ -177,13 +177,13 @@ class Expert:
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A rate within the phase's range, and a tree for the chosen target."""
-        how = self.settings
-        phase, pattern = classify_phase(state, how), classify_pattern(state, how)
-        target = choose_target(state, how)
+        settings = self.settings
+        phase, pattern = classify_phase(state, settings), classify_pattern(state, settings)
+        target = choose_target(state, settings)
         tree = self.tree_for(target, state, rng)
         goal = f"{title(next(iter(state.milestones_reached)))} {self.agent}s"
         return Guidance(
-            mutation_rate=wanted_rate(state, how),
+            mutation_rate=wanted_rate(state, settings),
             source=self.name,
             phase=phase,
             pattern=pattern,

@@ -82,8 +82,8 @@ def ask(
         first = error.errors(include_url=False)[0]
         field, text = ".".join(map(str, first["loc"])), repr(first["input"])
         shown = text if len(text) <= 60 else text[:60] + "..."
-        why = first["msg"].removeprefix("Value error, ")
-        value = f"{field}={shown}: {why[:1].lower()}{why[1:]}" if field else shown
+        reason = first["msg"].removeprefix("Value error, ")
+        value = f"{field}={shown}: {reason[:1].lower()}{reason[1:]}" if field else shown
         raise _wrong(path, "a Guidance", value) from None
     target, tree = guidance.target, guidance.tree
     if target is not None and target not in state.targets:
@@ -235,8 +235,8 @@ def decide(
         else:
             refused.append("the search has no mutation rate")
     tree = guidance.tree
-    if tree is not None and (why := _why_refused(tree, plan, search)):
-        refused.append(why)
+    if tree is not None and (reason := _why_refused(tree, plan, search)):
+        refused.append(reason)
         tree = None
     applied = plan.gp.crisis.rate(wanted, state.crisis)
     edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
@@ -310,7 +310,7 @@ def _mutated(
     mutants = []
     for slot, e in enumerate(trees):
         rng = streams(Stream.EDIT, generation=generation, slot=slot)
-        tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, how=plan.gp.mutation)
+        tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, settings=plan.gp.mutation)
         changes = f"{e.operator}+{operator}" if operator else e.operator
         mutants.append(EditedTree(tree, e.parents, changes))
     return tuple(mutants)

@@ -104,8 +104,8 @@ def job_line(run: RunFolder) -> str:
         _, job = job_of(run.path)
         if job is not None and job.pruned is not None:
             return f"{run.path.name}: pruned in generation {job.pruned}"
-        why = run.reason()
-        return f"{run.path.name}: {f'failed: {why}' if why else 'stopped'}"
+        reason = run.reason()
+        return f"{run.path.name}: {f'failed: {reason}' if reason else 'stopped'}"
     s = run.summary()
     tier, first = next(iter(s["first"].items()))  # the easiest milestone
     milestone = f"{title(tier)} {run.agent}"
@@ -118,18 +118,18 @@ def job_line(run: RunFolder) -> str:
 class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
-    def __init__(self, look: Callable[[], Start], how: Literal["auto", "plain", "off"]) -> None:
+    def __init__(self, look: Callable[[], Start], mode: Literal["auto", "plain", "off"]) -> None:
         """`look` returns the jobs so far.
 
         `auto`: one live line on a terminal, else a line whenever a job has ended.
         """
         self.look = look
-        self.how = how
+        self.mode = mode
         self._over = Event()
         self._thread = Thread(target=self._work, name="sweep progress", daemon=True)
 
     def __enter__(self) -> Self:
-        if self.how != "off":
+        if self.mode != "off":
             self._thread.start()
         return self
 
@@ -139,7 +139,7 @@ class Watch:
             self._thread.join()
 
     def _work(self) -> None:
-        if self.how == "auto" and sys.stderr.isatty():
+        if self.mode == "auto" and sys.stderr.isatty():
             self._live()
             return
         for n, (start, ended) in enumerate(self._looks()):

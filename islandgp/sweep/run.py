@@ -230,8 +230,8 @@ def _report_unfinished(entries: Entries) -> int:
     print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
     for run, job in bad:
         busy = run.status() is Status.RUNNING
-        why = "another process is at work on it" if busy else run.reason() or "its process died"
-        print(f"\n  {job.folder}: {why}", file=sys.stderr)
+        reason = "another process is at work on it" if busy else run.reason() or "its process died"
+        print(f"\n  {job.folder}: {reason}", file=sys.stderr)
         if run.error():
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
         print(f"    again:  {job.command}", file=sys.stderr)

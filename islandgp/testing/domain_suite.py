@@ -91,8 +91,8 @@ class DomainSuite:
         yield from leaves
         yield from (sequence(*pair) for pair in pairwise((leaves[-1], *leaves)))
         grown = yaml.safe_load(resource("conf/gp/paper.yaml").read_bytes())["trees"]
-        how = TreeSettings.model_validate({**grown, "depth": (2, 4)})
-        space = TreeSpace(how, vocabulary, Limits(max_depth=5, max_nodes=30))
+        settings = TreeSettings.model_validate({**grown, "depth": (2, 4)})
+        space = TreeSpace(settings, vocabulary, Limits(max_depth=5, max_nodes=30))
         for slot in range(self.random_trees):
             yield random_tree(np.random.default_rng(slot), space)
 

@@ -139,8 +139,8 @@ def _tree(
     while len(ideas) < wanted:
         ideas.append(_varied(first, rng))
     texts = [to_text(tree) for tree in ideas[:wanted]]
-    why = f"Mock answer: {target} is lacking."
-    answer: dict[str, Any] = {"rationale": why, "target": target}
+    reason = f"Mock answer: {target} is lacking."
+    answer: dict[str, Any] = {"rationale": reason, "target": target}
     return {**answer, "trees": texts} if match else {**answer, "tree": texts[0]}
 
 

@@ -111,9 +111,9 @@ def _origin(step: LineageStep) -> str:
 def _guidance(step: LineageStep) -> str:
     if step.guidance is None:
         return ""
-    why = str(step.guidance.get("rationale") or step.guidance.get("reasoning") or "")
-    why = why if len(why) <= NOTE else f"{why[:NOTE]} ..."
-    return f'<p class="soft">{escape(why)}</p>' if why else ""
+    reason = str(step.guidance.get("rationale") or step.guidance.get("reasoning") or "")
+    reason = reason if len(reason) <= NOTE else f"{reason[:NOTE]} ..."
+    return f'<p class="soft">{escape(reason)}</p>' if reason else ""
 
 
 def _changes(step: LineageStep) -> str:

@@ -175,7 +175,7 @@ def test_evolution_joins_conditions_where_it_may() -> None:
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, space)
         for _ in range(5):
-            tree, _ = mutate(rng, tree, rate=1.0, space=space, how=gp.mutation)
+            tree, _ = mutate(rng, tree, rate=1.0, space=space, settings=gp.mutation)
         asked = [guard_of(node).condition for node in walk(tree) if node.guard]
         sizes.update(len(list(terms(each))) for each in asked)
         assert parse(to_text(tree), VOCABULARY) == tree
@@ -193,7 +193,7 @@ def test_mutation_of_joined_conditions_without_configuration() -> None:
     sizes: set[int] = set()
     for seed in range(200):
         rng = np.random.default_rng(seed)
-        new, _ = mutate(rng, tree, rate=1.0, space=space, how=only)
+        new, _ = mutate(rng, tree, rate=1.0, space=space, settings=only)
         sizes.add(len(list(terms(guard_of(new).condition))))
         assert parse(to_text(new), VOCABULARY) == new
     assert sizes == {2, 3}

@@ -141,7 +141,7 @@ def test_random_trees_keep_their_ranges(seed: int, operator: str) -> None:
     """What evolution draws and moves can be written, read and sent as JSON."""
     rng = np.random.default_rng(seed)
     how = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.5)
-    tree, _ = mutate(rng, random_tree(rng, SPACE), rate=1.0, space=SPACE, how=how)
+    tree, _ = mutate(rng, random_tree(rng, SPACE), rate=1.0, space=SPACE, settings=how)
     assert read(to_text(tree)) == tree == parse(to_text(tree))
     assert from_json(to_json(tree), WORDS) == tree
     for node in walk(tree):
@@ -210,7 +210,7 @@ def test_evolved_arguments_keep_their_steps(name: str, operator: str) -> None:
     tree = random_tree(rng, space)
     values: set[float] = set()
     for _ in range(60):
-        tree = mutate(rng, tree, rate=1, space=space, how=how)[0]
+        tree = mutate(rng, tree, rate=1, space=space, settings=how)[0]
         leaves = [node.args for node in walk(tree) if isinstance(node.args, ActionArgs)]
         values |= {float(value) for args in leaves for _, value in args.values}
     parameter = STEPS[name]

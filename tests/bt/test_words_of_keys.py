@@ -175,7 +175,7 @@ def test_evolution_draws_and_moves_them() -> None:
         for _ in range(60):
             operator = {str(rng.choice([*MUTATIONS])): 1.0}
             mutation = MutationSettings(operators=operator, subtree_depth=2, number_sd=0.5)
-            tree, _ = mutate(rng, random_tree(rng, space), rate=1.0, space=space, how=mutation)
+            tree, _ = mutate(rng, random_tree(rng, space), rate=1.0, space=space, settings=mutation)
             assert to_text(read(to_text(tree))) == to_text(tree)
             seen |= {(pairs, term.key, bool(term.other)) for term in asked_in(tree)}
     assert not any(other for pairs, _, other in seen if not pairs)

@@ -326,7 +326,7 @@ def test_tight_limits(domain: str) -> None:
         for operator in NEW:
             how = MutationSettings(operators={operator: 1}, subtree_depth=1, number_sd=0.2)
             rng = np.random.default_rng(seed)
-            tree, _ = mutate(rng, tree, rate=1.0, space=space, how=how)
+            tree, _ = mutate(rng, tree, rate=1.0, space=space, settings=how)
             assert within(tree, tight)
 
 

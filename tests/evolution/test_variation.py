@@ -78,7 +78,7 @@ def mutated(seed: int, tree: Node, operator: str, limits: Limits = LIMITS) -> No
         tree,
         rate=1.0,
         space=space(limits),
-        how=only(operator),
+        settings=only(operator),
     )
     return new
 
@@ -135,7 +135,7 @@ def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
     """At rate 0 the same tree comes back, and no operator is named."""
     how = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    assert mutate(rng, tree, rate=0.0, space=space(), how=how) == (tree, "")
+    assert mutate(rng, tree, rate=0.0, space=space(), settings=how) == (tree, "")
 
 
 @examples(max_examples=60)
@@ -144,7 +144,7 @@ def test_named_mutation_changes_the_tree(tree: Node, seed: int) -> None:
     """When an operator is named the tree is another one; when none is, it is the same."""
     how = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    new, name = mutate(rng, tree, rate=1.0, space=space(), how=how)
+    new, name = mutate(rng, tree, rate=1.0, space=space(), settings=how)
     assert (new != tree) == (name in MUTATIONS)
 
 
@@ -154,7 +154,7 @@ def test_rate_is_the_share_that_mutates() -> None:
     hits = 0
     for seed in range(1000):
         rng = np.random.default_rng(seed)
-        hits += mutate(rng, tree, rate=0.3, space=space(), how=how)[1] != ""
+        hits += mutate(rng, tree, rate=0.3, space=space(), settings=how)[1] != ""
     assert 260 < hits < 340
 
 
@@ -168,7 +168,7 @@ def test_a_higher_rate_mutates_the_same_and_more() -> None:
                 tree,
                 rate=rate,
                 space=space(),
-                how=how,
+                settings=how,
             )
             for rate in (0.2, 0.6)
         )
@@ -220,7 +220,7 @@ def test_a_kind_without_weight_never_appears() -> None:
     found = Counter()
     for seed in range(300):
         rng = np.random.default_rng(seed)
-        new, _ = mutate(rng, start, rate=1.0, space=space(how=few), how=composed().gp.mutation)
+        new, _ = mutate(rng, start, rate=1.0, space=space(how=few), settings=composed().gp.mutation)
         found.update(n.kind for n in walk(new))
     assert set(found) == {"action", "selector", "sequence", "inverter", "repeater"}
 
@@ -274,7 +274,7 @@ def test_random_trees_without_keys() -> None:
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, blind)
         for operator in MUTATIONS:
-            tree, _ = mutate(rng, tree, rate=1.0, space=blind, how=only(operator))
+            tree, _ = mutate(rng, tree, rate=1.0, space=blind, settings=only(operator))
         found.update(n.kind for n in walk(tree))
     assert set(found) == PAPER - {"when"}
 

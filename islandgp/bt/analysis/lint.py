@@ -175,8 +175,8 @@ def _guard(
 ) -> Iterator[tuple[int, str, str]]:
     expr = guard.condition
     if never(guard, context):
-        why = _why_not(expr, context.at_start, above, context.vocabulary)
-        yield at + 1, "unreachable", f"this branch can never run: {why}"
+        reason = _why_not(expr, context.at_start, above, context.vocabulary)
+        yield at + 1, "unreachable", f"this branch can never run: {reason}"
         return
     if implies(context.at_start, expr):
         needless = not guard.checks_itself or implies(context.always, expr)

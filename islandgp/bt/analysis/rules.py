@@ -114,12 +114,14 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if not candidates:
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
-        why = "neither proven nor refuted: if keys are compared with keys, only guards are examined"
-        return RuleResult(rule, "unknown", why)
+        reason = (
+            "neither proven nor refuted: if keys are compared with keys, only guards are examined"
+        )
+        return RuleResult(rule, "unknown", reason)
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
     if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
-        why = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
-        return RuleResult(rule, "unknown", why)
+        reason = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
+        return RuleResult(rule, "unknown", reason)
     machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
 
@@ -176,13 +178,13 @@ def _explored(
                         origins[move.memory] = _MemoryOrigin(memory, board, move.calls)
                         waiting.append(move.memory)
     except SpentError:
-        why = (
+        reason = (
             f"neither proven nor refuted in {len(origins):,} states of the tree; give more --steps"
         )
-        return RuleResult(rule, "unknown", why)
+        return RuleResult(rule, "unknown", reason)
     if doubtful or not whole or not machine.sets.exact:
-        why = "neither proven nor refuted: its conditions distinguish too many blackboards"
-        return RuleResult(rule, "unknown", why)
+        reason = "neither proven nor refuted: its conditions distinguish too many blackboards"
+        return RuleResult(rule, "unknown", reason)
     return RuleResult(
         rule, "proven", f"no tick breaks it in any of {len(origins):,} states of the tree"
     )

@@ -193,10 +193,10 @@ def _about_action(name: str, action: Action) -> str:
 def _about_key(name: str, key: Key) -> str:
     if key.words:
         return f"**{name}**: {key.meaning}\n\n{key.kind}\n\nExample: `when {key.example(name)}`."
-    how = f"`when {name}`" if key.flag else f"`when {name} < {key.low + key.step:g}`"
+    example = f"`when {name}`" if key.flag else f"`when {name} < {key.low + key.step:g}`"
     most = "" if key.most is None else f" to {key.most:g}"
     bounds = "" if key.flag else f"\n\nA {'whole ' * key.whole}number, from {key.low:g}{most}."
-    return f"**{name}**: {key.meaning}{bounds}\n\nExample: {how}."
+    return f"**{name}**: {key.meaning}{bounds}\n\nExample: {example}."
 
 
 def subtrees(text: str, folder: Path) -> dict[str, str]:

@@ -232,9 +232,9 @@ def _schema(text: str, name: str) -> Vocabulary:
         return Vocabulary(declared.domain, actions, keys)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        at, why = ".".join(map(str, first["loc"])) or "the file", first["msg"]
+        at, reason = ".".join(map(str, first["loc"])) or "the file", first["msg"]
         raise DomainError(
-            f"{name}: {at:.100}: {why[0].lower()}{why[1:]}; see `islandgp domain --json`."
+            f"{name}: {at:.100}: {reason[0].lower()}{reason[1:]}; see `islandgp domain --json`."
         ) from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None

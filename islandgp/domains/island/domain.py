@@ -84,12 +84,12 @@ class Island:
 
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- all seeds are alike in this
         """See `Domain`."""
-        how = self.world.episode
+        episode = self.world.episode
         return (
-            f"An episode has at most {how.length:g} s, in ticks of {how.step:g} s. It ends early"
-            f" after {how.stagnation:g} s without a better fitness"
-            f" ({how.stagnation_low_battery:g} s while the battery is low), after"
-            f" {how.negative:g} s of negative fitness, and when the battery is empty."
+            f"An episode has at most {episode.length:g} s, in ticks of {episode.step:g} s. It ends"
+            f" early after {episode.stagnation:g} s without a better fitness"
+            f" ({episode.stagnation_low_battery:g} s while the battery is low), after"
+            f" {episode.negative:g} s of negative fitness, and when the battery is empty."
         )
 
     def run_episode(

@@ -67,11 +67,11 @@ class Adviser:
         """
         generation, questions = state.now.generation, self.questions
         models = drawn_models(self.settings, questions.history.gains, questions.parts, rng)
-        how = self._given_up(calls, generation) or capabilities(generation)
-        if isinstance(how, Failure):
-            answers = {part: unasked(calls, generation, part, how) for part in questions.parts}
+        server = self._given_up(calls, generation) or capabilities(generation)
+        if isinstance(server, Failure):
+            answers = {part: unasked(calls, generation, part, server) for part in questions.parts}
         else:
-            answers = self._answers(state, calls, how, models)
+            answers = self._answers(state, calls, server, models)
             if episodes := questions.run_values(state).episodes:
                 calls.transcript.add(Played(generation, "traces", episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
@@ -97,11 +97,11 @@ class Adviser:
 
     def _given_up(self, calls: Calls, generation: int) -> Failure | None:
         """The failure if the model is no longer asked, because of unusable answers; else None."""
-        how, useless = self.settings.useless, calls.transcript.useless_before(generation)
-        if how is None or len(useless) < how.most:
+        limits, useless = self.settings.useless, calls.transcript.useless_before(generation)
+        if limits is None or len(useless) < limits.most:
             return None
         last = f" (the last: {useless[-1].why})" if useless[-1].failed in CHARGED else ""
-        if how.then == "stop":
+        if limits.then == "stop":
             raise SupervisionError(
                 f"Expected a usable answer of {self.settings.model_name}, found none to the last"
                 f" {len(useless)} questions{last}; set another supervisor.policy.model, or raise"

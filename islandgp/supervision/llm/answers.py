@@ -194,11 +194,11 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
     # If a further object was begun when the tokens ran out, those before it are drafts.
     if fields is None or (cut_off and "{" in _objects(reply.text)[1]):
         if reply.text.strip():
-            why = ("none that can be read", "an answer that was cut off; make it much shorter")
+            fault = ("none that can be read", "an answer that was cut off; make it much shorter")
         else:
             early = "an answer that was cut off before its first word; think much less"
-            why = ("an empty answer", early)
-        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {why[cut_off]}.")
+            fault = ("an empty answer", early)
+        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault[cut_off]}.")
     # JSON escapes can encode characters that were removed from the text itself.
     values = {key: cleaned(value) for key, value in fields.items()}
     try:

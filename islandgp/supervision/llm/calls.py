@@ -45,22 +45,24 @@ T = TypeVar("T")
 Check = Callable[[Reply], Accepted | Rejection]
 
 
-def final(answer: Reply | Failure, attempt: int, how: RetrySettings) -> bool:
+def final(answer: Reply | Failure, attempt: int, settings: RetrySettings) -> bool:
     """True if no further attempt follows the one with number `attempt` (from 1)."""
-    if isinstance(answer, Reply) or attempt >= how.attempts:
+    if isinstance(answer, Reply) or attempt >= settings.attempts:
         return True
     requested = answer.should_retry  # by the server
     may_help = answer.kind in TRANSIENT if requested is None else requested
-    return not may_help or (answer.retry_after or 0) > how.retry_after_most
+    return not may_help or (answer.retry_after or 0) > settings.retry_after_most
 
 
-def wait(failure: Failure, attempt: int, how: RetrySettings, rng: np.random.Generator) -> float:
+def wait(
+    failure: Failure, attempt: int, settings: RetrySettings, rng: np.random.Generator
+) -> float:
     """Seconds to wait after the failed attempt number `attempt` (from 1).
 
     At least what the server requests; otherwise exponential backoff times a factor in [0.5, 1], so
     that the runs of a sweep do not retry at the same time.
     """
-    backoff = min(how.longest_wait, how.first_wait * 2.0 ** (attempt - 1))
+    backoff = min(settings.longest_wait, settings.first_wait * 2.0 ** (attempt - 1))
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
 
@@ -233,10 +235,10 @@ class LiveCalls:
         answer: Reply | Failure
         with self._sending:
             seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
-            if not (why := self.ledger.reserve(most, waited)):
+            if not (reason := self.ledger.reserve(most, waited)):
                 self.transcript.add(Sent(call, number, most, round(waited + seconds, 3)))
-        if why:
-            answer = Failure(FailureKind.BUDGET, why)
+        if reason:
+            answer = Failure(FailureKind.BUDGET, reason)
         else:
             answer = self._with_remedy(self.client.send(request, seconds=seconds), seconds)
         retry_after = answer.retry_after if isinstance(answer, Failure) else None
@@ -257,7 +259,7 @@ class LiveCalls:
             at=at,
         )
         self.transcript.add(attempt)
-        if not why:
+        if not reason:
             self.ledger.settle(attempt, most)
         return answer
 
@@ -311,34 +313,34 @@ def converse(
     """
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
-    accepted, source, why, failed = None, "fallback", "", ""
+    accepted, source, reason, failed = None, "fallback", "", ""
     for turn in range(1 + repairs):
         prompts.append(request.prompt_digest)
         answer = calls.ask(Call(generation, part, turn), request)
         if isinstance(answer, Failure):
-            why, failed = f"{answer.kind}: {answer.message}", answer.kind.value
+            reason, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
         checked = check(answer)
         if isinstance(checked, Accepted):
             words = ("llm", "repaired" if turn else "", checked.change)
-            accepted, source, why = checked, ", ".join(word for word in words if word), ""
+            accepted, source, reason = checked, ", ".join(word for word in words if word), ""
             break
         rejected.append(checked.stage)
-        why = f"{checked.stage}: {checked.error}"
+        reason = f"{checked.stage}: {checked.error}"
         if checked.stage is RejectionStage.REFUSED:
             break
         request = request.followed_by(answer.text[:MAX_QUOTED], repair(checked))
-    end = Conclusion(generation, part, source, why, tuple(rejected), failed)
+    end = Conclusion(generation, part, source, reason, tuple(rejected), failed)
     calls.transcript.add(end)
     if accepted is None:
         return Conversation(None, end, tuple(prompts))
     return Conversation(accepted.guidance, end, tuple(prompts), accepted.others)
 
 
-def unasked(calls: Calls, generation: int, part: str, why: Failure) -> Conversation:
+def unasked(calls: Calls, generation: int, part: str, failure: Failure) -> Conversation:
     """The conversation of a question that is not asked because of a failure."""
-    reason = f"{why.kind}: {why.message}"
-    end = Conclusion(generation, part, "fallback", reason, (), why.kind.value)
+    reason = f"{failure.kind}: {failure.message}"
+    end = Conclusion(generation, part, "fallback", reason, (), failure.kind.value)
     calls.transcript.add(end)
     return Conversation(None, end)
 

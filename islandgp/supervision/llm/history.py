@@ -153,15 +153,15 @@ class RunValues:
     episodes: int  # that were run for them
 
 
-def constant_values(how: InformedSettings, context: RunContext) -> dict[str, str]:
+def constant_values(settings: InformedSettings, context: RunContext) -> dict[str, str]:
     """Values that are the same in all generations; "" for a part that is left out."""
     return {
-        "reasoning": "first" if how.reasoning else "",
-        "differ": "differ" if how.differ else "",
-        "traces_told": "yes" if how.traces else "",
-        "decisions_told": "yes" if how.decisions else "",
-        "rewards": _rewards(context.rewards, context.schema) if how.rewards else "",
-        "thresholds": _thresholds(context.crisis) if how.rewards else "",
+        "reasoning": "first" if settings.reasoning else "",
+        "differ": "differ" if settings.differ else "",
+        "traces_told": "yes" if settings.traces else "",
+        "decisions_told": "yes" if settings.decisions else "",
+        "rewards": _rewards(context.rewards, context.schema) if settings.rewards else "",
+        "thresholds": _thresholds(context.crisis) if settings.rewards else "",
     }
 
 
@@ -172,23 +172,23 @@ NO_VALUES: Final = RunValues(dict.fromkeys(RUN_VALUES, ""), 0)
 
 
 def run_values(
-    how: InformedSettings, context: RunContext, state: PopulationState, run: RunHistory
+    settings: InformedSettings, context: RunContext, state: PopulationState, run: RunHistory
 ) -> RunValues:
     """The other values; "" for a part that is left out, or without data so far."""
     if run.now is None:
         return NO_VALUES
     values, episodes = dict.fromkeys(RUN_VALUES, ""), 0
-    if how.classes:
+    if settings.classes:
         values["earnings"] = "\n".join(_earnings(run.now.individuals, context.classes))
-    if how.injected:
+    if settings.injected:
         trees = [
-            _injected(tree, run.now, context.classes) for tree in run.injected[-how.injected :]
+            _injected(tree, run.now, context.classes) for tree in run.injected[-settings.injected :]
         ]
         values["injected"] = "\n\n".join(trees)
-    if how.decisions:
-        lines = [_decision(past, context.classes) for past in run.decisions[-how.decisions :]]
+    if settings.decisions:
+        lines = [_decision(past, context.classes) for past in run.decisions[-settings.decisions :]]
         values["decisions"] = "\n".join(lines)
-    if how.traces:
+    if settings.traces:
         values["traces"], episodes = _traces(context, state, run.now)
     return RunValues(values, episodes)
 

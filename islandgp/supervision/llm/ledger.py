@@ -143,9 +143,9 @@ class Ledger:
 
     def reserve(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """Reserves a request in the sweep's ledger, unless it could exceed a cap; see `over`."""
-        why = self.over(next_at_most, waited)
-        if why or self.sweep is None:
-            return why
+        reason = self.over(next_at_most, waited)
+        if reason or self.sweep is None:
+            return reason
         return self.sweep.reserve(Bill.at_most(1, next_at_most, self.price))
 
     def settle(self, attempt: Attempt, reserved: Usage) -> None:
@@ -269,9 +269,9 @@ class SweepLedger:
     def reserve(self, bill: Bill) -> str:
         """Records a bill before its request is sent, unless it could exceed a cap; see `over`."""
         with self._lock:
-            if not (why := self._over(bill)):
+            if not (reason := self._over(bill)):
                 self._write(bill)
-        return why
+        return reason
 
     def add(self, change: Bill) -> None:
         """Records a change of the sum."""

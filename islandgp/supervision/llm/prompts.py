@@ -340,16 +340,16 @@ def _judged(context: RunContext) -> str:
 
 
 def _worlds(context: RunContext) -> str:
-    how = context.gp
-    several = how.episodes > 1
+    gp = context.gp
+    several = gp.episodes > 1
     whose = (
         f"the same {'worlds' if several else 'world'} for all individuals"
-        if how.shared_seed
+        if gp.shared_seed
         else f"{'worlds' if several else 'a world'} of its own for each individual"
     )
-    if how.reseed_every == "never":
+    if gp.reseed_every == "never":
         return f"The worlds never change ({whose}), so luck of the world explains no change."
-    each = "Every generation" if how.reseed_every == "generation" else "Every epoch"
+    each = "Every generation" if gp.reseed_every == "generation" else "Every epoch"
     return f"{each} has new worlds ({whose}), so the best fitness rises and falls by luck too."
 
 

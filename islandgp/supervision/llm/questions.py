@@ -177,12 +177,12 @@ class Questions:
         model: str | None = None,
     ) -> Request:
         """The request for a part alone; model=None: the settings'."""
-        how, kind = self.settings, kind_of(part)
+        settings, kind = self.settings, kind_of(part)
         phase, size = self._tree_phase(state)
         name = {"rate": "mutation_rate", "tree": phase, "edits": "edits"}[kind]
         answer: type[BaseModel] = EditsAnswer if kind == "edits" else DecisionAnswer
         if kind == "tree":
-            answer = proposal_model(state.targets, how.candidates)
+            answer = proposal_model(state.targets, settings.candidates)
         shape = self._order(schema(answer))
         several = "trees" in shape["properties"]
         system, user = render(
@@ -192,33 +192,33 @@ class Questions:
                 **size.values,
                 "generation": str(state.now.generation),
                 "state": state_text(state, self.context.crisis),
-                "urgency": urgency(state, how.rare),
+                "urgency": urgency(state, settings.rare),
                 "answer": form(shape),
-                "tree_field": _TREES_FIELD.format(how.candidates) if several else _TREE_FIELD,
+                "tree_field": _TREES_FIELD.format(settings.candidates) if several else _TREE_FIELD,
                 **self.run_values(state).values,
             },
         )
         return Request(
-            model=model or how.model_name,
+            model=model or settings.model_name,
             system=system,
             turns=(user,),
-            max_tokens=how.reply_tokens,
+            max_tokens=settings.reply_tokens,
             temperature=capabilities.temperature,
             schema=shape if capabilities.structured else None,
-            cache=how.cache,
-            thinking=how.thinking_value,
-            effort=how.effort,
-            extra=how.extra_body,
+            cache=settings.cache,
+            thinking=settings.thinking_value,
+            effort=settings.effort,
+            extra=settings.extra_body,
         )
 
     def check(self, part: str, state: PopulationState) -> Check:
         """The check of the answers for a part."""
-        how, words, most = self.settings, self.context.schema.vocabulary, self.context.limits
+        settings, words, most = self.settings, self.context.schema.vocabulary, self.context.limits
         now = self.history.now
         living = {} if now is None else nameable([now.individuals], now.archive)
         existing = known_texts(living.values(), self._examples)
         if part == "rate":
-            return partial(check_decision, rates=how.rate)
+            return partial(check_decision, rates=settings.rate)
         if part == "tree":
             size = self._tree_phase(state)[1]
             return partial(
@@ -228,8 +228,8 @@ class Questions:
                 ),
                 vocabulary=words,
                 targets=state.targets,
-                candidates=how.candidates,
-                existing=existing if how.refuse_copies else None,
+                candidates=settings.candidates,
+                existing=existing if settings.refuse_copies else None,
             )
         return partial(check_edits, living=living, existing=existing, vocabulary=words, limits=most)
 
@@ -252,19 +252,19 @@ class Questions:
 
     def too_short(self) -> str:
         """A line on first system prompts that the model's cache does not take; "" for none."""
-        how, facts, requests = self.settings, self.settings.facts, {}
-        if not how.cache or facts.caches_from is None:
+        settings, facts, requests = self.settings, self.settings.facts, {}
+        if not settings.cache or facts.caches_from is None:
             return ""
         for part in self.parts:
             system, user = render(self.prompts[_PROMPTS[kind_of(part)][0]], self._blank)
-            requests[part] = Request(how.model_name, system, (user,), 1)
-        shared = shared_prompts(requests, how)
+            requests[part] = Request(settings.model_name, system, (user,), 1)
+        shared = shared_prompts(requests, settings)
         tokens = {part: round(len(r.system) / facts.characters, -2) for part, r in shared.items()}
         short = [f"{n} (about {t:,.0f})" for n, t in tokens.items() if t < NEAR * facts.caches_from]
         if not short:
             return ""
         return (
-            f"cache=true: {how.model_name} caches prompts of at least {facts.caches_from:,}"
+            f"cache=true: {settings.model_name} caches prompts of at least {facts.caches_from:,}"
             f" tokens; too short or nearly too short: {', '.join(short)}"
         )
 

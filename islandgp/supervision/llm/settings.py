@@ -325,8 +325,8 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     def rate_values(self) -> dict[str, str]:
         """Table 8 as values for prompts."""
         ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
-        how = self.rate
-        return {**ranges, "rate.least": f"{how.least:g}", "rate.most": f"{how.most:g}"}
+        rate = self.rate
+        return {**ranges, "rate.least": f"{rate.least:g}", "rate.most": f"{rate.most:g}"}
 
     @property
     def edit_models(self) -> dict[str, float]:

@@ -131,13 +131,13 @@ class LLM:
             calls.transcript.begin({"settings": settings, "dialect": dialect})
         place = self.settings.place
         name, retires = self.settings.model_name, self.settings.facts.retires
-        how = (
+        remedy = (
             capabilities
             if isinstance(capabilities, ServerCapabilities)
             else f"no answer yet: {capabilities.message}; {_AGAIN}"
         )
         lines = [
-            f"Supervised by {name} at {place}: {how}",
+            f"Supervised by {name} at {place}: {remedy}",
             f"{name} retires on {retires}" if retires else "",
             self.adviser.questions.too_short(),
         ]
@@ -175,22 +175,28 @@ class LLM:
 
     def _open(self) -> LiveCalls:
         if self._calls is None:
-            folder, how = self.context.folder, self.settings
+            folder, settings = self.context.folder, self.settings
             transcript = Transcript(None if folder is None else folder / NAME)
             sweep = None
-            if folder is not None and how.sweep_caps != SweepCaps():
-                sweep = SweepLedger(folder.parent, how.price, how.sweep_caps)
-            ledger = Ledger(transcript, how.price, how.caps, prices=how.prices.models, sweep=sweep)
+            if folder is not None and settings.sweep_caps != SweepCaps():
+                sweep = SweepLedger(folder.parent, settings.price, settings.sweep_caps)
+            ledger = Ledger(
+                transcript,
+                settings.price,
+                settings.caps,
+                prices=settings.prices.models,
+                sweep=sweep,
+            )
             self._calls = LiveCalls(
                 self.client,
                 transcript,
                 ledger,
-                how.retry.model_copy(update={"deadline": how.deadline}),
+                settings.retry.model_copy(update={"deadline": settings.deadline}),
                 seed=self.context.seed,
-                on_outage=how.on_outage,
-                useless=None if how.useless is None else how.useless.most,
+                on_outage=settings.on_outage,
+                useless=None if settings.useless is None else settings.useless.most,
             )
-            self._capabilities = CapabilitiesByGeneration(how, transcript, self._calls)
+            self._capabilities = CapabilitiesByGeneration(settings, transcript, self._calls)
         return self._calls
 
     def _check_complete(self, transcript: Transcript) -> None:
@@ -212,7 +218,7 @@ class LLM:
     def _warn(self, guidance: Guidance, generation: int) -> None:
         """Logs one warning when the model is no longer asked; records have it each time."""
         final = ("fallback: budget: ", "fallback: useless: ")
-        reasons = [why for why in guidance.notes.values() if why.startswith(final)]
+        reasons = [note for note in guidance.notes.values() if note.startswith(final)]
         if reasons and not self._warned:
             self._warned = True
             logging.getLogger("islandgp").warning(
