@@ -9,10 +9,15 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import ActionArgs, walk
+from islandgp.bt.core.parameters import bound
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.evolution import single_behaviours
 from islandgp.running.app import main
 from islandgp.testing.server import MessagesServer
@@ -23,7 +28,8 @@ pytestmark = pytest.mark.process
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "own_domain.md").read_text(encoding="utf-8")
-MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace")
+ARGUMENTS = "from islandgp.bt.core.parameters import"
+MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace", ARGUMENTS)
 """How the snippets begin that are not part of the example; test_outside runs the second."""
 SMALL = ("gp.population=6", "gp.generations=4")
 QUICK = ("tracking=off", "progress=off", "evaluator=serial")
@@ -52,6 +58,23 @@ def test_the_code_is_the_examples() -> None:
         if not any(snippet in text for text in files) and not snippet.startswith(MADE_UP)
     ]
     assert strange == []
+
+
+def test_arguments_have_the_types_and_defaults_of_the_page() -> None:
+    """The snippet declares them, and leaves get them as the text below it says."""
+    [snippet] = re.findall(rf"```python\n({ARGUMENTS}.*?)```", PAGE, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(snippet, names)
+    words = Vocabulary("arm", names["ACTIONS"], {})
+    tree = parse("sequence { MoveTo Grip Grip(tries: 3, gently: yes) Say IsPathClear }", words)
+    leaves = [node.args for node in walk(tree) if isinstance(node.args, ActionArgs)]
+    assert [bound(args, words.action(args.name).arguments) for args in leaves] == [
+        {"goal": "dock", "speed": 0.5},
+        {"force": 12.5, "tries": 1, "gently": False},
+        {"force": 12.5, "tries": 3, "gently": True},
+        {"what": "hello"},
+        {"to": "dock"},
+    ]
 
 
 def test_the_domain_is_short() -> None:
