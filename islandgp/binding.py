@@ -123,14 +123,14 @@ class Tree:
         words = self.vocabulary
         if words is None:
             return
-        known = {"action": {*words.actions}, "key": {*words.keys}}
+        declared = {"action": {*words.actions}, "key": {*words.keys}}
         if sources["action"] is sources["key"]:
-            known["action"] = known["key"] = {*words.actions, *words.keys}
+            declared["action"] = declared["key"] = {*words.actions, *words.keys}
         distinct = {id(source): (source, kind) for kind, source in sources.items()}
         for source, kind in distinct.values():
             for name in source if isinstance(source, Mapping) else ():
-                if name not in known[kind]:
-                    near = closest(str(name), known[kind])
+                if name not in declared[kind]:
+                    near = closest(str(name), declared[kind])
                     hint = f"; perhaps {near} is meant" if near else ""
                     yield f"{short_repr(name)}, which is not in the domain {words.domain}{hint}"
 

@@ -58,9 +58,9 @@ class EventLog:
         try:
             self.counts[event] += 1
         except KeyError:
-            known, near = ", ".join(self.counts), near_hint(event, self.counts)
+            events, near = ", ".join(self.counts), near_hint(event, self.counts)
             raise DomainError(
-                f"Expected an event of the schema ({known}), found {event!r}{near}."
+                f"Expected an event of the schema ({events}), found {event!r}{near}."
             ) from None
         if not (type(amount) is float and -inf < amount < inf):
             if not is_number(amount):

@@ -86,8 +86,8 @@ class TimeLimit:
 
     def _found(self) -> str:
         assert self._late is not None
-        who = f"the action {self._late.action}" if self._late.action else self._what
-        return f"{who} still running after {self._seconds:g} s{self._where}"
+        runner = f"the action {self._late.action}" if self._late.action else self._what
+        return f"{runner} still running after {self._seconds:g} s{self._where}"
 
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
         if self._over or (not self._late and not self._is_late()):

@@ -182,10 +182,10 @@ def _rows(
 def _with_perturbed(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
     """The rows with the trees' points in the perturbed test worlds."""
     outcomes = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
-    points = [[outcome.fitness for outcome in own] for own in outcomes]
+    points = [[outcome.fitness for outcome in values] for values in outcomes]
     return [
-        replace(row, perturbed=fmean(own), perturbed_worst=min(own))
-        for row, own in zip(rows, points, strict=True)
+        replace(row, perturbed=fmean(values), perturbed_worst=min(values))
+        for row, values in zip(rows, points, strict=True)
     ]
 
 

@@ -117,8 +117,8 @@ def completion(server: Server, params: types.CompletionParams) -> list[types.Com
     document, at = server.place(params)
     if len(document.source) > MAX_CHARACTERS:
         return []
-    known = server.known(document)
-    completions = offers(document.source, at, known, _folder(document), list(server.domains))
+    vocabulary = server.known(document)
+    completions = offers(document.source, at, vocabulary, _folder(document), list(server.domains))
     return [
         types.CompletionItem(label=each.text, kind=COMPLETION_KINDS[each.sort], detail=each.detail)
         for each in completions

@@ -122,10 +122,13 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
     if not domain or _given(chosen.overrides) & _CHOOSES:
         return chosen.overrides
     if domain not in domain_files(chosen.config_dir):
-        known, (line, column) = ", ".join(configured_domains(chosen.config_dir)), domain_place(text)
+        domains, (line, column) = (
+            ", ".join(configured_domains(chosen.config_dir)),
+            domain_place(text),
+        )
         raise OtherDomainError(
             f"{name}:{line}:{column}: expected a tree for a domain that is configured"
-            f" ({known}), found one for {domain!r}; give --config-dir FOLDER with a file"
+            f" ({domains}), found one for {domain!r}; give --config-dir FOLDER with a file"
             f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME.",
             line=line,
             column=column,

@@ -57,9 +57,9 @@ def _form(output: str) -> str:
     """The format that a file's name asks for. Raises UsageError."""
     ending = Path(output).suffix.lower()
     if ending not in ENDINGS:
-        known = ", ".join(filter(None, ENDINGS))
+        endings = ", ".join(filter(None, ENDINGS))
         raise click.UsageError(
-            f"-o {output}: expected a name that ends in one of {known}, found {ending};"
+            f"-o {output}: expected a name that ends in one of {endings}, found {ending};"
             " rename it or give --format."
         )
     return ENDINGS[ending]

@@ -64,10 +64,10 @@ def _first_change(folder: RunFolder, file: DamagedFile) -> str:
     if (file.name, file.damage) != ("generations.jsonl", Damage.CHANGED):
         return ""
     sums = folder.path / "generations.sha256"
-    lines, known = list(generation_lines(folder.path).whole()), read_digests(sums)
-    if len(lines) != len(known):
-        return f", {len(lines)} records of {len(known)}"
-    return f", {wrong_record(lines, known[-1], sums)}" if known else ""
+    lines, digests = list(generation_lines(folder.path).whole()), read_digests(sums)
+    if len(lines) != len(digests):
+        return f", {len(lines)} records of {len(digests)}"
+    return f", {wrong_record(lines, digests[-1], sums)}" if digests else ""
 
 
 def _last_record(folder: RunFolder) -> tuple[int, str | None]:

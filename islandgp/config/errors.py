@@ -150,10 +150,10 @@ def _no_such_key(mistake: Mistake, match: re.Match[str]) -> str:
 
 def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
     group, _slash, option = match[1].rpartition("/")
-    known = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
-    near = get_close_matches(option, known, 1, 0.5)
+    options = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
+    near = get_close_matches(option, options, 1, 0.5)
     hint = f"did you mean {near[0]}? " if near else ""
-    return f"{group}={option}: unknown option; {hint}there are {', '.join(known)}"
+    return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
 
 
 def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
@@ -273,8 +273,8 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for a group that is set to a list, a number or null, or ""."""
     for override in parsed(overrides, source.loader()):
         key, value = override.key_or_group, override.value()
-        known = source.options(key)
-        if not known or isinstance(value, str) or override.is_delete():
+        options = source.options(key)
+        if not options or isinstance(value, str) or override.is_delete():
             continue
         option = (override.input_line or "").partition("=")[2]
         if isinstance(value, list):
@@ -284,7 +284,7 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
             )
         return (
             f"{key}={option}: expected the name of an option, found {option};"
-            f" there are {', '.join(known)}; for none leave it out"
+            f" there are {', '.join(options)}; for none leave it out"
         )
     return ""
 
@@ -292,8 +292,8 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
 def _unknown(path: str, config: Any) -> str:
     """The message for a key that is not in the configuration, about its first unknown part."""
     parts = path.split(".")
-    known = keys_at(config, parts[:-1], Settings)
-    if len(parts) > 1 and parts[-1] in known:
+    keys = keys_at(config, parts[:-1], Settings)
+    if len(parts) > 1 and parts[-1] in keys:
         return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
     same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]
     if path not in RENAMED and (near := get_close_matches(path, same, 1, 0.5)):
@@ -309,7 +309,7 @@ def _unknown(path: str, config: Any) -> str:
             )
             return f"{path}: unknown key; {hint}"
         config = config[part] if isinstance(config[part], dict) else {}
-    return unknown_key(path, known)
+    return unknown_key(path, keys)
 
 
 def _keys(config: dict[str, Any]) -> list[str]:

@@ -39,7 +39,7 @@ def compare_with_parents(
         The comparisons, and the number of additional episodes.
     """
     n, common = plan.gp.episodes, plan.gp.shared_seed
-    known = {
+    fitnesses = {
         (text, 0 if common else slot): e.fitness
         for slot, (text, e) in enumerate(zip(texts, population, strict=True))
     }
@@ -49,14 +49,14 @@ def compare_with_parents(
         if e.individual.origin == Origin.EDITED and e.individual.parents[0] in parents
     ]
     missing = [
-        key for key in dict.fromkeys((text, at) for _, text, at in pairs) if key not in known
+        key for key in dict.fromkeys((text, at) for _, text, at in pairs) if key not in fitnesses
     ]
     jobs = [Job(text, stage, worlds[at * n + k]) for text, at in missing for k in range(n)]
     outcomes = evaluator.evaluate(jobs) if jobs else []
     for k, key in enumerate(missing):
-        known[key] = float(total(o.fitness for o in outcomes[k * n : (k + 1) * n]) / n)
+        fitnesses[key] = float(total(o.fitness for o in outcomes[k * n : (k + 1) * n]) / n)
     trials = tuple(
-        EditTrial(e.individual.id, e.individual.parents[0], e.fitness, known[text, at])
+        EditTrial(e.individual.id, e.individual.parents[0], e.fitness, fitnesses[text, at])
         for e, text, at in pairs
     )
     return trials, len(jobs)

@@ -66,11 +66,11 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
             f" found {size(tree)} and {depth(tree)}"
         )
     words = {node.action for node in walk(tree) if node.action}
-    for used, known in (
+    for used, declared in (
         (words, plan.vocabulary.actions),
         ({*keys_in(tree)}, plan.vocabulary.keys),
     ):
-        if strange := sorted(used - known.keys()):
+        if strange := sorted(used - declared.keys()):
             raise ValueError(
                 f"expected actions and keys of the domain in {name}, found {strange[0]!r}"
             )

@@ -43,7 +43,7 @@ def single_behaviours(
     stage: int,
     *,
     wanted: Sequence[str] | None = None,
-    known: Sequence[Node] = (),
+    further: Sequence[Node] = (),
 ) -> Iterator[tuple[str, Node | None]]:
     """Searches a compact tree for each behaviour.
 
@@ -54,7 +54,7 @@ def single_behaviours(
         evaluator: runs about 200 episodes, and 500 per behaviour, in each of WORLDS worlds.
         stage: index of the curriculum's stage that scores the episodes.
         wanted: behaviours to search for; None: all.
-        known: further trees to start from, e.g. of another stage.
+        further: further trees to start from, e.g. of another stage.
 
     Yields:
         Each behaviour as soon as its search ends, with the tree; None if no tree shows it.
@@ -69,7 +69,7 @@ def single_behaviours(
     space = replace(space, limits=most)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
     tried = _Tried(evaluator, stage, classes)
-    tried.run([*(tree for tree in known if within(tree, most)), *pool])
+    tried.run([*(tree for tree in further if within(tree, most)), *pool])
     for number, behaviour in enumerate(classes.behaviours, 1):
         if wanted is not None and behaviour not in wanted:
             continue

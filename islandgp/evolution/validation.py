@@ -300,7 +300,7 @@ def validate(
         EvaluationError: an episode failed.
     """
     results = {candidate: list[Outcome]() for candidate in candidates}
-    met = 0
+    used = 0  # worlds
 
     def worth(c: Candidate) -> Merit:
         """By the outcomes so far; before the first round, by training."""
@@ -310,18 +310,18 @@ def validate(
 
     for size, new in rounds(len(candidates), episodes):
         ranked = sorted(results, key=worth, reverse=True)[:size]
-        batch = worlds[met : met + new]
+        batch = worlds[used : used + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
         results = {
             c: [*results[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
             for k, c in enumerate(ranked)
         }
-        met += len(batch)
+        used += len(batch)
     order = sorted(results, key=worth, reverse=True)
-    judged = [(c, _validation(worlds[:met], results[c], classes, constraints)) for c in order]
+    judged = [(c, _validation(worlds[:used], results[c], classes, constraints)) for c in order]
     if reference_tree is not None:
         name, text = reference_tree
-        theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:met]])
+        theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:used]])
         best, verdict = judged[0]
         judged[0] = (best, compared(verdict, results[best], theirs, name))
     return judged

@@ -221,8 +221,8 @@ def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
 
 def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
     """The conditions that an action declares in `to_start` and `to_succeed`."""
-    known = space.vocabulary.action(action)
-    return tuple(dict.fromkeys((*known.to_start, *known.to_succeed)))
+    declaration = space.vocabulary.action(action)
+    return tuple(dict.fromkeys((*declaration.to_start, *declaration.to_succeed)))
 
 
 def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form

@@ -88,11 +88,11 @@ class TreeSpace:
 
 def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
     """Raises ValueError unless `weighted` can draw some of `names` by these weights."""
-    known = list(names)
-    sound = all(name in known and 0 <= weight < inf for name, weight in weights.items())
+    choices = list(names)
+    sound = all(name in choices and 0 <= weight < inf for name, weight in weights.items())
     if not sound or sum(weights.values()) <= 0:
         raise ValueError(
-            f"{key}: expected weights >= 0 for some of {', '.join(known)}, one of them above 0,"
+            f"{key}: expected weights >= 0 for some of {', '.join(choices)}, one of them above 0,"
             f" found {dict(weights)}"
         )
 

@@ -31,8 +31,8 @@ class RosKey:
         field, place = self.entry.field, f"keys.{self.name}.field"
         must_have(message, field, place)
         value = value_of(message, field)
-        known = (bool, int, float, str) if self.texts else (bool, int, float)
-        if "[" not in field and not isinstance(value, known):
+        types = (bool, int, float, str) if self.texts else (bool, int, float)
+        if "[" not in field and not isinstance(value, types):
             expected = (
                 "a number, a truth value or a text" if self.texts else "a number or a truth value"
             )

@@ -38,15 +38,16 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
     Raises:
         ConfigError: a field does not exist, or has another type.
     """
-    known = message.get_fields_and_field_types()
+    fields = message.get_fields_and_field_types()
     with suppress(AttributeError):  # newer versions check types only where they are asked to
         message._check_fields = True
     for name, value in values.items():
-        if name not in known:
-            near = closest(str(name), known)
+        if name not in fields:
+            near = closest(str(name), fields)
             hint = f"; perhaps {near} is meant" if near else ""
             raise ConfigError(
-                f"{place}: expected fields among {', '.join(known) or 'none'}, found {name!r}{hint}"
+                f"{place}: expected fields among {', '.join(fields) or 'none'},"
+                f" found {name!r}{hint}"
             )
         before = getattr(message, name)
         if isinstance(value, Mapping) and hasattr(before, "get_fields_and_field_types"):
@@ -56,7 +57,7 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
             setattr(message, name, _converted(value, before))
         except (AssertionError, TypeError, ValueError, OverflowError):
             raise ConfigError(
-                f"{place}.{name}: expected a value of {known[name]}, found {str(value)[:60]!r}"
+                f"{place}.{name}: expected a value of {fields[name]}, found {str(value)[:60]!r}"
             ) from None
     return message
 
@@ -84,9 +85,9 @@ def must_have(message: Any, field: str, place: str) -> None:
     """Raises ConfigError if a message has no such field; lists may have no elements yet."""
     for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
         if not hasattr(message, "get_fields_and_field_types") or not hasattr(message, name):
-            known: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
+            fields: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
             raise ConfigError(
-                f"{place}: expected fields among {', '.join(known) or 'none'}, found {name!r}"
+                f"{place}: expected fields among {', '.join(fields) or 'none'}, found {name!r}"
             )
         message = getattr(message, name)
 

@@ -161,8 +161,8 @@ def _entry(
     """Parses an entry by the key of its kind; errors are added to `faults`."""
     words = [word for word in kinds if isinstance(entry, dict) and word in entry]
     if len(words) != 1:
-        known = " or ".join(f"`{word}: NAME`" for word in kinds)
-        faults.append(f"{place}: expected {known}, found {str(entry)[:60]!r}")
+        forms = " or ".join(f"`{word}: NAME`" for word in kinds)
+        faults.append(f"{place}: expected {forms}, found {str(entry)[:60]!r}")
         return None
     try:
         return kinds[words[0]].model_validate(entry)

@@ -117,7 +117,7 @@ def _search(
                 evaluator,
                 stage,
                 wanted=missing,
-                known=tuple(by_behaviour.values()),
+                further=tuple(by_behaviour.values()),
             )
             for n, (name, tree) in enumerate(search, 1):
                 if tree is not None:

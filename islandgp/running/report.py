@@ -112,8 +112,8 @@ def _known_episodes(target: RunFolder) -> Iterator[str]:
     """A line on the episodes that were not simulated because their outcomes were known."""
     costs = [*target.costs()]
     asked_episodes = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
-    if known := asked_episodes - sum(cost["simulated"] for cost in costs):
-        yield f"Episodes in training: {asked_episodes:,}, {known:,} of them known from before"
+    if cached := asked_episodes - sum(cost["simulated"] for cost in costs):
+        yield f"Episodes in training: {asked_episodes:,}, {cached:,} of them from the cache"
 
 
 def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:
@@ -140,9 +140,9 @@ def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]
 def _dollars(spent: Mapping[str, float]) -> str:
     if "cost_usd" not in spent:
         return "at an unknown price"
-    known, most = spent["cost_usd"], spent["cost_usd_at_most"]
+    usd, most = spent["cost_usd"], spent["cost_usd_at_most"]
     more = f" (at most ${most:,.4f}: some answers were lost)" if spent["uncounted_requests"] else ""
-    return f"${known:,.4f}{more}"
+    return f"${usd:,.4f}{more}"
 
 
 def validated(champion: Mapping[str, Any]) -> Iterator[str]:

@@ -95,14 +95,14 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Classes:
-        known: dict[str, Mapping[str, object]] = {"of": self.behaviours, "tiers": self.tiers}
+        sections: dict[str, Mapping[str, object]] = {"of": self.behaviours, "tiers": self.tiers}
         for path, name, where in (
             *(("specialists.of", name, "of") for name in self.specialists.of),
             *(("milestones", name, "tiers") for name in self.milestones),
             *(("hardest", name, "of") for name in self.hardest),
             *((f"tiers.{t}.also", r.also, "tiers") for t, r in self.tiers.items() if r.also),
         ):
-            for line in unknown(path, name, known[where]):
+            for line in unknown(path, name, sections[where]):
                 raise ValueError(line)
         for path, listed in (
             ("specialists.of", self.specialists.of),
@@ -134,12 +134,12 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         """A line for each name that the domain does not declare."""
         for name, counter in self.behaviours.items():
             yield from unknown(f"classes.behaviours.{name}", counter, schema.counters)
-        known = {**schema.counters, "fitness": None}
+        measures = {**schema.counters, "fitness": None}
         for name, tier in self.tiers.items():
             for part, values in (("at_least", tier.at_least), ("above", tier.above)):
                 for measure in values:
                     path = f"classes.tiers.{name}.{part}.{measure}"
-                    yield from unknown(path, measure, known)
+                    yield from unknown(path, measure, measures)
 
     def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
         """The behaviours of an individual: those whose counter is above 0."""

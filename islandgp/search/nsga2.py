@@ -100,10 +100,10 @@ class Nsga2Settings(BreedingSettings, frozen=True):
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
-        known = {"fitness": None, "nodes": None, **schema.counters}
+        measures = {"fitness": None, "nodes": None, **schema.counters}
         names = [text.removeprefix("-") for text in self.objectives]
         for k, name in enumerate(names):
-            yield from unknown(f"search.policy.objectives.{k}", name, known)
+            yield from unknown(f"search.policy.objectives.{k}", name, measures)
         yield from repeated("search.policy.objectives", names)
 
 

@@ -180,8 +180,8 @@ def thresholds_of(
     for each in numbers_of(text, vocabulary, name=name, folder=folder):
         if not each.purposes or each.purposes & {COUNT, EQUAL}:
             continue
-        known = {**vocabulary.keys, **arguments}
-        keys = [known[purpose] for purpose in each.purposes if purpose in known]
+        ranges = {**vocabulary.keys, **arguments}
+        keys = [ranges[purpose] for purpose in each.purposes if purpose in ranges]
         if len(keys) < len(each.purposes):  # a whole number
             continue
         low = max(-MAX_NUMBER, *(key.low for key in keys))

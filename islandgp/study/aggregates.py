@@ -325,8 +325,8 @@ def _resamples(sizes: Sequence[int], width: int, *, sample: int = 0) -> Iterator
     ]
     rows = max(1, BLOCK // width)
     for start in range(0, RESAMPLES, rows):
-        many = min(rows, RESAMPLES - start)
-        yield [rng.integers(n, size=(many, n)) for rng, n in zip(draws, sizes, strict=True)]
+        number = min(rows, RESAMPLES - start)
+        yield [rng.integers(n, size=(number, n)) for rng, n in zip(draws, sizes, strict=True)]
 
 
 def _with_ends(estimate: float, ends: Any) -> Interval:

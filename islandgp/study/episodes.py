@@ -22,9 +22,9 @@ def episodes_until(run: Run) -> tuple[int, ...]:
 
 def _episodes(record: GenerationRecord, cost: Cost, flat: Mapping[str, Any]) -> int:
     """The episodes of a generation, from its record, its costs, or the configuration."""
-    for known in (getattr(record, "episodes", None), cost.episodes):
-        if isinstance(known, int) and known > 0:
-            return known
+    for number in (getattr(record, "episodes", None), cost.episodes):
+        if isinstance(number, int) and number > 0:
+            return number
     return int(flat["gp.population"]) * int(flat["gp.episodes"])
 
 

@@ -144,9 +144,9 @@ def first_descendant(run: Run, tier: str) -> int | None:
 
     An advised tree is one that a supervisor injected or edited, and that has not changed since.
     """
-    known = {i.id: i for record in run.records for i in record.individuals}
+    by_id = {i.id: i for record in run.records for i in record.individuals}
     for generation, record in enumerate(run.records):
-        sources = (_original(i, known) for i in record.individuals if tier in i.tiers)
+        sources = (_original(i, by_id) for i in record.individuals if tier in i.tiers)
         if not all(_as_advised(i) for i in sources):
             return generation
     return None
@@ -165,9 +165,9 @@ def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
 
     A tree that was mutated when it was drawn or injected counts as bred.
     """
-    known = {i.id: i for record in run.records for i in record.individuals}
+    by_id = {i.id: i for record in run.records for i in record.individuals}
     heirs = with_injected_ancestor(run)
-    return [_source(run, _original(i, known), heirs) for i in individuals]
+    return [_source(run, _original(i, by_id), heirs) for i in individuals]
 
 
 def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
@@ -180,9 +180,9 @@ def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
     return RANDOM if i.origin == Origin.RANDOM and not i.mutation else BRED
 
 
-def _original(i: IndividualRecord, known: dict[str, IndividualRecord]) -> IndividualRecord:
-    while len(i.parents) == 1 and not i.mutation and i.parents[0] in known:
-        parent = known[i.parents[0]]
+def _original(i: IndividualRecord, by_id: dict[str, IndividualRecord]) -> IndividualRecord:
+    while len(i.parents) == 1 and not i.mutation and i.parents[0] in by_id:
+        parent = by_id[i.parents[0]]
         if parent.tree != i.tree:
             break
         i = parent
@@ -221,13 +221,13 @@ def _walk(
 ) -> Iterator[tuple[int, IndividualRecord, int]]:
     """Each individual with its ancestors among `ids`, itself included, as bits."""
     bit = {name: 1 << k for k, name in enumerate(ids)}
-    known: dict[str, int] = {}
+    bits: dict[str, int] = {}
     for generation, record in enumerate(records):
         for i in record.individuals:
             ancestors = bit.get(i.id, 0)
             for parent in i.parents:
-                ancestors |= known.get(parent, 0)
-            known[i.id] = ancestors
+                ancestors |= bits.get(parent, 0)
+            bits[i.id] = ancestors
             if ancestors:
                 yield generation, i, ancestors
 

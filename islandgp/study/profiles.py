@@ -139,8 +139,8 @@ def _naming(arm: str, world: str) -> Iterator[None]:
 
 def adjusted(rows: Sequence[ScoreRow]) -> tuple[ScoreRow, ...]:
     """The rows with p-values adjusted over all tests by Benjamini-Hochberg."""
-    known = iter(benjamini_hochberg([row.test.p for row in rows if row.test is not None]))
-    return tuple(row if row.test is None else replace(row, p_bh=next(known)) for row in rows)
+    adjusted_p = iter(benjamini_hochberg([row.test.p for row in rows if row.test is not None]))
+    return tuple(row if row.test is None else replace(row, p_bh=next(adjusted_p)) for row in rows)
 
 
 def normalised(

@@ -227,12 +227,12 @@ def _nothing(name: str, selection: Selection, runs: Sequence[RunEntry], unfinish
             f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
             " ones; start the same sweep again to finish them."
         )
-    known = sorted({key for run in runs for key in run.flat})
+    keys = sorted({key for run in runs for key in run.flat})
     hints = []
-    for key in sorted(selection.keys - set(known)):
-        near = get_close_matches(key, [*known, *SHORT_KEYS], 1, 0.5)
+    for key in sorted(selection.keys - set(keys)):
+        near = get_close_matches(key, [*keys, *SHORT_KEYS], 1, 0.5)
         hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
-    if SHORT_KEYS.get(name, name) in known:  # the arm's own name was forgotten
+    if SHORT_KEYS.get(name, name) in keys:  # the arm's own name was forgotten
         hints.append(f' Did you mean --arm NAME="{name}={selection.text}"?')
     table = overview(runs)
     return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (

@@ -119,10 +119,10 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
         yield path, float(value)
 
 
-def decide(rule: Rule, known: Mapping[str, float]) -> str | float:
+def decide(rule: Rule, values: Mapping[str, float]) -> str | float:
     """Evaluates a decision tree on the features of a state."""
     while isinstance(rule, Question):
-        rule = rule.yes if known[rule.feature] <= rule.at_most else rule.no
+        rule = rule.yes if values[rule.feature] <= rule.at_most else rule.no
     return rule.answer
 
 
@@ -160,8 +160,8 @@ class Distilled:
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
-        known = features(state, self.crisis)
-        target, rate = str(decide(self.policy.target, known)), decide(self.policy.rate, known)
+        values = features(state, self.crisis)
+        target, rate = str(decide(self.policy.target, values)), decide(self.policy.rate, values)
         tree = self.expert.tree_for(target, state, rng)
         return replace(
             self.expert.advise(state, rng),
@@ -175,10 +175,10 @@ class Distilled:
 
 def _check(policy: Policy, context: RunContext) -> None:
     """Raises SupervisionError if a policy has features or targets that the run does not have."""
-    known = _fields(context)
+    fields = _fields(context)
     for rule in (policy.target, policy.rate):
         for one in _walk(rule):
-            if isinstance(one, Question) and one.feature not in known:
+            if isinstance(one, Question) and one.feature not in fields:
                 raise SupervisionError(
                     f"Expected a policy for this experiment's states, found one with the feature"
                     f" {one.feature!r}; distill one from runs with the same domain and classes."

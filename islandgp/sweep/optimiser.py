@@ -275,8 +275,8 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
                 return nan
             entry = sweep_entry(plain_config, overrides, named, target.path, command, search.id)
             judge = PRUNING.get(int(hydra.job.num))
-            own = fitted(settings, hydra.launcher, search.at_once)
-            return _run(search, entry, plain_config, own, home, judge)
+            fitted_settings = fitted(settings, hydra.launcher, search.at_once)
+            return _run(search, entry, plain_config, fitted_settings, home, judge)
 
     return job
 

@@ -103,15 +103,15 @@ def search(
         directions=[direction] if isinstance(direction, str) else [*direction],
     )
     space = {a.key: a.distribution for a in axes}
-    known: dict[Words, Outcome] = {}
+    outcomes: dict[Words, Outcome] = {}
     while (done := len(study.trials)) < n_trials:
         batch = [study.ask(space) for _ in range(min(n_jobs, n_trials - done))]
         jobs = [(*fixed, *(a.override(trial.params[a.key]) for a in axes)) for trial in batch]
-        new = {job: trial for job, trial in zip(jobs, batch, strict=True) if job not in known}
-        known |= _launched(new, launch, len(known), bool(pruner))
+        new = {job: trial for job, trial in zip(jobs, batch, strict=True) if job not in outcomes}
+        outcomes |= _launched(new, launch, len(outcomes), bool(pruner))
         for trial, job in zip(batch, jobs, strict=True):
-            state = TrialState.PRUNED if known[job] is None else TrialState.FAIL
-            study.tell(trial, known[job] or None, None if known[job] else state)
+            state = TrialState.PRUNED if outcomes[job] is None else TrialState.FAIL
+            study.tell(trial, outcomes[job] or None, None if outcomes[job] else state)
     plain = yaml.safe_dump(_results(study, axes), sort_keys=False)
     write_atomic(results, plain.encode())
 

@@ -168,8 +168,8 @@ def _target(
     """The rarest behaviour, or another one if trees for it have died out MAX_EXTINCT times."""
     rarest: list[str] = state["behaviours"]["lacking"]
     if guess:
-        known = [*rarest, *(t for names in named for t in names.split(", ") if t)]
-        return known[rng.integers(len(known))]
+        targets = [*rarest, *(t for names in named for t in names.split(", ") if t)]
+        return targets[rng.integers(len(targets))]
     rare_below = 0.1 * state["parameters"]["population"]
     missing = [name for name in rarest if state["doing"][name] < rare_below]
     died = _FATE.findall(user)
@@ -186,8 +186,8 @@ def _grafted(example: Node, traced: str, limits: Limits) -> Node:
     if any(kind_of(tree).advance_status != FAILURE for tree in (example, best)):
         return example
     *urgent, last = example.children
-    known = _actions(*urgent)
-    more = [c for c in best.children if c.guard and not _actions(c) <= known]
+    actions = _actions(*urgent)
+    more = [c for c in best.children if c.guard and not _actions(c) <= actions]
     grafted = selector(*urgent, *more, last)
     return grafted if within(grafted, limits) else example
 

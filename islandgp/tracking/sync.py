@@ -47,7 +47,7 @@ def sync(
         The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
     done = Synced()
-    known = {place: place for place in places}
+    with_credentials = {place: place for place in places}
     stores: dict[Place, Store | IslandError | Exception] = {}
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
@@ -56,7 +56,7 @@ def sync(
             if where is None:
                 done.untracked.append(folder.path)
                 continue
-            where = known.get(where, where)
+            where = with_credentials.get(where, where)
             sweeps[folder.path.parent] = where
             status = folder.status()
             must_be_sendable(folder, status)

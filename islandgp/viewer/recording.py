@@ -156,9 +156,9 @@ class Recorder:
         if component in self._components:
             self.credits.append(Credit(len(self.boards), event, component, float(points), action))
         elif points:
-            known = ", ".join(self._components)
+            names = ", ".join(self._components)
             raise DomainError(
-                f"Expected points for a component of the schema ({known}), found {component!r}"
+                f"Expected points for a component of the schema ({names}), found {component!r}"
                 f" for the event {event!r}; name one of them."
             )
 
@@ -244,9 +244,9 @@ class Camera:
         places = chain.from_iterable(thing[1:4] for thing in track.things())
         _must_be_numbers("the places and sizes of things", places)
         if unknown := track.forms() - schema.forms.keys():
-            known = ", ".join(schema.forms) or "none"
+            forms = ", ".join(schema.forms) or "none"
             raise DomainError(
-                f"Expected things of the schema's forms ({known}), found {min(unknown)!r} in a"
+                f"Expected things of the schema's forms ({forms}), found {min(unknown)!r} in a"
                 " scene; declare it among the forms."
             )
         return _in_floats(track)
@@ -282,8 +282,8 @@ def _placed(thing: Thing) -> Thing:
     return thing._replace(x=float(thing.x), y=float(thing.y), size=float(thing.size))
 
 
-def _must_be_numbers(what: str, values: Iterable[float]) -> None:
+def _must_be_numbers(subject: str, values: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity, and numbers near infinity."""
     for number in values:
         if not (is_number(number) and -MAX_NUMBER < float(number) < MAX_NUMBER):
-            raise DomainError(f"Expected finite numbers as {what}, found {number!r:.40}.")
+            raise DomainError(f"Expected finite numbers as {subject}, found {number!r:.40}.")

@@ -70,11 +70,11 @@ def test_the_end_of_a_run_has_its_known_episodes(
 ) -> None:
     """Episodes of the training that were not simulated again; no line where there are none."""
     folder = _validated_once(tmp_path / "run", tmp_path)
-    assert "known from before" not in report(folder)
+    assert "from the cache" not in report(folder)
     costs = [{**cost, "episodes": 30, "simulated": 28, "elsewhere": 0} for cost in folder.costs()]
     monkeypatch.setattr(RunFolder, "costs", lambda _: iter(costs))
     n = len(costs)
-    assert f"Episodes in training: {30 * n}, {2 * n} of them known from before" in report(folder)
+    assert f"Episodes in training: {30 * n}, {2 * n} of them from the cache" in report(folder)
 
 
 def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:

@@ -195,13 +195,13 @@ def _guard(
 def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
     node, context, above = place
     name = node.action
-    known = context.vocabulary.action(name)
-    needs = [(needed, context.at_start) for needed in known.to_start]
-    needs += [(needed, context.always) for needed in known.to_succeed]
+    action = context.vocabulary.action(name)
+    needs = [(needed, context.at_start) for needed in action.to_start]
+    needs += [(needed, context.always) for needed in action.to_succeed]
     for needed, holding in needs:
         if not excludes(holding, needed):
             continue
-        if course.changed_before(needed.key, known.changes.get(needed.key, 0), at):
+        if course.changed_before(needed.key, action.changes.get(needed.key, 0), at):
             continue
         reason = _why_not(needed, holding, above, context.vocabulary, for_action=True)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
@@ -240,8 +240,8 @@ class _Course:
             node, context, _ = places[len(undone)]
             undone.append(before)
             if node.action:
-                known = context.vocabulary.action(node.action)
-                return known.changes.get(key, 0) * sign < 0, False
+                action = context.vocabulary.action(node.action)
+                return action.changes.get(key, 0) * sign < 0, False
             changes = stays = False
             for index in range(len(node.children)):
                 below_changes, below_stays = visit(before)
@@ -266,13 +266,13 @@ def _passes_up(node: Node, index: int) -> bool:
 
 def _why_not(
     needed: ConditionExpr,
-    known: Sequence[ConditionExpr],
+    conditions: Sequence[ConditionExpr],
     above: Above,
     vocabulary: Vocabulary,
     *,
     for_action: bool = False,
 ) -> str:
-    """The reason why a condition, or an action that needs it, contradicts `known`."""
+    """The reason why a condition, or an action that needs it, contradicts `conditions`."""
     text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
     lead = f"it needs {text}" if for_action else f"{text} can't hold"
     if excludes((), needed):
@@ -280,7 +280,7 @@ def _why_not(
     guards = [
         c
         for c in _guards(above)
-        if c in known and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
+        if c in conditions and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
     ]
     against = [c for c in guards if excludes((c,), needed)][-1:] or guards
     if not against:

@@ -106,14 +106,14 @@ class _SlotReader:
 
     def resolved(self, purposes: Purposes) -> Purposes:
         """The purposes, with the keys that are passed in place of key parameters."""
-        found: set[str] = set()
+        names: set[str] = set()
         waiting = [*purposes]
         while waiting:
             purpose = waiting.pop()
-            if purpose not in found:
-                found.add(purpose)
+            if purpose not in names:
+                names.add(purpose)
                 waiting += self._keys.get(purpose, ())
-        return frozenset(purpose for purpose in found if "(" not in purpose)
+        return frozenset(purpose for purpose in names if "(" not in purpose)
 
     def slots(self, tree: Any) -> Iterator[_Slot]:
         """The slots in a lark.Tree, in order, except for those of a subtree's parameters."""

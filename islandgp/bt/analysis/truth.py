@@ -88,30 +88,30 @@ def has_interrupting_guard(branch: Node) -> bool:
     return any(each.guard and each.guard.interrupts for each in chain(branch))
 
 
-def implies(known: Conditions, expr: ConditionExpr) -> bool:
-    """True if `expr` holds on every blackboard on which all of `known` hold.
+def implies(premises: Conditions, expr: ConditionExpr) -> bool:
+    """True if `expr` holds on every blackboard on which all of `premises` hold.
 
     It may also return False for a condition that is implied, if more than MAX_CASES cases or
     MAX_TERMS terms would have to be examined.
     """
-    return excludes(known, opposite(expr))
+    return excludes(premises, opposite(expr))
 
 
 @lru_cache(maxsize=10_000)  # trees of a population share most of their guards
-def excludes(known: Conditions, expr: ConditionExpr) -> bool:
-    """True if `expr` holds on no blackboard on which all of `known` hold.
+def excludes(premises: Conditions, expr: ConditionExpr) -> bool:
+    """True if `expr` holds on no blackboard on which all of `premises` hold.
 
     It may also return False where that is the case, as `implies`.
     """
-    single = [c for c in known if isinstance(c, Condition)]
-    if isinstance(expr, Condition) and len(single) == len(known):
+    single = [c for c in premises if isinstance(c, Condition)]
+    if isinstance(expr, Condition) and len(single) == len(premises):
         return not _satisfiable([*(c for c in single if {*c.keys} == {*expr.keys}), expr])
-    return not _consistent(_related(known, expr), expr)
+    return not _consistent(_related(premises, expr), expr)
 
 
-def shortened(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
-    """A shorter condition with the same value wherever all of `known` hold, or else `expr`."""
-    condition, related = to_nnf(expr), _related(known, expr)
+def shortened(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
+    """A shorter condition with the same value wherever all of `premises` hold, or else `expr`."""
+    condition, related = to_nnf(expr), _related(premises, expr)
     while (reduced := _without_redundant(condition, related)) != condition:
         condition = reduced
     return condition if _word_count(condition) < _word_count(expr) else expr
@@ -124,8 +124,8 @@ def _word_count(expr: ConditionExpr) -> int:
     return (expr.word == "not") + sum(map(_word_count, expr.parts))
 
 
-def _without_redundant(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
-    """The condition without parts whose value follows from the other parts and `known`."""
+def _without_redundant(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
+    """The condition without parts whose value follows from the other parts and `premises`."""
     if isinstance(expr, Condition):
         return expr
     parts = list(expr.parts)
@@ -133,7 +133,7 @@ def _without_redundant(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     while at < len(parts) > 1:
         others = parts[:at] + parts[at + 1 :]
         # Where a part of an `and` matters, the others hold; of an `or`, none of them does.
-        assumed = (*known, *(others if expr.word == "and" else map(opposite, others)))
+        assumed = (*premises, *(others if expr.word == "and" else map(opposite, others)))
         if not _consistent(assumed, opposite(parts[at]) if expr.word == "and" else parts[at]):
             parts = others
         else:
@@ -142,10 +142,10 @@ def _without_redundant(expr: ConditionExpr, known: Conditions) -> ConditionExpr:
     return combine(expr.word, parts)
 
 
-def _related(known: Conditions, expr: ConditionExpr) -> Conditions:
-    """The conditions in `known` that constrain keys of `expr`, directly or indirectly."""
+def _related(premises: Conditions, expr: ConditionExpr) -> Conditions:
+    """The conditions in `premises` that constrain keys of `expr`, directly or indirectly."""
     keys = {key for term in terms(expr) for key in term.keys}
-    remaining = [(c, {key for term in terms(c) for key in term.keys}) for c in known]
+    remaining = [(c, {key for term in terms(c) for key in term.keys}) for c in premises]
     related: list[ConditionExpr] = []
     grown = True
     while grown:
@@ -162,11 +162,11 @@ def _related(known: Conditions, expr: ConditionExpr) -> Conditions:
     return tuple(related)
 
 
-def _consistent(known: Conditions, expr: ConditionExpr) -> bool:
-    """True if there may be a blackboard on which `expr` and all of `known` hold."""
+def _consistent(premises: Conditions, expr: ConditionExpr) -> bool:
+    """True if there may be a blackboard on which `expr` and all of `premises` hold."""
     exprs = [to_nnf(expr)]
     room = MAX_TERMS
-    for each in known:
+    for each in premises:
         room -= sum(1 for _ in terms(each))
         if room >= 0:  # dropping a known condition can only turn False into True
             exprs.append(to_nnf(each))

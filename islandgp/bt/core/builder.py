@@ -323,7 +323,7 @@ class Builder:
 
     def _unknown_subtree(self, name: _Token) -> TreeError:
         names = self._templates
-        known = shorten(", ".join(names), 200, placeholder=" ...")
+        listing = shorten(", ".join(names), 200, placeholder=" ...")
         if name == self._name:
             message = f"subtree {shown(name)} uses itself"
         elif name in self._later:
@@ -339,7 +339,7 @@ class Builder:
         return self._scope.source.error_at(
             name,
             message,
-            expected=f"a subtree that is defined above: {known or 'none so far'}",
+            expected=f"a subtree that is defined above: {listing or 'none so far'}",
             guess=guess,
             kind=UnknownNameError,
         )

@@ -78,8 +78,8 @@ class _ConditionBuilder:
         return Condition(name.text, str(operator), value)
 
     def _comparable(self, name: str) -> list[str]:
-        known = self._vocabulary is not None and name in self._vocabulary.keys
-        return self._vocabulary.comparable(name) if self._vocabulary and known else []
+        is_key = self._vocabulary is not None and name in self._vocabulary.keys
+        return self._vocabulary.comparable(name) if self._vocabulary and is_key else []
 
     def _check_other(self, name: ScopedWord, key: Key | None, right: ScopedWord) -> None:
         """Raises TreeError unless a key can be compared with the word on the right, a key."""

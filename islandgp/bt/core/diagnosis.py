@@ -98,11 +98,11 @@ def unknown_argument(
         return source.error_at(
             token, f"the action {action} takes no arguments", expected=f"`{action}` alone"
         )
-    known = (f"{name}: {value_range(each)}" for name, each in parameters.items())
+    ranges = (f"{name}: {value_range(each)}" for name, each in parameters.items())
     return source.error_at(
         token,
         f"unknown argument {shown(token)} of {action}",
-        expected="; ".join(known),
+        expected="; ".join(ranges),
         guess=next(
             (f"{name}: {token}" for name, each in parameters.items() if token in each.words),
             closest(token, parameters),

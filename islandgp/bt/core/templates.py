@@ -112,8 +112,8 @@ def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tupl
             case "action", [_, values]:
                 yield from _names(*((each.children[1], VALUE) for each in values.children))
             case "use", [name, *arguments]:
-                known = templates.get(str(name))
-                fitting = chain(known.parameters.values() if known else (), repeat(ANYTHING))
+                template = templates.get(str(name))
+                fitting = chain(template.parameters.values() if template else (), repeat(ANYTHING))
                 passed = [each for part in arguments for each in part.children]
                 yield from _names(*zip(passed, fitting, strict=False))
                 below = passed

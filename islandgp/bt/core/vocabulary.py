@@ -187,10 +187,10 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
                 f" {key!r}."
             )
     for term in terms:
-        if term.operator not in (known := keys[term.key].operators or FLAG_OPERATORS):
+        if term.operator not in (operators := keys[term.key].operators or FLAG_OPERATORS):
             raise DomainError(
-                f"Expected one of {', '.join(known)} with {term.key} in the conditions of {where},"
-                f" found {term.operator!r}."
+                f"Expected one of {', '.join(operators)} with {term.key} in the conditions of"
+                f" {where}, found {term.operator!r}."
             )
     if wrong := [change for change in action.changes.values() if change not in (-1, 1)]:
         raise DomainError(f"Expected -1 or 1 as the changes of {where}, found {wrong[0]!r}.")

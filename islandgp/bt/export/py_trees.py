@@ -95,9 +95,11 @@ def to_python(
         whole = TargetNode("tick_counter", (), (whole,))
     node_classes = _own() if any(part.kind in CUSTOM_NODES for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    known = {name: _described(key) for name, key in vocabulary.keys.items()}
-    known = known or dict.fromkeys(keys_in(tree), "")
-    keys = "".join(f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in known.items())
+    descriptions = {name: _described(key) for name, key in vocabulary.keys.items()}
+    descriptions = descriptions or dict.fromkeys(keys_in(tree), "")
+    keys = "".join(
+        f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
+    )
     module = own_nodes("tree_module.txt")
     taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
@@ -114,8 +116,8 @@ def to_python(
 def _bound(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
     """The plan with all arguments of actions as `Tree.bind` passes them to a leaf's function."""
     args = part.args
-    if isinstance(args, ActionArgs) and (known := vocabulary.action(args.name).arguments):
-        args = args._replace(values=tuple(bound(args, known).items()))
+    if isinstance(args, ActionArgs) and (parameters := vocabulary.action(args.name).arguments):
+        args = args._replace(values=tuple(bound(args, parameters).items()))
     children = tuple(_bound(child, vocabulary) for child in part.children)
     return part._replace(args=args, children=children)
 

@@ -158,11 +158,11 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _sums_of_observations(self) -> Self:
-        known = [name for name, observation in self.observations.items() if not observation.sum]
+        names = [name for name, observation in self.observations.items() if not observation.sum]
         for name, observation in self.observations.items():
-            if wrong := [part for part in observation.sum if part not in known]:
+            if wrong := [part for part in observation.sum if part not in names]:
                 raise ValueError(
-                    f"observations.{name}.sum: expected some of {', '.join(known)}, found"
+                    f"observations.{name}.sum: expected some of {', '.join(names)}, found"
                     f" {wrong[0]!r}"
                 )
         return self

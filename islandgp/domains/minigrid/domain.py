@@ -44,11 +44,11 @@ class MiniGrid(Stepped):
                 "domain=minigrid: expected the package minigrid, found none; install it with"
                 " pip install 'islandgp[minigrid]'."
             )
-        known = list(levels())
+        names = list(levels())
         for level in world.levels:
-            if level not in known:
-                near = get_close_matches(level, known, 1, 0.4)
-                hint = f"did you mean {near[0]}?" if near else f"there is, e.g., {known[0]}"
+            if level not in names:
+                near = get_close_matches(level, names, 1, 0.4)
+                hint = f"did you mean {near[0]}?" if near else f"there is, e.g., {names[0]}"
                 raise ConfigError(
                     f"world.levels: expected levels of MiniGrid without moving obstacles, found"
                     f" {level!r};"

@@ -82,10 +82,10 @@ T = TypeVar("T")
 Cells = Mapping[str, Callable[[T], str]]  # the function for the cells of each column
 
 
-def published(known: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
-    """The cells of published figures; dashes if there are none for a key, {} for known=None."""
-    if known is not None:
-        row = known.get(key)
+def published(figures: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
+    """The cells of published figures; dashes if there are none for a key, {} for figures=None."""
+    if figures is not None:
+        row = figures.get(key)
         for head, cell in cells.items():
             yield f"{MARK} {head}", NONE if row is None else cell(row)
 
@@ -223,11 +223,11 @@ def runs_table(study: Comparison) -> Table:
 
 def _beside(place: int, paper: PublishedFigures | None, tiers: Sequence[str]) -> Row:
     """The paper's run with this number; empty after its last one."""
-    known = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
-    for who in ("proposed", "baseline"):
-        for tier, row in known:
-            cells = getattr(row, who)[place : place + 1] if row else ()
-            yield f"{MARK} {who}: {title(tier)}", "".join(map(str, cells))
+    published_rows = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
+    for arm in ("proposed", "baseline"):
+        for tier, row in published_rows:
+            cells = getattr(row, arm)[place : place + 1] if row else ()
+            yield f"{MARK} {arm}: {title(tier)}", "".join(map(str, cells))
 
 
 def _firsts(arm: Arm, seed: int, tier: str) -> str:

@@ -43,8 +43,10 @@ def decisions_table(study: Comparison) -> Table:
                 _share(kind[name] / d.total if kind else None)
                 for kind, d in zip(kinds, each, strict=True)
             ]
-            known = paper.decisions.get(name) if paper else None
-            rows.append(row(f"{heading}: {name.replace('_', ' ')}", shares, _share(known)))
+            published_share = paper.decisions.get(name) if paper else None
+            rows.append(
+                row(f"{heading}: {name.replace('_', ' ')}", shares, _share(published_share))
+            )
     for reason in ("diversity", "stagnation"):
         counts = [f"{d.episodes[reason]} ({d.crises[reason]} generations)" for d in each]
         published = str(paper.crises.get(reason, NONE)) if paper else NONE

@@ -88,7 +88,7 @@ def render(prompt: Prompt, values: Mapping[str, str]) -> tuple[str, str]:
 
 
 def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
-    def known(match: re.Match[str]) -> str:
+    def value_of(match: re.Match[str]) -> str:
         if match[1] in values:
             return values[match[1]]
         line = template.count("\n", 0, template.find(match[0])) + 1
@@ -100,14 +100,14 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
         )
 
     for match in _VARIABLE.finditer(template):
-        known(match)
+        value_of(match)
     shown = _SECTION.sub(lambda match: match[2] if values[match[1]] else "", template)
     if unpaired := _MARK.search(shown):
         raise SupervisionError(
             f"prompts/{name}.md: expected {{{{#name}}}} and {{{{/name}}}} in pairs, one pair in no"
             f" other, found {unpaired[0]} alone"
         )
-    return _VARIABLE.sub(known, shown)
+    return _VARIABLE.sub(value_of, shown)
 
 
 _FILES: Final = ("domain:", "include:", "library:")
@@ -342,15 +342,15 @@ def _judged(context: RunContext) -> str:
 def _worlds(context: RunContext) -> str:
     gp = context.gp
     several = gp.episodes > 1
-    whose = (
+    seeds = (
         f"the same {'worlds' if several else 'world'} for all individuals"
         if gp.shared_seed
         else f"{'worlds' if several else 'a world'} of its own for each individual"
     )
     if gp.reseed_every == "never":
-        return f"The worlds never change ({whose}), so luck of the world explains no change."
+        return f"The worlds never change ({seeds}), so luck of the world explains no change."
     each = "Every generation" if gp.reseed_every == "generation" else "Every epoch"
-    return f"{each} has new worlds ({whose}), so the best fitness rises and falls by luck too."
+    return f"{each} has new worlds ({seeds}), so the best fitness rises and falls by luck too."
 
 
 def _curriculum(context: RunContext) -> Iterator[str]:

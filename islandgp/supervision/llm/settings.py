@@ -311,10 +311,10 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     def price(self) -> Price | None:
         """The model's price; of several models the highest of each kind; None if one is unknown."""
         prices = [self.prices.models.get(n) for n in (self.model_name, *self.edit_models)]
-        known = [price.model_dump() for price in prices if price is not None]
-        if len(known) < len(prices):
+        fields = [price.model_dump() for price in prices if price is not None]
+        if len(fields) < len(prices):
             return None
-        return Price(**{sort: max(price[sort] for price in known) for sort in known[0]})
+        return Price(**{sort: max(price[sort] for price in fields) for sort in fields[0]})
 
     @property
     def model_name(self) -> str:
