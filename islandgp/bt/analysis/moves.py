@@ -1,7 +1,8 @@
 """The possible moves of a tree in a tick, by the statuses that its actions return.
 
 For trees with clocks (`TIMED`) the moves are incomplete: a `wait` starts its child immediately, and
-a `timeout` or `cooldown` never fails by itself. `Machine` includes these outcomes.
+a `timeout` or `cooldown` never fails by itself. `Machine` includes these outcomes. Reactive
+composites have the moves of those with memory, so rules of trees with them are not explored.
 """
 
 from __future__ import annotations
