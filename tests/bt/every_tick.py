@@ -54,12 +54,12 @@ class Engine:
         seen.add(id(value))
         if isinstance(value, FunctionType):
             for cell in value.__closure__ or ():
-                if not isinstance(cell.cell_contents, int):  # neither True nor False
+                if not isinstance(cell.cell_contents, int | float):  # nor True or False
                     self._find(cell.cell_contents, seen)
                 elif id(cell) not in seen:
                     seen.add(id(cell))
                     self._cells.append(cell)
-        elif isinstance(value, list) and all(isinstance(v, int | None) for v in value):
+        elif isinstance(value, list) and all(isinstance(v, int | float | None) for v in value):
             self._lists.append(value)
         elif isinstance(value, list | tuple):
             for each in value:

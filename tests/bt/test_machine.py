@@ -67,7 +67,7 @@ def reached(machine: Machine, boards: list[list[float]]) -> set[tuple[int, int]]
 def compare(tree: Node) -> tuple[int, int]:
     """Fails where a machine does not go as the engine does, or a proof excludes what it does.
 
-    Clocks and reactive composites have proofs, but no moves: `check_rule` explores no tree with them.
+    Clocks and reactive composites have proofs but no moves: `check_rule` explores no such tree.
     Returns the pairs of an action and a blackboard that can meet, and those that one walk through
     the tree does not exclude.
     """
