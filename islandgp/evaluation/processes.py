@@ -112,11 +112,19 @@ def start_forkserver(domain: str) -> None:
         domain: module of the domain. Workers import another one by themselves.
     """
     if os.name == "posix":
-        from multiprocessing import forkserver  # which other systems lack
+        from multiprocessing import forkserver, resource_tracker  # which other systems lack
 
         _set_imports(domain)
-        with suppress(OSError):  # `Processes` reports it
+        # Ctrl-C is this process's to handle. The server inherits that the signal is blocked; else
+        # it would print a traceback while it imports. A resource tracker's start unblocks it.
+        resource_tracker.ensure_running()
+        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
             forkserver.ensure_running()
+        except OSError:
+            pass  # `Processes` reports it
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
