@@ -65,7 +65,8 @@ class Killing(MessagesServer):
 @pytest.mark.parametrize("word", ["supervisor.lag=0", "supervisor.lag=2", "supervisor.edits=2"])
 def test_kill_9_and_resume(tmp_path: Path, word: str) -> None:
     """Killed three times with SIGKILL; only what was under way is asked for again."""
-    words = (word, "supervisor.policy.prompts=informed") if "edits" in word else (word,)
+    words = ("search=paper", word)  # which asks for rates and trees
+    words += ("supervisor.policy.prompts=informed",) if "edits" in word else ()
     straight, cut = tmp_path / "straight", tmp_path / "cut"
     straight.mkdir()
     cut.mkdir()

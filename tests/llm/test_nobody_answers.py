@@ -203,7 +203,7 @@ def test_answers_that_are_the_fallbacks_in_part(
     assert "3 of 3, 3 of them in part" in said.out
     assert "Answers of the fallback: 3 of 3, 3 of them in part\n" in said.out
     assert "Language model: 50% of the answers" in said.out
-    assert "in 1 of 1 jobs expected the language model to supervise" in said.err
+    assert "in 1 of 1 jobs expected guidance by the language model" in said.err
     for file in here.rglob("summary.json"):
         told = json.loads(file.read_text(encoding="utf-8"))
         assert told["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
