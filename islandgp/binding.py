@@ -286,11 +286,11 @@ def load_tree(
     """
     path = Path(file)
     text = read_text_file(path)
-    words = _words(text, path, vocabulary)
+    words = _vocabulary_of(text, path, vocabulary)
     return Tree(parse(text, words, name=str(path), folder=path.parent), words, str(path))
 
 
-def _words(
+def _vocabulary_of(
     text: str, file: Path, vocabulary: Vocabulary | str | os.PathLike[str] | None
 ) -> Vocabulary | None:
     """The vocabulary of a tree's text. Raises as `load_tree`."""

@@ -127,15 +127,15 @@ def function(
     """
     if name in table:
         return table[name]
-    custom = _own(name, check) if ":" in name else None
+    custom = _user_function(name, check) if ":" in name else None
     if custom is None:
         raise ValueError(f"expected one of {', '.join(table)} or MODULE:FUNCTION, found {name!r}")
     return cast(Function, custom)
 
 
 @cache
-def _own(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | None:
-    """Import a user's function; its exceptions become PartError. None if it cannot be imported."""
+def _user_function(path: str, check: Callable[..., None] | None) -> Callable[..., Any] | None:
+    """Imports a user's function; its exceptions become PartError. None if it cannot be imported."""
     try:
         function = imported(path)
     except ValidationError:

@@ -82,9 +82,9 @@ class TimeLimit:
             signal.setitimer(signal.ITIMER_REAL, remaining, interval)
         if self._late is None or (kind is not None and issubclass(kind, KeyboardInterrupt)):
             return
-        raise TimeLimitError(self._found(), self._seconds) from None
+        raise TimeLimitError(self._description(), self._seconds) from None
 
-    def _found(self) -> str:
+    def _description(self) -> str:
         assert self._late is not None
         runner = f"the action {self._late.action}" if self._late.action else self._what
         return f"{runner} still running after {self._seconds:g} s{self._where}"
@@ -100,7 +100,8 @@ class TimeLimit:
             raise self._late
         if self._times > MAX_RAISED:
             os.write(
-                2, f"islandgp: Expected an end of an episode, found {self._found()}\n".encode()
+                2,
+                f"islandgp: Expected an end of an episode, found {self._description()}\n".encode(),
             )
             os._exit(2)
         raise Overdue

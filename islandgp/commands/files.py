@@ -69,7 +69,7 @@ def _check_file(file: Path) -> None:
         must_take_files(file.resolve().parent)
     except OSError as error:
         raise IslandError(
-            f"Expected a place for the file {file}, found: {_found(file.parent, error)};"
+            f"Expected a place for the file {file}, found: {_obstacle(file.parent, error)};"
             " give another with -o."
         ) from None
 
@@ -94,12 +94,12 @@ FOLDER: Final = _Checked(check_folder, path_type=Path)
 def unusable(folder: Path, error: OSError) -> IslandError:
     """The error for a folder in which files cannot be written."""
     return IslandError(
-        f"Expected a folder for files in {folder}, found: {_found(folder, error)};"
+        f"Expected a folder for files in {folder}, found: {_obstacle(folder, error)};"
         " give another with -o."
     )
 
 
-def _found(folder: Path, error: OSError) -> str:
+def _obstacle(folder: Path, error: OSError) -> str:
     """The reason why a folder cannot be written, for a message."""
     for place in (*reversed(folder.absolute().parents), folder):
         if place.exists() and not place.is_dir():

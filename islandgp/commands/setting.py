@@ -34,7 +34,7 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
     """The settings of a run with these overrides. Raises ConfigError."""
     from islandgp.config.compose import only_job
 
-    keys = _given(overrides)
+    keys = _keys_of(overrides)
     quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in keys]
     return only_job([*quick, *overrides], config_dir).settings
 
@@ -119,7 +119,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
         OtherDomainError: no configuration has the domain of the text.
     """
     domain = domain_of(text)
-    if not domain or _given(chosen.overrides) & _CHOOSES:
+    if not domain or _keys_of(chosen.overrides) & _CHOOSES:
         return chosen.overrides
     if domain not in domain_files(chosen.config_dir):
         domains, (line, column) = (
@@ -169,7 +169,7 @@ def default_domain() -> str:
     return next(str(group["domain"]) for group in chosen if "domain" in group)
 
 
-def _given(overrides: Sequence[str]) -> set[str]:
+def _keys_of(overrides: Sequence[str]) -> set[str]:
     """The keys of overrides. Raises ConfigError."""
     for override in overrides:
         if "=" not in override:
@@ -179,7 +179,7 @@ def _given(overrides: Sequence[str]) -> set[str]:
 
 @cache
 def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
-    if _given(overrides) <= {"domain"}:
+    if _keys_of(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Composing the whole configuration reports errors of the class or its file better.
         with suppress(Exception):

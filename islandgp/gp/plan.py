@@ -48,7 +48,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
     crisis: Crisis
 
     @model_validator(mode="after")
-    def _known(self) -> GP:
+    def _check_operators(self) -> GP:
         for key, name, table in (
             ("selection", self.selection, SELECTIONS),
             ("crossover", self.crossover, CROSSOVERS),

@@ -45,7 +45,7 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
     simplify: bool  # parts of new trees that provably have no effect are removed
 
     @model_validator(mode="after")
-    def _known(self) -> Breeding:
+    def _check_crossovers(self) -> Breeding:
         custom = [name for name in self.crossovers if ":" in name]
         for name in custom:
             crossover(name)

@@ -164,13 +164,13 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     start = Start.now(
         {named: job for by_folder in entries.values() for named, job in by_folder.items()}
     )
-    started = _begun(start)
+    started = _start_times(start)
     for _ in range(LAUNCHES):
         try:
             launched(first.path, jobs[0], lambda: start, sweep_job(start), launch)
             break
         except Exception as error:
-            if _begun(start) == started:
+            if _start_times(start) == started:
                 raise RunError(
                     "Expected the launcher to start the jobs, found that it cannot:"
                     f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
@@ -183,7 +183,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
             break
 
 
-def _begun(start: Start) -> list[int]:
+def _start_times(start: Start) -> list[int]:
     """Time of each job's last start, ns since 1970; 0 if it was never started."""
     files = (run.path / "about.json" for run in start.runs())
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]

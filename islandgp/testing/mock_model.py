@@ -49,7 +49,7 @@ class MockModel:
 
     def __call__(self, request: Mapping[str, Any]) -> Any:
         """The answer as JSON values, or as a text if it is made unusable."""
-        system, user = _asked(request)
+        system, user = _prompts_of(request)
         edits = user.startswith("After generation")
         if (match := _STATE.search(user)) is None and not edits:  # the probe
             return {"greeting": "Hello."}
@@ -72,7 +72,7 @@ class MockModel:
         return np.random.default_rng(list(hashlib.sha256(content.encode()).digest()))
 
 
-def _asked(request: Mapping[str, Any]) -> tuple[str, str]:
+def _prompts_of(request: Mapping[str, Any]) -> tuple[str, str]:
     """The system prompt of the question, without those of others that share it, and the message."""
     system, user = _text(request.get("system", "")), str(request["messages"][0]["content"])
     if not user.startswith(_QUESTION):

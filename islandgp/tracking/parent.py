@@ -53,7 +53,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
             store.client.delete_run(state.run)
             state = _create(sweep, file, store)
             write_state(sweep.path, state)
-        end_ms = _ended(sweep, file)
+        end_ms = _end_time(sweep, file)
         store.client.set_terminated(state.run, status, end_ms)
         if status is Status.FINISHED and state.identity != key:
             _curves(state.run, store, summaries, end_ms)
@@ -124,7 +124,7 @@ def _points(arms: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
                 yield f"sweep/{name} {curve.name} sd", sd, step
 
 
-def _ended(sweep: SweepFolder, file: SweepFile) -> int:
+def _end_time(sweep: SweepFolder, file: SweepFile) -> int:
     """Time of the last recorded generation of any job, ms since 1970."""
     records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
     times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]

@@ -198,7 +198,7 @@ class RunUploader:
         if state.done == done:
             return state
         _must_be_trusted(self.folder)
-        client, ended = self.store.client, self._ended()
+        client, ended = self.store.client, self._end_time()
         # First, so that it is not RUNNING if anything below fails.
         client.set_terminated(state.run, status, ended)
         log_files(self.store, state.run, artifacts(self.folder))
@@ -236,7 +236,7 @@ class RunUploader:
         if stored is not None and "pruned" in stored.data.tags:
             self.store.client.delete_tag(run, "pruned")
 
-    def _ended(self) -> int:
+    def _end_time(self) -> int:
         """Time of the last recorded generation, ms since 1970."""
         return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
 

@@ -192,11 +192,11 @@ class _Scene:
             looks = changes((form, size, text) for form, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
             encoded.append(
-                {"way": first if first < place else self._way(path_points), "looks": looks}
+                {"way": first if first < place else self._path(path_points), "looks": looks}
             )
         return encoded
 
-    def _way(self, places: Sequence[tuple[float, float]]) -> list[int]:
+    def _path(self, places: Sequence[tuple[float, float]]) -> list[int]:
         return path(
             [(x - self.x) / self.unit for x, _ in places],
             [(y - self.y) / self.unit for _, y in places],

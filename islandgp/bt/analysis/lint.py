@@ -181,7 +181,7 @@ def _guard(
     if implies(context.at_start, expr):
         needless = not guard.checks_itself or implies(context.always, expr)
         if needless and not may_interrupt(guard, context):
-            message = f"this guard is redundant: {_why(expr, above)}"
+            message = f"this guard is redundant: {_reason(expr, above)}"
             yield at, "needless-guard", message
             return
     elif guard.abort == "lower" and context.observer is None:
@@ -290,7 +290,7 @@ def _why_not(
     return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"
 
 
-def _why(expr: ConditionExpr, above: Above) -> str:
+def _reason(expr: ConditionExpr, above: Above) -> str:
     """The reason why a condition always holds."""
     sufficient = [c for c in _guards(above) if implies((c,), expr)]
     if not sufficient:

@@ -57,7 +57,7 @@ def gathered(
             if getattr(part, "data", "") != "include":
                 continue
             token = part.children[0]
-            path = _found(source, token, folder, beside)
+            path = _included_path(source, token, folder, beside)
             if path in above:
                 raise source.error_at(
                     token,
@@ -76,7 +76,7 @@ def gathered(
             text = _text(source, token, path, remaining_chars)
             remaining_chars -= len(text)
             done.add(path)
-            visit(Source(text, _shown(path, folder)), "library", path.parent, (*above, path))
+            visit(Source(text, _shown_name(path, folder)), "library", path.parent, (*above, path))
         parts.append(ParsedFile(source, tree))
 
     visit(main, start, folder, ())
@@ -107,7 +107,7 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
     return texts
 
 
-def _found(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:
+def _included_path(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:
     written = str(token)[1:-1]
     if folder is None or beside is None:
         raise source.error_at(
@@ -157,7 +157,7 @@ def _text(source: Source, token: Any, path: Path, most: int) -> str:
     return plain(text)
 
 
-def _shown(path: Path, folder: Path | None) -> str:
+def _shown_name(path: Path, folder: Path | None) -> str:
     """The name of a file in messages."""
     assert folder is not None
     return str(folder / path.relative_to(folder.resolve()))

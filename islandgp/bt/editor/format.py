@@ -84,7 +84,7 @@ class _Formatter:
     def __init__(self, part: ParsedFile, builder: Builder) -> None:
         """`builder` has built the file."""
         self._file, self._builder = part.tree, builder
-        self._words = list(_words(part.source.text))
+        self._words = list(_words_of(part.source.text))
         self._first = {word.token.start_pos: i for i, word in enumerate(self._words)}
         self._behind = {word.token.end_pos: i for i, word in enumerate(self._words, 1)}
 
@@ -219,7 +219,7 @@ def _aside(comment: str) -> str:
     return f"  {comment}" if comment else ""
 
 
-def _words(text: str) -> Iterator[_Word]:
+def _words_of(text: str) -> Iterator[_Word]:
     """The words of a text that `parse` accepts; last an empty word for the end of the text."""
     from lark import Token
 

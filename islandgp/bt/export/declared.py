@@ -68,7 +68,7 @@ def declared(
         actions = dict(_model(read_xml(text, name=name), name))
         if not actions:
             raise DomainError(f"{name}: expected a <TreeNodesModel> with actions, found none.")
-        return Vocabulary(domain_of(tree) or UNNAMED, actions, _asked(tree, tree_name, folder))
+        return Vocabulary(domain_of(tree) or UNNAMED, actions, _keys_in(tree, tree_name, folder))
     return _schema(text, name)
 
 
@@ -108,8 +108,8 @@ def _port(port: Element) -> Parameter:
     return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
 
 
-def _asked(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys that a tree asks, in our language or in XML."""
+def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
+    """The keys in the conditions of a tree, which is in the tree language or in XML."""
     numbers: dict[str, bool] = {}
     if tree.lstrip("\ufeff \t\r\n").startswith("<"):
         for script in _scripts(read_xml(tree, name=name)):

@@ -281,7 +281,7 @@ class _Importer(SubtreeReader):
         """The condition that an attribute asks in the library's script language."""
         self.asks = True
         try:
-            expr = read_condition(self._asked(element, attribute), self.vocabulary)
+            expr = read_condition(self._condition_text(element, attribute), self.vocabulary)
         except ValueError as error:
             self.fail(element, str(error))
         if any(term.operator in ("==", "!=") for term in terms(expr)):
@@ -335,7 +335,7 @@ class _Importer(SubtreeReader):
         guard = implies(unless(expr), inner, abort) if inverted else guarded(expr, inner, abort)
         return commented(guard, notes_of(condition))
 
-    def _asked(self, element: Element, attribute: str) -> str:
+    def _condition_text(self, element: Element, attribute: str) -> str:
         """A condition's text with the keys of the blackboard."""
         text = element.attributes.get(attribute, "")
         return NAME.sub(lambda word: self.keys.get(word[0], word[0]), text)
@@ -350,7 +350,7 @@ class _Importer(SubtreeReader):
             )
         try:
             condition = re.sub(
-                r"'(\w+)'", r"\1", self._asked(element, "condition")
+                r"'(\w+)'", r"\1", self._condition_text(element, "condition")
             )  # words of keys
             expr = parse_condition(condition, self.vocabulary)
         except TreeError as error:

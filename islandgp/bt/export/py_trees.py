@@ -93,7 +93,7 @@ def to_python(
     whole = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.kind == "cooldown_ticks" for part in parts(whole)):
         whole = TargetNode("tick_counter", (), (whole,))
-    node_classes = _own() if any(part.kind in CUSTOM_NODES for part in parts(whole)) else ""
+    node_classes = _node_source() if any(part.kind in CUSTOM_NODES for part in parts(whole)) else ""
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     descriptions = {name: _described(key) for name, key in vocabulary.keys.items()}
     descriptions = descriptions or dict.fromkeys(keys_in(tree), "")
@@ -101,7 +101,7 @@ def to_python(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
     module = own_nodes("tree_module.txt")
-    taken = {*re.findall(r"\w+", module + _own()), *keyword.kwlist, *dir(builtins)}
+    taken = {*re.findall(r"\w+", module + _node_source()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(whole, taken)
     functions = [_SUBTREE.format(name=n, tree=_body(part, step_s)) for n, part in subtrees.items()]
     return module.format(
@@ -134,8 +134,8 @@ def _body(part: TargetNode, step_s: float | None) -> str:
     return "\n".join(_lines(part, "    ", step_s)).strip().removesuffix(",")
 
 
-def _own() -> str:
-    """The source of our behaviours, without docstring and imports."""
+def _node_source() -> str:
+    """The source of the package's node classes, without docstring and imports."""
     text = own_nodes("islandgp_nodes.py")
     return text[text.index("class When(") :].rstrip() + "\n\n\n"
 

@@ -197,7 +197,7 @@ def _simulate(
     sensors: Sensors | None,
 ) -> Episode:
     """Runs an episode from step 0 to its end; see `run_episode`."""
-    bound = _bound(tree, island, actions)
+    bound = _bound_actions(tree, island, actions)
     seen = island.board if sensors is None else list(island.board)
     tick = compile_tree(
         tree, bound, seen, VOCABULARY.places, watch=watch, step_s=island.world.episode.step
@@ -238,7 +238,7 @@ def _sensing(
     return sensed
 
 
-def _bound(
+def _bound_actions(
     tree: Node, island: State, actions: Mapping[str, IslandAction]
 ) -> dict[str, Callable[[bool], int]]:
     """The actions of this island's robot.

@@ -294,7 +294,7 @@ def probe_capabilities(
         SupervisionError: no request of this run can succeed: the key, the model or the address
             is wrong, or at the start of the run no server listens there.
     """
-    untried, named = _ways(settings), frozenset[str]()
+    untried, named = _parameter_choices(settings), frozenset[str]()
     turn = 0
     while True:
         structured, temperature = mode = _best(untried, named)
@@ -324,7 +324,7 @@ def probe_capabilities(
         named, turn = _named(answer.message, named), turn + 1
 
 
-def _ways(settings: LLMSettings) -> list[Way]:
+def _parameter_choices(settings: LLMSettings) -> list[Way]:
     """The combinations of parameters to try, the best first; a schema is preferred."""
     schemas = {"auto": (True, False), "structured": (True,), "text": (False,)}[settings.output]
     heats = dict.fromkeys((settings.temperature, None))
