@@ -210,7 +210,7 @@ def test_the_fault_of_an_operator_is_its_authors(
 ) -> None:
     """A mutation from outside that fails is named, and what the run has is kept."""
     sys.modules.pop("wrong", None)
-    plugin._own.cache_clear()
+    plugin._user_function.cache_clear()
     (here / "wrong.py").write_text(f"def hoist(rng, tree, space, how):\n    {body}\n")
     (here / "conf/gp").mkdir()
     text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
