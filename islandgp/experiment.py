@@ -25,7 +25,8 @@ from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import in_floats
 from islandgp.evaluation.serial import Serial
-from islandgp.evolution.loop import evaluate, evolve, training_seeds
+from islandgp.evolution.generation import evaluate, training_seeds
+from islandgp.evolution.loop import evolve
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import Step

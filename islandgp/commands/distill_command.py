@@ -69,7 +69,7 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
 def _cases(number: int, run: RunFolder) -> Iterator[Case]:
     """The decisions of a run's supervisor; those of its fallback are left out."""
     from islandgp.config.settings import read_settings
-    from islandgp.evolution.loop import view
+    from islandgp.evolution.loop import state_of_population
 
     config = run.configuration()
     must_trust_code(config)
@@ -81,7 +81,7 @@ def _cases(number: int, run: RunFolder) -> Iterator[Case]:
         guidance = record.guidance
         if guidance is None or guidance.asked_at is None or guidance.source == "fallback":
             continue
-        state = view(plan, history[: guidance.asked_at + 1])
+        state = state_of_population(plan, history[: guidance.asked_at + 1])
         tree = guidance.tree is not None and not _fell_back(guidance.notes, "tree")
         rate = not _fell_back(guidance.notes, "rate")
         yield Case(

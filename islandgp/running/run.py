@@ -332,7 +332,7 @@ def _evolve(
         search=search,
         start=start,
         past=past,
-        library=lambda: cost.episodes,
+        library_episodes=lambda: cost.episodes,
     )
     progress = Progress(
         settings.progress,

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
-from islandgp.evolution.loop import initial_state, restored
+from islandgp.evolution.loop import initial_state
+from islandgp.evolution.search_calls import restored
 from islandgp.gp.record import RunState
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.search.paper import Paper

@@ -353,7 +353,7 @@ def test_every_episode_counts_in_the_budget() -> None:
     assert len(run(how)) == 16
 
     def steps(start: RunState | None = None) -> list[Step]:
-        found = evolve(how, 1, Tries(), Fake(), start=start, library=lambda: 50)
+        found = evolve(how, 1, Tries(), Fake(), start=start, library_episodes=lambda: 50)
         return list(found)
 
     straight = steps()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.evolution.loop import mean_outcome
+from islandgp.evolution.generation import mean_outcome
 from tests.made import NOTHING, outcome
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.evolution.loop import evaluate, training_seeds
+from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin
 from islandgp.resources import resource

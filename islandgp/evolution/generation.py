@@ -1,0 +1,215 @@
+"""The evaluation of a generation: its individuals, their episodes, the archive, the statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import inf
+from time import perf_counter
+
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import size
+from islandgp.domain import Outcome, total
+from islandgp.evaluation.base import EarlyEvaluator, Evaluator, Job, evaluated
+from islandgp.evolution.edit_trials import compare_with_parents
+from islandgp.evolution.search_calls import asked_of
+from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
+from islandgp.gp.edits import EditTrial
+from islandgp.gp.plan import Plan
+from islandgp.gp.population import Evaluated, Individual
+from islandgp.gp.record import IndividualRecord, RunState, to_record
+from islandgp.scoring.classes import classify
+from islandgp.scoring.constraints import violation
+from islandgp.scoring.generation_stats import GenerationStats, generation_stats
+from islandgp.search.base import Search, SearchState
+from islandgp.seeding import Stream, Streams, seed_of
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The constant parts of a run."""
+
+    plan: Plan
+    streams: Streams
+    search: Search
+    evaluator: Evaluator
+    library_episodes: Callable[[], int]  # of the search for a library, in this run so far
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluatedGeneration:
+    """A generation after its episodes."""
+
+    worlds: tuple[int, ...]  # seeds
+    population: tuple[Evaluated, ...]  # by slot
+    records: tuple[IndividualRecord, ...]  # by slot
+    stats: GenerationStats
+    archive: ArchiveUpdate
+    trials: tuple[EditTrial, ...]  # edited trees against the trees before
+    episodes: int  # of the population, the archive and the trials
+    seconds: float  # in which episodes ran
+
+
+def evaluate_generation(
+    parts: Parts, state: RunState, search_state: SearchState
+) -> EvaluatedGeneration:
+    """Asks the search for individuals and evaluates them, with the archive and the trials of edits.
+
+    Args:
+        parts: of the run.
+        state: of the run before the generation.
+        search_state: of the search, for the same generation.
+
+    Raises:
+        EvaluationError: an episode failed.
+        PartError: a search of the user failed.
+    """
+    plan, g = parts.plan, state.generation
+    worlds = training_seeds(plan, parts.streams.seed, g)
+    individuals, texts, started = newcomers(parts, search_state, worlds)
+    population = evaluate(plan, g, individuals, texts, worlds, parts.evaluator)
+    archive = archived(parts, state.archive, population, texts, worlds, g)
+    trials, of_trials = compare_with_parents(
+        plan,
+        population,
+        texts,
+        worlds,
+        state.edit_parents,
+        parts.evaluator,
+        stage=plan.curriculum.stage(g),
+    )
+    seconds = perf_counter() - started
+    stats = generation_stats(
+        [e.outcome for e in population],
+        [e.labels for e in population],
+        [size(e.individual.tree) for e in population],
+        plan.classes,
+        plan.curriculum,
+        generation=g,
+        rate=state.advice.rate,
+        constraints=plan.constraints,
+    )
+    return EvaluatedGeneration(
+        worlds,
+        population,
+        tuple(to_record(e, text) for e, text in zip(population, texts, strict=True)),
+        stats,
+        archive,
+        trials,
+        len(population) * plan.gp.episodes + archive.episodes + of_trials,
+        seconds,
+    )
+
+
+def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
+    """World seeds of a generation: one per episode, or one per individual and episode."""
+    since = {"generation": generation, "epoch": plan.curriculum.epoch(generation), "never": 0}
+    n = plan.gp.episodes * (1 if plan.gp.shared_seed else plan.gp.population)
+    drawn_at = since[plan.gp.reseed_every]
+    return tuple(seed_of(seed, Stream.WORLD, generation=drawn_at, slot=i) for i in range(n))
+
+
+def jobs_of(
+    plan: Plan,
+    generation: int,
+    slot: int,
+    individual: Individual,
+    text: str,
+    worlds: Sequence[int],
+) -> list[Job]:
+    """The episodes of the individual in a slot; `text` is its canonical text."""
+    n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
+    first = 0 if plan.gp.shared_seed else slot * n
+    return [Job(text, stage, world, individual.tree) for world in worlds[first : first + n]]
+
+
+def evaluate(
+    plan: Plan,
+    generation: int,
+    population: Sequence[Individual],
+    texts: Sequence[str],
+    worlds: Sequence[int],
+    evaluator: Evaluator,
+) -> tuple[Evaluated, ...]:
+    """Evaluates individuals in the worlds; `texts` are their canonical texts."""
+    n = plan.gp.episodes
+    jobs = [
+        job
+        for slot, (individual, text) in enumerate(zip(population, texts, strict=True))
+        for job in jobs_of(plan, generation, slot, individual, text, worlds)
+    ]
+    outcomes = evaluator.evaluate(jobs)
+    results = []
+    for k, individual in enumerate(population):
+        episodes = outcomes[k * n : (k + 1) * n]
+        o, points = mean_outcome(episodes), tuple(episode.fitness for episode in episodes)
+        broken = violation(o.counters, plan.constraints)
+        labels = classify(o, plan.classes)
+        results.append(Evaluated(individual, o, labels, o.fitness, points, broken))
+    return tuple(results)
+
+
+def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
+    """The mean outcome of several episodes, number by number."""
+    if len(outcomes) == 1:
+        return outcomes[0]
+    first, n = outcomes[0], len(outcomes)
+    return Outcome(
+        components={c: total(o.components[c] for o in outcomes) / n for c in first.components},
+        counters={c: total(o.counters[c] for o in outcomes) / n for c in first.counters},
+        seconds=total(o.seconds for o in outcomes) / n,
+        endings=tuple(ending for o in outcomes for ending in o.endings),
+    )
+
+
+def newcomers(
+    parts: Parts, state: SearchState, worlds: Sequence[int]
+) -> tuple[list[Individual], list[str], float]:
+    """The individuals of a generation, their texts, and when their first episode can have started.
+
+    Episodes start while the search makes the next individuals, if the evaluator supports it.
+    """
+    plan, evaluator, g = parts.plan, parts.evaluator, state.generation
+    individuals: list[Individual] = []
+    texts: list[str] = []
+    started = inf
+    for slot, individual in enumerate(asked_of(parts.search, state, parts.streams, plan)):
+        individuals.append(individual)
+        texts.append(to_text(individual.tree))
+        if isinstance(evaluator, EarlyEvaluator):
+            started = min(started, perf_counter())
+            for job in jobs_of(plan, g, slot, individual, texts[-1], worlds):
+                evaluator.start(job)
+    return individuals, texts, min(started, perf_counter())
+
+
+def archived(
+    parts: Parts,
+    before: Sequence[Elite],
+    population: Sequence[Evaluated],
+    texts: Sequence[str],
+    worlds: Sequence[int],
+    generation: int,
+) -> ArchiveUpdate:
+    """The archive after a generation; elites are re-evaluated in worlds of a separate stream."""
+    plan, seed = parts.plan, parts.streams.seed
+    stage, n = plan.curriculum.stage(generation), plan.gp.episodes
+    worlds_of_elites = [
+        seed_of(seed, Stream.ARCHIVE, generation=generation, slot=i)
+        for i in range(plan.archive.reevaluations)
+    ]
+    nodes = {text: e.individual.tree for text, e in zip(texts, population, strict=True)}
+    return update_archive(
+        before,
+        population,
+        texts,
+        [worlds[0 if plan.gp.shared_seed else i * n] for i in range(len(population))],
+        plan.archive,
+        plan.classes,
+        stage=stage,
+        episodes=n,
+        reevaluate=lambda trees: evaluated(
+            parts.evaluator, [nodes.get(text, text) for text in trees], stage, worlds_of_elites
+        ),
+        constraints=plan.constraints,
+    )
