@@ -100,11 +100,10 @@ def wanted_rate(state: PopulationState, settings: ExpertSettings) -> float:
 
 
 def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
-    """The target of the next tree, Table 7.
+    """The target of the next tree (Table 7 of the paper).
 
-    Missing behaviours come first, then a crisis, then rare behaviours. Before the first robot of
-    the first milestone the rarest behaviour always counts as rare: evolution alone combines
-    behaviours.
+    Missing behaviours come first, then a crisis, then rare behaviours. Until the first robot of
+    the first milestone only single behaviours are injected, so that evolution combines them.
     """
     counts = state.now.behaviour_counts
     order = [*(name for name in settings.hardest or () if name in counts), *reversed(counts)]

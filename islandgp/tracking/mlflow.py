@@ -108,7 +108,7 @@ class SyncClient:
         self._changed = Condition()
         self._state = WorkerState.PREPARING
         self._step = "starting MLflow"  # the worker's present step, for the message to the user
-        self._failure: str | None = None  # why the last request failed; None: it succeeded
+        self._failure: str | None = None  # the last trouble; None: the last request succeeded
         self.ended = False  # True: the worker has ended
         self._last_event = monotonic()
         self._done: dict[str, str] = {}  # by folder: why not all was sent, or ""
@@ -156,7 +156,7 @@ class SyncClient:
                     return self._failure or f"no answer in {patience:g} s"
                 return next((text for f in folders if (text := self._done[f])), "")
         except KeyboardInterrupt:
-            return "you did not wait for them"
+            return "waiting was interrupted"
 
     def _all_done(self, folders: Sequence[str], patience: float, uri: str) -> bool:
         """Wait; return True if the requests of all folders were executed in time."""
@@ -202,7 +202,7 @@ def close_client() -> None:
 
 
 class MLflow:
-    """Mirrors one run's folder into MLflow."""
+    """Copies one run's folder to MLflow."""
 
     Settings = MLflowSettings
     worker: ClassVar[Callable[[OnEvent], SyncWorker]] = SyncProcess
@@ -218,7 +218,10 @@ class MLflow:
         check_place(Place.of(settings, home))
 
     def __init__(self, place: Place, patience: float) -> None:
-        """`patience`: s that `finish` waits without an event, >= 0."""
+        """`patience`: s that `finish` waits without an event, >= 0.
+
+        With 0, failed requests are not repeated and the child is kept for the next run.
+        """
         self.place = place
         self.patience = patience
 

@@ -168,7 +168,7 @@ def wheel(lab: Lab) -> Path:
 
 
 def installed(lab: Lab) -> None:
-    """The wheel in an environment of its own, in a folder with a blank, beside the checkout."""
+    """The wheel in a separate environment, in a folder with a blank, beside the checkout."""
     folder = lab.folder()
     venv.create(folder, with_pip=False, symlinks=True)
     (library,) = folder.glob("lib/python*/site-packages")
@@ -189,7 +189,7 @@ MATRIX: Final[dict[str, tuple[Callable[[Lab], None], str]]] = {
     "launcher": (launchers, "alone, in a sweep, joblib, submitit"),
     "Ray": (ray, "without, a job on it, episodes on it"),
     "domain": (domains, f"{', '.join(DOMAINS)}; each without workers and with 2"),
-    "wheel": (installed, "the checkout, and the wheel in an environment of its own"),
+    "wheel": (installed, "the checkout, and the wheel in a separate environment"),
     "Python": (pythons, f"this one's, {', '.join(PYTHONS)} where pyenv has them"),
 }
 """What varies: the function that tries it, and its values."""

@@ -115,7 +115,7 @@ def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(told, "wait", pressed)
-    assert "did not wait" in told.client.wait([ONE], 20, "sqlite:///x")
+    assert "waiting was interrupted" in told.client.wait([ONE], 20, "sqlite:///x")
 
 
 @pytest.mark.slow

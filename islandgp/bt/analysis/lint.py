@@ -184,7 +184,7 @@ def _guard(
             message = f"this guard is redundant: {_reason(expr, above)}"
             yield at, "needless-guard", message
             return
-    elif guard.abort == "lower" and context.observer is None:
+    elif guard.abort == "lower" and context.when_observed is None:
         message = "abort lower has no effect here: no composite has a later branch to stop"
         yield at, "needless-abort", message
     if (same := shortened(expr, conditions_when_evaluated(guard, context))) != expr:

@@ -46,7 +46,7 @@ def _only_child(node: Node, context: NodeContext) -> Rewrite:
         return None
     # But the child's guards were not observed, and must not become observed.
     child = node.children[0]
-    moved = child if context.observer is None else without_interrupts(child)
+    moved = child if context.when_observed is None else without_interrupts(child)
     return moved, f"{head(node)} has one child"
 
 

@@ -37,7 +37,7 @@ class NodeContext(NamedTuple):
 
     always: Conditions = ()  # in each tick in which the node runs
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
-    observer: Conditions | None = None  # whenever its guards are observed; None: never observed
+    when_observed: Conditions | None = None  # where its guards are observed; None: nowhere
     vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
 
 
@@ -165,10 +165,10 @@ def _related(premises: Conditions, expr: ConditionExpr) -> Conditions:
 def _consistent(premises: Conditions, expr: ConditionExpr) -> bool:
     """True if there may be a blackboard on which `expr` and all of `premises` hold."""
     exprs = [to_nnf(expr)]
-    room = MAX_TERMS
+    terms_left = MAX_TERMS
     for each in premises:
-        room -= sum(1 for _ in terms(each))
-        if room >= 0:  # dropping a known condition can only turn False into True
+        terms_left -= sum(1 for _ in terms(each))
+        if terms_left >= 0:  # dropping a known condition can only turn False into True
             exprs.append(to_nnf(each))
     joint = combine("and", exprs)
     return _case_count(joint) > MAX_CASES or _any_case_holds([], [joint])
@@ -236,41 +236,41 @@ class _Range:
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
     """The context of the child with this index, derived from the context of its parent."""
-    always, at_start, observer, vocabulary = context
+    always, at_start, when_observed, vocabulary = context
     kind = kind_of(node)
     if node.guard:
         holds = node.guard.condition
         if node.guard.checks_itself:
             always = (*always, holds)
-        return NodeContext(always, (*at_start, holds), observer, vocabulary)
+        return NodeContext(always, (*at_start, holds), when_observed, vocabulary)
     if kind.concurrent:
         return NodeContext(always, at_start, None, vocabulary)
     if kind.opaque:
-        return NodeContext(always, always, observer if kind.decorates else None, vocabulary)
+        return NodeContext(always, always, when_observed if kind.decorates else None, vocabulary)
     if kind.reactive:  # any child starts in any tick
         return NodeContext(always, always, None, vocabulary)
     if kind.counts is not None or kind.delayed:  # starts its child in later ticks
-        return NodeContext(always, always, observer, vocabulary)
+        return NodeContext(always, always, when_observed, vocabulary)
     if kind.decorates:
         return context
     last = index == len(node.children) - 1
     # The first branch starts with its composite, unless its guard can start it once more.
     starts = index == 0 and (last or not has_interrupting_guard(node.children[0]))
-    observer = None if last else always
-    return NodeContext(always, at_start if starts else always, observer, vocabulary)
+    when_observed = None if last else always
+    return NodeContext(always, at_start if starts else always, when_observed, vocabulary)
 
 
 def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
     """True if a `when` can stop a later branch in this context."""
-    if context.observer is None or not guard.interrupts:
+    if context.when_observed is None or not guard.interrupts:
         return False
     # A condition that is always true, or never, does not become true.
-    never = excludes(context.observer, guard.condition)
-    return not (never or implies(context.observer, guard.condition))
+    never = excludes(context.when_observed, guard.condition)
+    return not (never or implies(context.when_observed, guard.condition))
 
 
 def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditions:
     """Conditions that hold in each tick in which the condition of a `when` is evaluated."""
-    if context.observer is not None and guard.interrupts:
-        return context.observer
+    if context.when_observed is not None and guard.interrupts:
+        return context.when_observed
     return context.always if guard.checks_itself else context.at_start

@@ -2,14 +2,15 @@
 
 It does what `episode.advance` does until a sensor changes: Chipmunk steps, humanoids turn, and
 looks that are due are made. It stops before a look that earns points or shows another humanoid,
-which Python repeats; so it may look too early, but never too late, and outcomes are the same to
-the last bit.
+and Python repeats that look. Outcomes are the same to the last bit.
 
-While no body can touch anything, each moves on a straight line. Such steps are left to additions,
-the same that Chipmunk makes. Chipmunk makes at least SETTLE steps after each contact, and has
-forgotten it by then. The order in which it solves several contacts of one body depends on the
-steps before. So a body with two contacts at once sets CROWDED, and the episode is repeated with
-every step.
+`n` is the array of whole numbers of an episode, `f` that of floats; layout.py names their indices.
+
+While no body can touch anything, each moves on a straight line. In such steps positions are added
+up directly, in the same order and with the same rounding as in Chipmunk. Chipmunk makes at least
+SETTLE steps after each contact, and has forgotten it by then. The order in which it solves several
+contacts of one body depends on the steps before. So a body with two contacts at once sets CROWDED,
+and the episode is repeated with every step.
 """
 
 from __future__ import annotations
