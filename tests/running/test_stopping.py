@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -177,3 +178,31 @@ def test_garbage_is_collected_after_imports() -> None:
         "except ImportError: assert gc.isenabled()\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+@pytest.mark.slow
+@pytest.mark.process
+@pytest.mark.skipif(os.name != "posix", reason="needs process groups")
+@pytest.mark.parametrize("delay", [0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
+def test_ctrl_c_while_a_run_starts_its_processes(tmp_path: Path, delay: float) -> None:
+    """A terminal signals the forkserver and the workers as well; none of them prints a traceback.
+
+    Python ends by the signal itself (-2) where it comes in the first lines of the program; a
+    shell shows 130 for that, too.
+    """
+    command = [sys.executable, "-m", "islandgp", "tracking=off", "progress=off"]
+    run = subprocess.Popen(
+        command,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    time.sleep(delay)
+    os.killpg(run.pid, signal.SIGINT)
+    _, printed = run.communicate(timeout=60)
+    assert run.returncode in (130, -signal.SIGINT)
+    assert "Traceback" not in printed
+    assert printed.splitlines()[-1].startswith("islandgp: stopped")
