@@ -165,7 +165,7 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     islandgp("export", tree, *own, "-o", "carry.xml")
     assert "MoveToPick" in (empty / "carry.xml").read_text(encoding="utf-8")
     arms = ("--arm", "expert=supervisor=expert", "--arm", "fixed=supervisor=fixed")
-    said = islandgp("compare", *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
+    said = islandgp("compare", *own, *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
     assert "study/expert-fixed/index.html" in said
     page = empty / "study" / "expert-fixed" / "index.html"
     assert "expert against fixed" in page.read_text(encoding="utf-8")
