@@ -75,7 +75,7 @@ def test_every_command_runs(mine: Path) -> None:
 
     for words in COMMANDS:
         if words[0] == "python":
-            assert main([*words[3:], *SMALL, "evaluator=serial"]) == 0
+            assert main([*SMALL, *words[3:], "evaluator=serial"]) == 0
         else:
             done = CliRunner().invoke(command, words[1:])
             assert done.exit_code == 0, done.output

@@ -262,7 +262,7 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
     assert "islandgp sync" in said
     server = _serve(tmp_path, port)
     try:
-        sync(home / "runs")
+        sync(home / "runs", Place(uri, None, "islandgp"))
         (found,) = remote.client.search_runs([remote.experiment])
         assert found.info.status == "FINISHED"
         assert [step for step, _ in history(remote, found.info.run_id)] == list(range(30))
