@@ -49,9 +49,9 @@ def test_other_texts_say_none(text: str) -> None:
 
 def test_another_domain_is_refused() -> None:
     """The message shows the line, and what would do."""
-    with pytest.raises(DomainError) as caught:
+    with pytest.raises(DomainError) as excinfo:
         parse(f"# fast\ndomain maze\n{TREE}", VOCABULARY, name="my.bt")
-    assert str(caught.value) == (
+    assert str(excinfo.value) == (
         "my.bt:2:8: the tree is for the domain 'maze', not for 'island'\n"
         "    domain maze\n"
         "           ^\n"
@@ -81,11 +81,11 @@ def test_another_domain_is_told_before_its_words() -> None:
 @pytest.mark.parametrize("known", [True, False])
 def test_a_wrong_line(text: str, column: int, message: str, known: bool) -> None:
     """Each mistake is found where it is, with the domain's words and without."""
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse(text, VOCABULARY if known else None)
     if known or "domian" not in text:
-        assert caught.value.column == column
-        assert message in str(caught.value)
+        assert excinfo.value.column == column
+        assert message in str(excinfo.value)
 
 
 @pytest.mark.parametrize(

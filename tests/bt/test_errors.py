@@ -96,10 +96,10 @@ WRONG = [
 @pytest.mark.parametrize(("text", "line", "column", "words"), WRONG, ids=[w[0] for w in WRONG])
 def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None:
     """Each mistake is found where it is, and the message says what would do."""
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse(text, VOCABULARY, name="my.bt")
-    message = str(caught.value)
-    assert (caught.value.line, caught.value.column) == (line, column)
+    message = str(excinfo.value)
+    assert (excinfo.value.line, excinfo.value.column) == (line, column)
     assert message.startswith(f"my.bt:{line}:{column}: ")
     for word in words:
         assert word in message
@@ -107,11 +107,11 @@ def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None
 
 def test_whole_message() -> None:
     """A message has the place, the line with a caret, what would do, and a guess."""
-    with pytest.raises(UnknownNameError) as caught:
+    with pytest.raises(UnknownNameError) as excinfo:
         parse(
             "selector {\n  when batery < 25 { PatrolWaypoint }\n}", VOCABULARY, name="trees/mine.bt"
         )
-    assert str(caught.value) == (
+    assert str(excinfo.value) == (
         "trees/mine.bt:2:8: unknown blackboard key 'batery'\n"
         "      when batery < 25 { PatrolWaypoint }\n"
         "           ^\n"
@@ -119,14 +119,14 @@ def test_whole_message() -> None:
         " isHumanoidWantToClear.\n"
         "Did you mean batteryLevel?"
     )
-    assert caught.value.source == "  when batery < 25 { PatrolWaypoint }"
+    assert excinfo.value.source == "  when batery < 25 { PatrolWaypoint }"
 
 
 def test_long_line() -> None:
     """Of a very long line the message shows the part around the caret."""
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse("selector { " + "PatrolWaypoint " * 100 + "Patrl }", VOCABULARY)
-    shown, caret = str(caught.value).splitlines()[1:3]
+    shown, caret = str(excinfo.value).splitlines()[1:3]
     assert len(shown) < 110
     assert shown[caret.index("^") :].startswith("Patrl")
 
@@ -137,14 +137,14 @@ def test_kinds_of_errors() -> None:
         parse("use nothing", VOCABULARY)
     with pytest.raises(LimitError):
         parse("inverter { " * 200 + "PatrolWaypoint" + " }" * 200, VOCABULARY)
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse("selector", VOCABULARY)
-    assert type(caught.value) is TreeError
+    assert type(excinfo.value) is TreeError
 
 
 def test_errors_travel() -> None:
     """An error that crosses a process boundary keeps its place and its message."""
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse("selector {\n  Patrl }", VOCABULARY)
-    copy = pickle.loads(pickle.dumps(caught.value))
-    assert (str(copy), copy.line, copy.column) == (str(caught.value), 2, 3)
+    copy = pickle.loads(pickle.dumps(excinfo.value))
+    assert (str(copy), copy.line, copy.column) == (str(excinfo.value), 2, 3)

@@ -135,10 +135,10 @@ def test_wrong(text: str, folder: Path) -> None:
     (inner / "other.bt").write_text("domain sea")
     os.mkfifo(inner / "pipe.bt")
     place, words = WRONG[text]
-    with pytest.raises(IslandError) as caught:
+    with pytest.raises(IslandError) as excinfo:
         parse(text.replace(" A", " PatrolWaypoint"), VOCABULARY, name="t.bt", folder=inner)
-    assert words in str(caught.value)
-    assert f"{place}:" in str(caught.value)
+    assert words in str(excinfo.value)
+    assert f"{place}:" in str(excinfo.value)
 
 
 def test_a_text_without_a_file_includes_nothing() -> None:

@@ -242,11 +242,11 @@ def test_hostile_text(text: str) -> None:
     """Whatever the text is, the answer is a short and clear error, at once."""
     parse("PatrolWaypoint")
     start = time.process_time()
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         parse(text, VOCABULARY)
     assert time.process_time() - start < 1
-    assert len(str(caught.value)) < 1_000
-    str(caught.value).encode()
+    assert len(str(excinfo.value)) < 1_000
+    str(excinfo.value).encode()
 
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())

@@ -307,9 +307,9 @@ def test_serial_runs_are_bounded(broken: Broken) -> None:
     evaluator = Serial(setting, episode_timeout=0.2)
     with pytest.raises(
         EvaluationError, match=r"world seed 3, .*the action Tuck still.*\nTuck"
-    ) as found:
+    ) as excinfo:
         evaluator.evaluate([Job("Tuck", 0, 3)])
-    assert "evaluator.policy.episode_timeout" in str(found.value)
+    assert "evaluator.policy.episode_timeout" in str(excinfo.value)
     assert (
         simulate(setting, Job("Localise", 0, 3), 20)
         == evaluator.evaluate([Job("Localise", 0, 3)])[0]

@@ -135,6 +135,6 @@ def test_why_mujoco_cannot_be_imported(
     world = GymnasiumWorld.model_validate(plain("domain=swimmer")["world"])
     monkeypatch.setattr("islandgp.domains.gymnasium.domain.environment", environment)
     domain = Gymnasium(world, RewardTable(events={}))
-    with pytest.raises(ConfigError) as found:
+    with pytest.raises(ConfigError) as excinfo:
         domain.environment(render=False)
-    assert told in str(found.value)
+    assert told in str(excinfo.value)

@@ -482,10 +482,10 @@ def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
 )
 def test_what_is_not_there_is_told_in_a_line(words: tuple[str, ...], line: str) -> None:
     """Key, what was expected and found."""
-    with pytest.raises(IslandError) as found:
+    with pytest.raises(IslandError) as excinfo:
         composed(*words)
-    assert str(found.value).startswith(line)
-    assert "\n" not in str(found.value)
+    assert str(excinfo.value).startswith(line)
+    assert "\n" not in str(excinfo.value)
 
 
 @pytest.mark.parametrize(("world", "module"), [("minigrid", "minigrid"), ("cartpole", "gymnasium")])

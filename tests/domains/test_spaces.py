@@ -131,9 +131,9 @@ def test_other_spaces_are_refused(observed: Any, actions: Any, message: str) -> 
 )
 def test_wrong_configuration_is_told_in_a_line(words: str, line: str) -> None:
     """Key, what was expected and found."""
-    with pytest.raises(ConfigError) as found:
+    with pytest.raises(ConfigError) as excinfo:
         composed("domain=pendulum", f"++world.{words}")
-    assert str(found.value).startswith(f"world.{line}")
+    assert str(excinfo.value).startswith(f"world.{line}")
 
 
 @pytest.mark.parametrize(("value", "number"), [(0, 0.0), (1.6, 2.0), (7, 2.0), (-1, 0.0)])

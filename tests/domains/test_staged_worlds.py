@@ -66,7 +66,7 @@ def test_without_changes_there_is_one_domain() -> None:
 )
 def test_a_world_that_cannot_be(world: dict[str, Any], line: str) -> None:
     """One line that names the stage and its key."""
-    with pytest.raises(ConfigError) as found:
+    with pytest.raises(ConfigError) as excinfo:
         read_settings(staged(world))
-    assert str(found.value).startswith(line)
-    assert "\n" not in str(found.value)
+    assert str(excinfo.value).startswith(line)
+    assert "\n" not in str(excinfo.value)

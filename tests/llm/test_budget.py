@@ -304,14 +304,14 @@ def test_an_unknown_price_is_an_error_only_with_a_cap_in_dollars() -> None:
     advise(llm)
     assert "cost_usd" not in llm.spent()
     assert llm.spent()["input_tokens"] == 3000
-    with pytest.raises(ConfigError) as caught:
+    with pytest.raises(ConfigError) as excinfo:
         composed(
             "supervisor=llm",
             "supervisor.policy.model=some-local-model",
             "supervisor.policy.caps.usd=1",
         )
     assert "caps.usd: expected a model with a known price, found 'some-local-model'" in str(
-        caught.value
+        excinfo.value
     )
 
 

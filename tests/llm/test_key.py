@@ -271,9 +271,9 @@ def test_a_key_in_a_file_is_moved_to_the_environment() -> None:
     assert os.environ["ANTHROPIC_API_KEY"] == KEY
     other = plain("supervisor=llm", "supervisor.policy.api_key=another")
     for wrong in (lambda: key_in([config, other]), lambda: without_key([f"{NONE[:-4]}a,b"])):
-        with pytest.raises(ConfigError, match="ANTHROPIC_API_KEY") as caught:
+        with pytest.raises(ConfigError, match="ANTHROPIC_API_KEY") as excinfo:
             wrong()
-        assert KEY not in str(caught.value)
+        assert KEY not in str(excinfo.value)
 
 
 def test_settings_do_not_show_the_key() -> None:
@@ -281,9 +281,9 @@ def test_settings_do_not_show_the_key() -> None:
     found = settings(f"api_key={KEY}")
     assert KEY not in f"{found!r}{found}{found.model_dump()}{found.model_dump_json()}"
     policy = composed("supervisor=llm").supervisor.policy
-    with pytest.raises(ValueError, match="phases") as caught:
+    with pytest.raises(ValueError, match="phases") as excinfo:
         LLMSettings.model_validate({**policy, "api_key": KEY, "phases": {}})
-    assert KEY not in str(caught.value)
+    assert KEY not in str(excinfo.value)
 
 
 def test_a_key_of_digits_is_a_key() -> None:
@@ -296,6 +296,6 @@ def test_a_key_of_digits_is_a_key() -> None:
 def test_no_password_in_the_address() -> None:
     """An address is written into the configuration; a password in it would be, too."""
     for url in ("http://user:secret@localhost:1", "localhost:11434", "ftp://x"):
-        with pytest.raises(ConfigError) as caught:
+        with pytest.raises(ConfigError) as excinfo:
             settings(f"base_url='{url}'")
-        assert "secret" not in str(caught.value)
+        assert "secret" not in str(excinfo.value)

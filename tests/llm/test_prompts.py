@@ -189,9 +189,9 @@ def test_urgency_is_told_in_words(adviser: Questions) -> None:
 def test_a_missing_variable_is_named() -> None:
     """The error says which variable, in which file and line, and which one was perhaps meant."""
     prompt = Prompt("mine", "a\nb {{langage}} c", "u")
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         render(prompt, {"language": "x", "state": "y"})
-    assert str(caught.value) == (
+    assert str(excinfo.value) == (
         "prompts/mine.md: expected a known variable, found {{langage}} in 'b {{langage}} c';"
         " did you mean language?"
     )

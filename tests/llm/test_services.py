@@ -131,10 +131,10 @@ def test_a_missing_setting(
         if name != missing:
             monkeypatch.setenv(name, value)
     monkeypatch.setenv("AWS_CONFIG_FILE", "/nowhere")
-    with pytest.raises(SupervisionError, match=found) as caught:
+    with pytest.raises(SupervisionError, match=found) as excinfo:
         LLM.check(settings(f"service={service}"), context())
-    assert missing in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert missing in str(excinfo.value)
+    assert "\n" not in str(excinfo.value)
 
 
 def test_a_missing_package(monkeypatch: pytest.MonkeyPatch) -> None:

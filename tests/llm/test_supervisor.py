@@ -387,10 +387,10 @@ def test_a_server_that_speaks_only_openai_s_language(
 ) -> None:
     """The remedy is a proxy, and where it is described; an unknown model has another one."""
     llm, client = supervisor(lambda request, n: Failure(kind, message))  # noqa: ARG005
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         llm.start()
-    assert ("LiteLLM's proxy before it, see docs/llm.md, Any model" in str(caught.value)) == told
-    assert ("supervisor.policy.model" in str(caught.value)) == (kind is FailureKind.NOT_FOUND)
+    assert ("LiteLLM's proxy before it, see docs/llm.md, Any model" in str(excinfo.value)) == told
+    assert ("supervisor.policy.model" in str(excinfo.value)) == (kind is FailureKind.NOT_FOUND)
     assert len(client.requests) == 1
 
 
@@ -757,9 +757,9 @@ def test_an_alias_of_a_model() -> None:
 
 def test_without_key_and_address_three_ways_are_named() -> None:
     """The message says what each of the ways needs."""
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         LLM.make(settings(), context())
-    text = str(caught.value)
+    text = str(excinfo.value)
     for way in ("ANTHROPIC_API_KEY", "supervisor.policy.base_url=", "supervisor=expert"):
         assert way in text
 
@@ -814,9 +814,9 @@ def test_a_key_of_more_than_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     assert isinstance(client, AnthropicClient)
     assert client._key == "sk-0123456789"
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-0123456789\nsk-9876543210")
-    with pytest.raises(SupervisionError, match="a key in one line") as caught:
+    with pytest.raises(SupervisionError, match="a key in one line") as excinfo:
         LLM.make(settings(), context())
-    assert "sk-" not in str(caught.value)
+    assert "sk-" not in str(excinfo.value)
 
 
 def test_closing_leaves_no_trace_of_a_call_under_way() -> None:

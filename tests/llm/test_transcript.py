@@ -134,9 +134,9 @@ def test_a_changed_line_is_told(tmp_path: Path, old: str, new: str) -> None:
     written.add(attempt())
     written.add(Conclusion(3, "rate", "fallback", "timeout: late", ()))
     edited(path, old, new)
-    with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as caught:
+    with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as excinfo:
         Transcript(path)
-    assert "its checksum differs; restore the original" in str(caught.value)
+    assert "its checksum differs; restore the original" in str(excinfo.value)
 
 
 def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
@@ -219,9 +219,9 @@ def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
     transcript = Transcript(None)
     transcript.add(attempt(request=replace(ASK, turns=('{"best": 1,\n"mean": 2}',))))
     now = replace(ASK, turns=('{"best": 1,\n"mean": 3}',), temperature=0.2)
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         RecordedCalls(transcript).ask(Call(3, "rate", 0), now)
-    lines = str(caught.value).splitlines()
+    lines = str(excinfo.value).splitlines()
     assert "rate after generation 3" in lines[0]
     for line in ("-temperature: 0.7", "+temperature: 0.2", '-"mean": 2}', '+"mean": 3}'):
         assert line in lines

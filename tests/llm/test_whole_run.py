@@ -267,9 +267,9 @@ def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None
     """Another seed has another population: the first request already differs, and where is told."""
     with MessagesServer() as server:
         live(server, tmp_path / "live", "gp.generations=3")
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3", seed=4)
-    text = str(caught.value)
+    text = str(excinfo.value)
     assert "rate after generation 0" in text
     assert '- "fitness": ' in text
     assert '+ "fitness": ' in text

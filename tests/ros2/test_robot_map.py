@@ -74,10 +74,10 @@ def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
     """Each is one line with its place."""
     file = tmp_path / "my robot.yaml"
     file.write_text(text)
-    with pytest.raises(ConfigError) as raised:
+    with pytest.raises(ConfigError) as excinfo:
         read_map(file)
-    assert message in str(raised.value)
-    assert str(raised.value).startswith(str(file))
+    assert message in str(excinfo.value)
+    assert str(excinfo.value).startswith(str(file))
 
 
 def test_conditions(tmp_path: Path) -> None:

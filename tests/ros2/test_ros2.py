@@ -189,9 +189,9 @@ def test_maps_that_do_not_fit(
 ) -> None:
     """An interface, a field, a value or an action that there is not is one clear error."""
     monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(old, new))
-    with pytest.raises(IslandError) as raised:
+    with pytest.raises(IslandError) as excinfo:
         robot("selector { when battery < 20 { Dock } Drive }")
-    assert message in str(raised.value)
+    assert message in str(excinfo.value)
 
 
 @pytest.mark.parametrize(

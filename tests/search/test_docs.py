@@ -184,6 +184,6 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
 )
 def test_a_setting_that_says_nothing_is_refused(name: str, word: str, line: str) -> None:
     """In one line, before anything runs: a counter twice, or an infinite weight."""
-    with pytest.raises(islandgp.IslandError, match=line) as refused:
+    with pytest.raises(islandgp.IslandError, match=line) as excinfo:
         islandgp.compose(f"search={name}", f"search.policy.{word}")
-    assert "\n" not in str(refused.value)
+    assert "\n" not in str(excinfo.value)

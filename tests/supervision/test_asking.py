@@ -84,11 +84,11 @@ def asked(answer: Any) -> Guidance:
 @pytest.mark.parametrize(("answer", "line"), WRONG)
 def test_a_wrong_answer_is_told(answer: Any, line: str) -> None:
     """One line: whose it is, the field, what was expected, what was found."""
-    with pytest.raises(SupervisionError) as caught:
+    with pytest.raises(SupervisionError) as excinfo:
         asked(answer)
-    assert str(caught.value).startswith(f"{MINE} {line}")
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 300
+    assert str(excinfo.value).startswith(f"{MINE} {line}")
+    assert "\n" not in str(excinfo.value)
+    assert len(str(excinfo.value)) < 300
 
 
 @pytest.mark.parametrize("answer", RIGHT)

@@ -99,6 +99,6 @@ def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
                 raise LookupError("no such answer")
             return super().advise(state, rng)
 
-    with pytest.raises(PartError, match=r"Fails failed .LookupError: no such answer") as caught:
+    with pytest.raises(PartError, match=r"Fails failed .LookupError: no such answer") as excinfo:
         run(plan(f"supervisor.lag={lag}"), Fails())
-    assert isinstance(caught.value.__cause__, LookupError)
+    assert isinstance(excinfo.value.__cause__, LookupError)

@@ -206,9 +206,9 @@ def test_all_faults_are_reported_at_once(load: Callable[..., islandgp.Tree]) -> 
     """What is missing, what cannot be called, and what the vocabulary does not have."""
     text = "domain porter selector { when battery < 20 { Dock } Drive Wave }"
     leaves = {"Dok": lambda: True, "Drive": lambda speed: speed > 0, "Wave": later}
-    with pytest.raises(DomainError) as raised:
+    with pytest.raises(DomainError) as excinfo:
         load(text, WORDS).bind(leaves, keys={"person": True})
-    first, *lines = str(raised.value).splitlines()
+    first, *lines = str(excinfo.value).splitlines()
     assert first.endswith("my tree.bt, found:")
     assert [re.sub(r", in .*", "", line.strip()) for line in lines] == [
         "nothing for the action Dock",

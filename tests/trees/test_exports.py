@@ -520,11 +520,11 @@ def test_wrong_xml(text: str) -> None:
     words = WRONG_XML.get(text) or WRONG_NODES[text]
     if text in WRONG_NODES:
         text = f'<root BTCPP_format="4">\n<BehaviorTree ID="Robot">\n{text}</BehaviorTree></root>'
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         main_tree(text, VOCABULARY, name="t.xml")
-    assert words in str(caught.value)
+    assert words in str(excinfo.value)
     if "Robot" in text:
-        assert str(caught.value).startswith("t.xml:3:")
+        assert str(excinfo.value).startswith("t.xml:3:")
 
 
 def test_foreign_xml() -> None:
@@ -577,9 +577,9 @@ def test_wrong_json(text: str) -> None:
         if "format" in text or "kind" not in text
         else (f'{{"format": "islandgp-tree", "version": 1, "tree": {text}}}')
     )
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         from_json(whole, VOCABULARY, name="t.json")
-    assert WRONG_JSON[text] in str(caught.value)
+    assert WRONG_JSON[text] in str(excinfo.value)
 
 
 def test_hostile_files() -> None:

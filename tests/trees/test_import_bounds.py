@@ -251,11 +251,11 @@ WRONG = {
 def test_wrong_xml(case: str) -> None:
     """Each is refused in a message that is short and points into the file."""
     text, words = WRONG[case]
-    with pytest.raises(TreeError) as caught:
+    with pytest.raises(TreeError) as excinfo:
         main_tree(short_xml(text), VOCABULARY, name="t.xml")
-    assert words in str(caught.value)
-    assert str(caught.value).startswith("t.xml:1:")
-    assert len(str(caught.value)) < 500
+    assert words in str(excinfo.value)
+    assert str(excinfo.value).startswith("t.xml:1:")
+    assert len(str(excinfo.value)) < 500
 
 
 def json_of(tree: object) -> str:

@@ -209,9 +209,9 @@ REFUSED = {
 @pytest.mark.parametrize("xml", REFUSED)
 def test_refused_nodes(xml: str) -> None:
     """What has no equal here is refused with its place and the reason."""
-    with pytest.raises(TreeError, match=r"^<xml>:1:\d+: ") as caught:
+    with pytest.raises(TreeError, match=r"^<xml>:1:\d+: ") as excinfo:
         inside(xml)
-    assert REFUSED[xml] in str(caught.value)
+    assert REFUSED[xml] in str(excinfo.value)
 
 
 def test_ports_of_remapped_subtrees() -> None:
