@@ -27,7 +27,7 @@ import islandgp
 from islandgp.bt.core.language import to_text
 from islandgp.records.folder import RunFolder
 from islandgp.search.base import SearchState
-from islandgp.search.breeding import Brood, new_generation
+from islandgp.search.breeding import GenerationPlan, new_generation
 from islandgp.seeding import Streams
 from islandgp.statistics import Interval, benjamini_hochberg, paired_difference, paired_test
 from islandgp.study.figures.drawing import nth_style
@@ -321,9 +321,9 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
             if runs:
                 at = np.linspace(max(r[0, 0] for r in runs), min(r[-1, 0] for r in runs), POINTS)
                 mean = np.mean([np.interp(at, run[:, 0], run[:, 1]) for run in runs], axis=0)
-                how = nth_style(places[arm])
+                style = nth_style(places[arm])
                 axes.plot(
-                    at, mean, color=how.colour, linestyle=how.line, label=f"{arm} ({len(runs)})"
+                    at, mean, color=style.colour, linestyle=style.line, label=f"{arm} ({len(runs)})"
                 )
         axes.axhline(raw["by_hand"], color="black", linestyle=":", label="by hand, unseen worlds")
         axes.set(title=name, xlabel="episodes", ylabel="highest fitness so far")
@@ -346,9 +346,9 @@ def random_trees(names: Sequence[str]) -> None:
             experiment = islandgp.compose(*overrides, config_dir=world.config_dir)
             settings = experiment.settings
             plan = settings.plan(settings.make_domain())
-            how = settings.search.settings().breeding
+            breeding = settings.search.settings().breeding
             many = replace(plan, gp=plan.gp.model_copy(update={"population": RANDOM}))
-            trees = new_generation(many, Streams(9000), SearchState(0), Brood(), how)
+            trees = new_generation(many, Streams(9000), SearchState(0), GenerationPlan(), breeding)
             outcomes = [
                 experiment.evaluate(to_text(i.tree), [world_seed])[0]
                 for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)

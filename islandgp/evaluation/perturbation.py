@@ -111,7 +111,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         self, factory: Any, world: BaseModel, rewards: Any, plain: Mapping[str, Any]
     ) -> Iterator[str]:
         """A line if the world does not accept all lower ends, or all upper ends, of the ranges."""
-        for end, word in enumerate(("least", "greatest")):
+        for end, extreme in enumerate(("least", "greatest")):
             values = {
                 name: int(span[end]) if _is_whole(_setting(plain, name)) else span[end]
                 for name, span in self.world.items()
@@ -122,10 +122,10 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
                 first = error.errors(include_url=False)[0]
                 path = ".".join(map(str, ("perturb.world", *first["loc"])))
                 message = first["msg"].removeprefix("Value error, ")
-                yield f"{path}: {message[:1].lower()}{message[1:]}, with the {word} values"
+                yield f"{path}: {message[:1].lower()}{message[1:]}, with the {extreme} values"
                 return
             except IslandError as error:
-                yield f"perturb.world: with the {word} values: {brief(error)}"
+                yield f"perturb.world: with the {extreme} values: {brief(error)}"
                 return
 
 
@@ -137,20 +137,20 @@ class PerturbedWorlds:
     factory: Any  # the domain's class
     worlds: tuple[BaseModel, ...]  # settings of the group `world`, by stage
     rewards: Any
-    _made: dict[tuple[int, int], Domain] = field(default_factory=dict, repr=False, compare=False)
+    _domains: dict[tuple[int, int], Domain] = field(default_factory=dict, repr=False, compare=False)
 
     def domain(self, stage: int, seed: int) -> Domain:
         """The domain of a world seed in a stage. Raises ConfigError, pydantic.ValidationError."""
-        if (stage, seed) not in self._made:
-            if len(self._made) >= CACHE_SIZE:
-                self._made.clear()
+        if (stage, seed) not in self._domains:
+            if len(self._domains) >= CACHE_SIZE:
+                self._domains.clear()
             world = self.worlds[stage]
             changed = staged(world, self.perturbation.changes(world.model_dump(), seed))
             domain = self.factory.make(changed, self.rewards)
             if (faults := self.perturbation.sensors()) is not None:
                 domain = domain.with_sensors(faults)
-            self._made[stage, seed] = domain
-        return self._made[stage, seed]
+            self._domains[stage, seed] = domain
+        return self._domains[stage, seed]
 
 
 def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:

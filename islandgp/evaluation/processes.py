@@ -153,7 +153,7 @@ class Processes:
         self.workers = workers
         self.episode_timeout = episode_timeout
         self.simulated = 0
-        self._early: dict[Job, Future[Outcome]] = {}  # started before `evaluate` is called
+        self._early_results: dict[Job, Future[Outcome]] = {}  # started before `evaluate` is called
         self._pool = self._new_pool()
 
     def _new_pool(self) -> ProcessPoolExecutor:
@@ -165,16 +165,16 @@ class Processes:
 
     def start(self, job: Job) -> None:
         """See `EarlyEvaluator`."""
-        if job not in self._early:
+        if job not in self._early_results:
             with suppress(BrokenProcessPool):  # `evaluate` submits the job again
-                self._early[job] = self._submitted(job)
+                self._early_results[job] = self._submitted(job)
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        early, self._early = self._early, {}
+        early_results, self._early_results = self._early_results, {}
         try:
-            futures = [early.get(job) or self._submitted(job) for job in jobs]
+            futures = [early_results.get(job) or self._submitted(job) for job in jobs]
         except BrokenProcessPool:  # a worker died between two calls
             return self._one_by_one(jobs, {})
         done: dict[Job, Outcome] = {}

@@ -143,9 +143,9 @@ def evaluate(
     for k, individual in enumerate(population):
         episodes = outcomes[k * n : (k + 1) * n]
         o, points = mean_outcome(episodes), tuple(episode.fitness for episode in episodes)
-        broken = violation(o.counters, plan.constraints)
+        excess = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
-        results.append(Evaluated(individual, o, labels, o.fitness, points, broken))
+        results.append(Evaluated(individual, o, labels, o.fitness, points, excess))
     return tuple(results)
 
 

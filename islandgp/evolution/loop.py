@@ -116,11 +116,11 @@ class _Loop:
         plan, records = self.parts.plan, iter(past)
         for g in range(start.generation):
             record = next(records, None)
-            seen = None if record is None else self._recorded(record)
+            view = None if record is None else self._recorded(record)
             if g >= start.generation - plan.switches.lag:
-                self.queue.ask(state_of_population(plan, start.history[: g + 1]), seen)
-            elif seen is not None:
-                self.queue.recall(seen)
+                self.queue.ask(state_of_population(plan, start.history[: g + 1]), view)
+            elif view is not None:
+                self.queue.recall(view)
             self.guidance = None if record is None else record.guidance
             if record is not None:
                 self.recent.append(record.individuals)
@@ -209,10 +209,10 @@ class _Loop:
         if now.generation + plan.switches.lag + 1 < plan.gp.generations:  # else it has no effect
             multipliers = plan.curriculum.multipliers(now.stage)
             elites = () if plan.switches.lag else done.archive.elites
-            seen = GenerationView(
+            view = GenerationView(
                 now, done.worlds, multipliers, done.records, self.guidance, elites, done.trials
             )
-            self.queue.ask(population, seen)
+            self.queue.ask(population, view)
         return self.queue.answer(now.generation)
 
     def _nameable(self, done: EvaluatedGeneration) -> Nameable:

@@ -65,9 +65,9 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
             f" gp.max_depth={plan.gp.max_depth} levels in {name},"
             f" found {size(tree)} and {depth(tree)}"
         )
-    words = {node.action for node in walk(tree) if node.action}
+    actions = {node.action for node in walk(tree) if node.action}
     for used, declared in (
-        (words, plan.vocabulary.actions),
+        (actions, plan.vocabulary.actions),
         ({*keys_in(tree)}, plan.vocabulary.keys),
     ):
         if strange := sorted(used - declared.keys()):

@@ -42,7 +42,7 @@ def single_behaviours(
     evaluator: Evaluator,
     stage: int,
     *,
-    wanted: Sequence[str] | None = None,
+    behaviours: Sequence[str] | None = None,
     further: Sequence[Node] = (),
 ) -> Iterator[tuple[str, Node | None]]:
     """Searches a compact tree for each behaviour.
@@ -53,7 +53,7 @@ def single_behaviours(
         mutation: the mutations.
         evaluator: runs about 200 episodes, and 500 per behaviour, in each of WORLDS worlds.
         stage: index of the curriculum's stage that scores the episodes.
-        wanted: behaviours to search for; None: all.
+        behaviours: behaviours to search for; None: all.
         further: further trees to start from, e.g. of another stage.
 
     Yields:
@@ -62,16 +62,16 @@ def single_behaviours(
     Raises:
         EvaluationError: an episode failed.
     """
-    most = Limits(
+    limits = Limits(
         min(COMPACT.max_depth, space.limits.max_depth),
         min(COMPACT.max_nodes, space.limits.max_nodes),
     )
-    space = replace(space, limits=most)
+    space = replace(space, limits=limits)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
     tried = _Tried(evaluator, stage, classes)
-    tried.run([*(tree for tree in further if within(tree, most)), *pool])
+    tried.run([*(tree for tree in further if within(tree, limits)), *pool])
     for number, behaviour in enumerate(classes.behaviours, 1):
-        if wanted is not None and behaviour not in wanted:
+        if behaviours is not None and behaviour not in behaviours:
             continue
         for r in range(ROUNDS):
             # A tree found for one behaviour may be a step towards another one.
@@ -133,13 +133,13 @@ class _Tried:
         tree = simplify(tree, space.vocabulary).tree
         self.run([tree])
         while True:
-            least = self.score(tree, behaviour)[0]
+            minimum = self.score(tree, behaviour)[0]
             smaller = [t for t in _smaller(tree) if within(t, space.limits)]
             self.run(smaller)
-            good = [t for t in smaller if self.score(t, behaviour)[0] >= least]
-            if not good:
+            successes = [t for t in smaller if self.score(t, behaviour)[0] >= minimum]
+            if not successes:
                 return tree
-            tree = min(good, key=lambda t: (size(t), to_text(t)))
+            tree = min(successes, key=lambda t: (size(t), to_text(t)))
 
     def run(self, trees: Sequence[Node]) -> None:
         """Evaluates the trees that were not evaluated before."""

@@ -112,10 +112,11 @@ def candidates(
 
     def keep(generation: int, i: Mapping[str, Any]) -> _Shown:
         counters = i["counters"]
-        shown = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
-        broken, tree = violation(counters, constraints), sys.intern(i["tree"])  # elites are copies
-        candidate = Candidate(generation, i["id"], tree, i["fitness"], broken)
-        return candidate, frozenset((*i["tiers"], i["specialist"], *shown))
+        behaviours = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
+        tree = sys.intern(i["tree"])  # elites are copies
+        excess = violation(counters, constraints)
+        candidate = Candidate(generation, i["id"], tree, i["fitness"], excess)
+        return candidate, frozenset((*i["tiers"], i["specialist"], *behaviours))
 
     last = [pair for pair in _of_last_stage(records, keep) if not tier or tier in pair[1]]
     by_tree: dict[str, Candidate] = {}
@@ -177,17 +178,19 @@ def candidates_by_evidence(
     )
     first, end = last[0][0], last[-1][0] + 1
     parts = min(most, max(1, (end - first) // PART))
-    evaluations: list[dict[str, _Evaluations]] = [{} for _ in range(parts)]
+    evaluations_by_part: list[dict[str, _Evaluations]] = [{} for _ in range(parts)]
     for generation, name, tree, fitness, counters in last:
-        part = evaluations[(generation - first) * parts // (end - first)]
-        seen = part.setdefault(tree, _Evaluations())
-        seen.generation, seen.id = generation, name
-        seen.fitness[generation] = fitness
-        seen.counters = running_mean(seen.counters or counters, counters, seen.evaluations + 1)
-        seen.evaluations += 1
+        part = evaluations_by_part[(generation - first) * parts // (end - first)]
+        evaluations = part.setdefault(tree, _Evaluations())
+        evaluations.generation, evaluations.id = generation, name
+        evaluations.fitness[generation] = fitness
+        evaluations.count += 1
+        evaluations.counters = running_mean(
+            evaluations.counters or counters, counters, evaluations.count
+        )
     best = {
         c.tree: c
-        for part in evaluations
+        for part in evaluations_by_part
         for c in _by_bound(part, bound_width, constraints)[: most // parts]
     }
     return sorted(best.values(), key=lambda c: c.merit, reverse=True)
@@ -197,16 +200,16 @@ def _by_bound(
     evaluations: Mapping[str, _Evaluations], bound_width: float, constraints: Constraints
 ) -> list[Candidate]:
     """All trees as candidates, those with the highest lower bounds first."""
-    levels, sd = estimate([seen.fitness for seen in evaluations.values()])
+    levels, sd = estimate([evaluation.fitness for evaluation in evaluations.values()])
     everyone = [
         Candidate(
-            seen.generation,
-            seen.id,
+            evaluation.generation,
+            evaluation.id,
             tree,
-            level - bound_width * sd / sqrt(len(seen.fitness)),
-            violation(seen.counters, constraints),
+            level - bound_width * sd / sqrt(len(evaluation.fitness)),
+            violation(evaluation.counters, constraints),
         )
-        for (tree, seen), level in zip(evaluations.items(), levels, strict=True)
+        for (tree, evaluation), level in zip(evaluations.items(), levels, strict=True)
     ]
     return sorted(everyone, key=lambda c: c.merit, reverse=True)
 
@@ -219,7 +222,7 @@ class _Evaluations:
     id: str = ""  # of its last individual
     fitness: dict[int, float] = field(default_factory=dict)  # points by generation
     counters: dict[str, float] = field(default_factory=dict)  # with limits, means
-    evaluations: int = 0
+    count: int = 0  # of evaluations
 
 
 def _ordered(last: Sequence[_Shown], classes: Classes, top: int) -> Iterator[Candidate]:
@@ -234,15 +237,17 @@ def _ordered(last: Sequence[_Shown], classes: Classes, top: int) -> Iterator[Can
             yield from ranked[rank : rank + 1]
         if rank == 0:
             for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours):
-                yield from [candidate for candidate, shown in by_merit if name in shown][:1]
+                yield from [candidate for candidate, behaviours in by_merit if name in behaviours][
+                    :1
+                ]
 
 
 def validation_seeds(
     seed: int, used: frozenset[int], n: int, purpose: Stream = Stream.VALIDATION
 ) -> tuple[int, ...]:
     """The first `n` worlds of a run for a purpose, by default validation, that are not used."""
-    drawn = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
-    return tuple(world for world in drawn if world not in used)[:n]
+    draws = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
+    return tuple(world for world in draws if world not in used)[:n]
 
 
 def entrants(trees: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:

@@ -40,14 +40,14 @@ def update_behaviour_archive(
     Stages of the curriculum have different scales, so an individual of a later stage replaces one
     of an earlier stage regardless of fitness.
     """
-    kept = dict(archive)
+    updated = dict(archive)
     for e in population:
         for behaviour in e.labels.behaviours:
-            best = kept.get(behaviour)
+            best = updated.get(behaviour)
             if best is None or (stage, e.merit) > (best.stage, best.merit):
                 i = e.individual
-                kept[behaviour] = BehaviourBest(i.id, i.tree, stage, e.fitness, e.violation)
-    return {name: kept[name] for name in behaviours if name in kept}
+                updated[behaviour] = BehaviourBest(i.id, i.tree, stage, e.fitness, e.violation)
+    return {name: updated[name] for name in behaviours if name in updated}
 
 
 def scaled(count: int, allocation: Allocation, population: int) -> int:
@@ -57,16 +57,16 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
 
 def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
     """The number of diversity slots, within the ranges of Table 1: more if diversity is low."""
-    least, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
+    fewest, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
     fewest_children, most_children = (
         scaled(n, allocation, population) for n in allocation.tournament_children
     )
     enough, low = allocation.diversity_targets
-    middle = (least + most + 1) // 2
-    wanted = least if diversity >= enough else most if diversity < low else middle
+    middle = (fewest + most + 1) // 2
+    slots = fewest if diversity >= enough else most if diversity < low else middle
     free = population - taken
-    wanted = max(wanted, min(most, free - most_children))
-    return max(min(wanted, free - fewest_children), min(least, free))
+    slots = max(slots, min(most, free - most_children))
+    return max(min(slots, free - fewest_children), min(fewest, free))
 
 
 class Survivor(NamedTuple):
@@ -86,13 +86,13 @@ def elites(
     """The elites, behavioural elites and resurrected individuals of the next population."""
     n, order = len(population), ranked(tuple(population))
     best = order[: scaled(allocation.elites, allocation, n)]
-    taken = {e.individual.id for e in best}
+    elite_ids = {e.individual.id for e in best}
     slots = [Survivor(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
     room = scaled(allocation.behavioural_elites, allocation, n)
     for behaviour in behaviours:
         i = next((e.individual for e in order if behaviour in e.labels.behaviours), None)
-        if room and i is not None and i.id not in taken:
-            taken.add(i.id)
+        if room and i is not None and i.id not in elite_ids:
+            elite_ids.add(i.id)
             room -= 1
             slots.append(Survivor(Origin.BEHAVIOURAL_ELITE, i.id, i.tree))
     alive = {behaviour for e in population for behaviour in e.labels.behaviours}
@@ -122,10 +122,10 @@ def next_population(
     """
     n, gp, allocation = len(population), plan.gp, plan.allocation
     select, cross = selection(gp.selection), crossover(gp.crossover)
-    kept = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
+    survivors = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
     new = [
         Individual(f"{generation}.{slot}", s.tree, s.origin, (s.parent,))
-        for slot, s in enumerate(kept)
+        for slot, s in enumerate(survivors)
     ]
     for i in range(diversity_slots(allocation, n, len(new) + len(edited), diversity)):
         slot = len(new)
@@ -136,13 +136,13 @@ def next_population(
         new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
     new += edited_individuals(edited, generation, len(new))
     supplied: Counter[str] = Counter()
-    most = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
+    limit = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
     for slot in range(len(new), n):
         rng = streams(Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
             e = pick_parent(
-                rng, select, population, supplied, most=most, entrants=gp.tournament_size
+                rng, select, population, supplied, most=limit, entrants=gp.tournament_size
             )
             supplied[e.labels.specialist] += 1
             parents.append(e.individual)

@@ -49,8 +49,8 @@ class ArchiveSettings(BaseModel, frozen=True, extra="forbid"):
             return None
         for counter, edges in cells.items():
             if any(b <= a for a, b in pairwise(edges)):
-                shown = ", ".join(f"{edge:g}" for edge in edges)
-                raise ValueError(f"expected rising edges of {counter}, found [{shown}]")
+                edge_list = ", ".join(f"{edge:g}" for edge in edges)
+                raise ValueError(f"expected rising edges of {counter}, found [{edge_list}]")
         if len(cells) > MAX_AXES:
             raise ValueError(f"expected at most {MAX_AXES} counters, found {len(cells)}")
         if (n := prod(map(len, cells.values()))) > MAX_CELLS:
@@ -168,11 +168,11 @@ def update_archive(
     elites = {e.cell: e for e in before}
     cell_of_elite = {e.tree: e.cell for e in before}
     challengers: dict[tuple[int, ...], Elite] = {}
-    seen: set[str] = set()
+    texts_so_far: set[str] = set()
     for e, text, world in zip(evaluated, texts, worlds, strict=True):
-        if text in seen:  # a duplicate, mostly evaluated in the same world
+        if text in texts_so_far:  # a duplicate, mostly evaluated in the same world
             continue
-        seen.add(text)
+        texts_so_far.add(text)
         if (cell := cell_of_elite.get(text)) is not None:
             elite = elites[cell]
             if e.violation:
@@ -221,10 +221,10 @@ def _reevaluated(
     before = [elite for pair in rivals for elite in pair]
     outcomes = reevaluate([elite.tree for elite in before])
     after = [
-        _updated(elite, len(more), total(o.fitness for o in more) / len(more), stage)
-        if not mean_violation(more, constraints)
+        _updated(elite, len(results), total(o.fitness for o in results) / len(results), stage)
+        if not mean_violation(results, constraints)
         else None
-        for elite, more in zip(before, outcomes, strict=True)
+        for elite, results in zip(before, outcomes, strict=True)
     ]
     yield from zip(after[::2], after[1::2], strict=True)
 

@@ -112,8 +112,8 @@ def _random_condition(rng: np.random.Generator, space: TreeSpace) -> ConditionEx
     condition = random_term(rng, space)
     if rng.random() < 0.7:
         return condition
-    word = "or" if rng.random() < 0.2 else "and"
-    return combine(word, [condition, random_term(rng, space)])
+    operator = "or" if rng.random() < 0.2 else "and"
+    return combine(operator, [condition, random_term(rng, space)])
 
 
 def _selectors(tree: Node) -> list[tuple[int, Node]]:
@@ -158,8 +158,8 @@ def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSett
         return tree
     nodes = list(walk(tree))
     i = int(rng.integers(len(nodes)))
-    drawn = _random_condition(rng, space)
-    return replace_at(tree, i, guarded(drawn, nodes[i], random_abort(rng, space)))
+    condition = _random_condition(rng, space)
+    return replace_at(tree, i, guarded(condition, nodes[i], random_abort(rng, space)))
 
 
 def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
@@ -192,9 +192,9 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
         )
     new: ConditionExpr | None = random_term(rng, space)
     if draw < 0.5 and len(parts) < space.settings.conditions.terms:
-        word = "or" if rng.random() < 0.3 else "and"
+        operator = "or" if rng.random() < 0.3 else "and"
         assert new is not None
-        new = combine(word, [parts[at], new])
+        new = combine(operator, [parts[at], new])
     elif draw < 0.65:
         new = None
     changed = with_term(expr, at, new)

@@ -107,8 +107,10 @@ class Edit:
         }
         for name, is_given in fields.items():
             if is_given != (name == needs):
-                wanted, actual = ("a", "none") if name == needs else ("no", "one")
-                raise ValueError(f"expected {wanted} {name} in an edit {self.kind}, found {actual}")
+                expected, actual = ("a", "none") if name == needs else ("no", "one")
+                raise ValueError(
+                    f"expected {expected} {name} in an edit {self.kind}, found {actual}"
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,12 +201,12 @@ def path_of(tree: Node, at: str, vocabulary: Vocabulary | None = None) -> Path:
     if all(step.isascii() and step.isdigit() and len(step) < 7 for step in steps):
         return tuple(map(int, steps))
     try:
-        wanted = parse(at, vocabulary)
+        target = parse(at, vocabulary)
     except TreeError:
         raise ValueError(
             f"expected a place such as 0/2/1, or the text of a subtree, found {at[:60]!r}"
         ) from None
-    paths = [path for path, node in nodes_with_paths(tree) if node == wanted]
+    paths = [path for path, node in nodes_with_paths(tree) if node == target]
     if len(paths) == 1:
         return paths[0]
     if not paths:

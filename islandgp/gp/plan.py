@@ -98,11 +98,11 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
             raise ValueError(
                 f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
             )
-        taken = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
-        if taken + self.tournament_children[0] > self.per:
+        reserved = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
+        if reserved + self.tournament_children[0] > self.per:
             raise ValueError(
                 f"expected slots that fit into {self.per} individuals, found"
-                f" {taken} and at least {self.tournament_children[0]} tournament children"
+                f" {reserved} and at least {self.tournament_children[0]} tournament children"
             )
         return self
 
@@ -127,21 +127,22 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
         """
         assert self.episodes is not None
         one = population * episodes
-        least = one + (max(1, round(validation * one)) if validation else 0)
-        if self.episodes < least:
+        minimum = one + (max(1, round(validation * one)) if validation else 0)
+        if self.episodes < minimum:
             raise ValueError(
-                f"budget.episodes: expected at least {least:,}, one generation and its validation,"
-                f" found {self.episodes:,}; raise it, or lower gp.population or gp.episodes"
+                f"budget.episodes: expected at least {minimum:,}, one generation and its"
+                f" validation, found {self.episodes:,}; raise it, or lower gp.population or"
+                " gp.episodes"
             )
         return max(1, int(self.episodes / (1 + validation)) // one)
 
     def check_library(self, episodes: int, gp: GP) -> None:
         """Raise ConfigError if no generation is left after the search for a library."""
         one = gp.population * gp.episodes
-        least = episodes + one + round(gp.validation * one)
-        if episodes and self.episodes is not None and self.episodes < least:
+        minimum = episodes + one + round(gp.validation * one)
+        if episodes and self.episodes is not None and self.episodes < minimum:
             raise ConfigError(
-                f"budget.episodes: expected at least {least:,}, the search for the library"
+                f"budget.episodes: expected at least {minimum:,}, the search for the library"
                 f" ({episodes:,}), one generation and its validation, found {self.episodes:,};"
                 " raise it, or name a folder of trees in library.folder"
             )

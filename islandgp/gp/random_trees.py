@@ -203,8 +203,8 @@ def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Co
     if terms == 1:
         return random_term(rng, space)
     n_first = int(rng.integers(1, terms))
-    word = ("and", "or")[rng.integers(2)]
-    return combine(word, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
+    operator = ("and", "or")[rng.integers(2)]
+    return combine(operator, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
 
 
 def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:
@@ -266,8 +266,8 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
 def expected_nodes(trees: TreeSettings, depth: int) -> float:
     """Expected number of nodes of `grow` with this depth, >= 1; at most MAX_EXPECTED_NODES."""
     weight = sum(trees.kinds.values())
-    several = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
-    children = 1 - several + several * sum(trees.children) / 2
+    branching = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
+    children = 1 - branching + branching * sum(trees.children) / 2
     nodes = 1.0
     for _ in range(1, depth):
         before, nodes = nodes, trees.leaf + (1 - trees.leaf) * (1 + children * nodes)
@@ -284,9 +284,9 @@ def check_growth(
     Trees that exceed the limits are rejected after their creation, so large ones cost time.
     `where` is the configuration path of the settings with this `subtree_depth`.
     """
-    most = trees.depth[1]
-    if most > 1000:
-        raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {most}")
+    max_depth = trees.depth[1]
+    if max_depth > 1000:
+        raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {max_depth}")
     if subtree_depth > limits.max_depth:
         raise ValueError(
             f"{where}.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
@@ -297,7 +297,7 @@ def check_growth(
             f"gp.trees.children: expected at most gp.max_nodes={limits.max_nodes} children,"
             f" found {trees.children[1]}"
         )
-    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], most + 1)]
+    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], max_depth + 1)]
     for key, value in (
         ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
         (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),

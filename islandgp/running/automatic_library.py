@@ -116,7 +116,7 @@ def _search(
                 settings.gp.mutation,
                 evaluator,
                 stage,
-                wanted=missing,
+                behaviours=missing,
                 further=tuple(by_behaviour.values()),
             )
             for n, (name, tree) in enumerate(search, 1):

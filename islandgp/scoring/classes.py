@@ -181,11 +181,11 @@ def specialist(o: Outcome, classes: Classes) -> str:
     """The exclusive class of an individual (section 2.3.3)."""
     s = classes.specialists
     counts = sorted(((o.counters[classes.behaviours[name]], name) for name in s.of), reverse=True)
-    most, name = counts[0]
-    if most <= 0:
+    highest, name = counts[0]
+    if highest <= 0:
         return s.idle
     second = counts[1][0] if len(counts) > 1 else 0.0
-    return name if most > s.dominance_ratio * second else s.mixed
+    return name if highest > s.dominance_ratio * second else s.mixed
 
 
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
@@ -197,10 +197,10 @@ def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
 def classify(o: Outcome, classes: Classes) -> BehaviourLabels:
     """The class, tiers and behaviours of an individual, by its outcome."""
     kind, done = specialist(o, classes), classes.shown(o.counters)
-    shown = {kind, *(name for name in done if name not in classes.specialists.of)}
+    names = {kind, *(name for name in done if name not in classes.specialists.of)}
     return BehaviourLabels(
         specialist=kind,
         tiers=tiers(o, classes),
-        behaviours=tuple(name for name in classes.kept if name in shown),
+        behaviours=tuple(name for name in classes.kept if name in names),
         working=kind != classes.specialists.idle,
     )

@@ -51,8 +51,8 @@ def overlapping(behaviour_counts: Mapping[str, int]) -> float:
 
     Only with this reading are the numbers of Table 12 consistent with those of Table 13.
     """
-    shown = sum(behaviour_counts.values())
-    return 1 - max(behaviour_counts.values()) / shown if shown else 0.0
+    total = sum(behaviour_counts.values())
+    return 1 - max(behaviour_counts.values()) / total if total else 0.0
 
 
 def generation_stats(
@@ -72,8 +72,8 @@ def generation_stats(
     fitness = [o.fitness for o in outcomes]
     merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
     counts = Counter(specialists)
-    shown = Counter(name for o in outcomes for name in classes.shown(o.counters))
-    behaviours = {name: shown[name] for name in classes.behaviours}
+    individuals = Counter(name for o in outcomes for name in classes.shown(o.counters))
+    behaviours = {name: individuals[name] for name in classes.behaviours}
     return GenerationStats(
         generation=generation,
         epoch=curriculum.epoch(generation),

@@ -30,9 +30,9 @@ class Crisis(BaseModel, frozen=True, extra="forbid"):
             return "diversity"
         return "stagnation" if stagnant_epochs > self.stagnant_epochs_above else ""
 
-    def rate(self, wanted: float, reason: str) -> float:
+    def rate(self, proposed: float, reason: str) -> float:
         """Eq. (8): the emergency rate in a crisis, else the rate that the supervisor advised."""
-        return self.emergency_rate if reason else wanted
+        return self.emergency_rate if reason else proposed
 
 
 class StateSettings(BaseModel, frozen=True, extra="forbid"):

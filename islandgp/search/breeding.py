@@ -131,47 +131,54 @@ def new_child(
 
 
 @dataclass(frozen=True, slots=True)
-class Brood:
-    """The contents of a generation, except for a supervisor's trees."""
+class GenerationPlan:
+    """The trees of a generation, except for a supervisor's."""
 
-    pick: Pick | None = None  # of the children's parents; None: random trees in place of children
-    reevaluated: Sequence[Parent] = ()  # trees that are evaluated again, the most important first
-    written: Sequence[
-        Node
-    ] = ()  # trees that are evaluated as they are, such as the plan's founders
-    tried: Collection[str] = ()  # digests of evaluated trees, which new trees should not repeat
+    pick: Pick | None = None  # draws the parents of children; None: random trees, no children
+    reevaluated: Sequence[Parent] = ()  # evaluated again, the most important first
+    initial_trees: Sequence[Node] = ()  # evaluated unchanged, such as the founders of generation 0
+    known_digests: Collection[str] = ()  # of evaluated trees, which new trees should not repeat
 
 
 def new_generation(
-    plan: Plan, streams: Streams, state: SearchState, brood: Brood, breeding: Breeding
+    plan: Plan,
+    streams: Streams,
+    state: SearchState,
+    contents: GenerationPlan,
+    breeding: Breeding,
 ) -> Iterator[Individual]:
     """Yields the individuals of a generation, `gp.population` of them, in slot order.
 
-    The order: written trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
+    The order: initial trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
     Trees evaluated again leave at least two slots to the others.
 
     Args:
         plan: with the number of individuals and the space of trees.
         streams: the run's random streams; those of new slots are consumed.
         state: has the generation's index and the supervisor's advice for it.
-        brood: the contents of the generation.
+        contents: the contents of the generation.
         breeding: the settings of children and random trees.
     """
     g, n = state.generation, plan.gp.population
     advice = state.advice or Advice(rate=0.0)
-    kept = [
-        *((tree, Origin.INJECTED, ()) for tree in brood.written[:n]),
-        *((p.tree, Origin.ELITE, (p.id,)) for p in brood.reevaluated[: n - 2 - len(advice.edited)]),
+    first_slots = [
+        *((tree, Origin.INJECTED, ()) for tree in contents.initial_trees[:n]),
+        *(
+            (p.tree, Origin.ELITE, (p.id,))
+            for p in contents.reevaluated[: n - 2 - len(advice.edited)]
+        ),
     ]
     if advice.tree is not None:
-        kept.append((advice.tree, Origin.INJECTED, ()))
-    individuals = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(kept)]
+        first_slots.append((advice.tree, Origin.INJECTED, ()))
+    individuals = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(first_slots)]
     individuals += edited_individuals(advice.edited, g, len(individuals))
     yield from individuals
-    tried = {*brood.tried, *(digest(i.tree) for i in individuals)}
+    known_digests = {*contents.known_digests, *(digest(i.tree) for i in individuals)}
     for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        yield _new_individual(rng, f"{g}.{slot}", brood.pick, plan.space, breeding, tried)
+        yield _new_individual(
+            rng, f"{g}.{slot}", contents.pick, plan.space, breeding, known_digests
+        )
 
 
 def _new_individual(
@@ -180,11 +187,13 @@ def _new_individual(
     pick: Pick | None,
     space: TreeSpace,
     breeding: Breeding,
-    tried: set[str],
+    known_digests: set[str],
 ) -> Individual:
-    """A child of the parents that `pick` draws, or a random tree. Its digest is added to `tried`.
+    """A child of the parents that `pick` draws, or a random tree.
 
-    After TRIES attempts a tree that was evaluated before is accepted.
+    The digest of the tree is added to `known_digests`.
+
+    After TRIES attempts, a tree that was evaluated before is accepted.
     """
     for _ in range(TRIES):
         if pick is None:
@@ -194,9 +203,9 @@ def _new_individual(
             origin = Origin.CROSSOVER if len(parents) > 1 else Origin.COPY
             i = Individual(name, tree, origin, parents, changes)
         key = digest(i.tree)
-        if key not in tried:
+        if key not in known_digests:
             break
-    tried.add(key)
+    known_digests.add(key)
     return i
 
 
@@ -213,7 +222,7 @@ class BreedingSearch(ABC, Generic[S]):
     """A search whose generations consist of re-evaluated trees, a supervisor's trees, and children.
 
     A subclass has `Settings`, a subclass of BreedingSettings, the type `Memory`, and the two
-    methods `brood` and `update`.
+    methods `plan_next` and `update`.
     """
 
     uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
@@ -237,8 +246,8 @@ class BreedingSearch(ABC, Generic[S]):
 
     def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """See `SteadySearch`."""
-        brood = self.first(streams) if state.memory is None else self.brood(state)
-        return new_generation(self.plan, streams, state, brood, self.settings.breeding)
+        contents = self.plan_first(streams) if state.memory is None else self.plan_next(state)
+        return new_generation(self.plan, streams, state, contents, self.settings.breeding)
 
     def tell(
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
@@ -246,13 +255,13 @@ class BreedingSearch(ABC, Generic[S]):
         """See `Search`."""
         return SearchState(state.generation + 1, self.update(state, evaluated), advice)
 
-    def first(self, streams: Streams) -> Brood:  # noqa: ARG002 -- a subclass may draw
+    def plan_first(self, streams: Streams) -> GenerationPlan:  # noqa: ARG002 -- a subclass may draw
         """Generation 0: the plan's founders, then random trees."""
-        return Brood(written=self.plan.founders)
+        return GenerationPlan(initial_trees=self.plan.founders)
 
     @abstractmethod
-    def brood(self, state: SearchState) -> Brood:
-        """The contents of a later generation, from the memory in `state`."""
+    def plan_next(self, state: SearchState) -> GenerationPlan:
+        """The trees of a later generation, from the memory in `state`."""
 
     @abstractmethod
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Any:

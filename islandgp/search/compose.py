@@ -48,23 +48,23 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
 
 
 def priority_lists(
-    rng: np.random.Generator, library: Sequence[Node], most: int, limits: Limits
+    rng: np.random.Generator, library: Sequence[Node], count: int, limits: Limits
 ) -> list[Node]:
     """Selectors of the library's branches and its fallback branch, in different orders.
 
     Args:
-        rng: draws orders if there are more than `most`; the generator is consumed.
+        rng: draws orders if there are more than `count`; the generator is consumed.
         library: trees.
-        most: maximum number of lists, >= 0.
+        count: maximum number of lists, >= 0.
         limits: lists that exceed them are left out.
     """
     branches, fallback = library_branches(library)
     n = len(branches)
-    if factorial(n) <= most:
+    if factorial(n) <= count:
         orders = list(permutations(range(n)))
     else:
-        drawn = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * most))
-        orders = list(islice(dict.fromkeys(drawn), most))
+        draws = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * count))
+        orders = list(islice(dict.fromkeys(draws), count))
     lists = (selector(*(branches[k] for k in order), *fallback) for order in orders)
     return [tree for tree in lists if within(tree, limits)]
 
@@ -127,9 +127,9 @@ class Compose:
         """See `Search`."""
         g, memory = state.generation, state.memory
         if memory is None:
-            most = min(self.settings.orders, self.plan.gp.population)
+            count = min(self.settings.orders, self.plan.gp.population)
             rng = streams(Stream.SEARCH)
-            lists = priority_lists(rng, self.library, most, self.plan.gp.limits)
+            lists = priority_lists(rng, self.library, count, self.plan.gp.limits)
             return tuple(Individual(f"0.{k}", t, Origin.INJECTED) for k, t in enumerate(lists))
         return tuple(
             Individual(f"{g}.{k}", tree, Origin.ELITE, (before,))

@@ -75,6 +75,6 @@ def point(dimensions: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...
     return tuple(d.scaled(outcome.counters[d.counter]) for d in dimensions)
 
 
-def cell(descriptor: Sequence[float], most: int) -> tuple[int, ...]:
-    """The cell of a descriptor: bin 0 has the value 0 only, and the bins end at +-`most`."""
-    return tuple(int(copysign(min(most, ceil(abs(x))), x)) for x in descriptor)
+def cell(descriptor: Sequence[float], bins: int) -> tuple[int, ...]:
+    """The cell of a descriptor: bin 0 has the value 0 only, and the bins end at +-`bins`."""
+    return tuple(int(copysign(min(bins, ceil(abs(x))), x)) for x in descriptor)

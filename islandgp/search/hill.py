@@ -13,7 +13,13 @@ from typing import Any, ClassVar
 
 from islandgp.gp.population import Evaluated
 from islandgp.search.base import SearchState
-from islandgp.search.breeding import BreedingSearch, BreedingSettings, Brood, Parent, parent_of
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    GenerationPlan,
+    Parent,
+    parent_of,
+)
 
 
 class Hill(BreedingSearch[BreedingSettings]):
@@ -22,10 +28,10 @@ class Hill(BreedingSearch[BreedingSettings]):
     Settings = BreedingSettings
     Memory: ClassVar[Any] = Parent  # of the next generation
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         parent: Parent = state.memory
-        return Brood(pick=lambda _: (parent, ()), reevaluated=[parent])
+        return GenerationPlan(pick=lambda _: (parent, ()), reevaluated=[parent])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Parent:  # noqa: ARG002 -- the fittest alone counts
         """The fittest individual; of equal ones the first, as the parent has slot 0."""

@@ -22,7 +22,7 @@ from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
-    Brood,
+    GenerationPlan,
     Parent,
     Pick,
     parent_of,
@@ -69,13 +69,13 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
             )
         return super().make(settings, context)
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         everyone: tuple[Contender, ...] = state.memory.all
         best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
         draw = lexicase_draw(everyone)
         pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
-        return Brood(pick, reevaluated=[c.parent for c in best[: self.settings.elites]])
+        return GenerationPlan(pick, reevaluated=[c.parent for c in best[: self.settings.elites]])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""

@@ -31,7 +31,7 @@ from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
-    Brood,
+    GenerationPlan,
     Parent,
     digest,
     parent_of,
@@ -84,7 +84,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         super().__init__(settings, plan)
         self.dimensions = dimensions(settings.descriptor, plan.classes)
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         occupants: tuple[Occupant, ...] = state.memory.occupants
         elites = [cell[0] for cell in self.cells(occupants).values()]
@@ -94,10 +94,10 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         least_evaluated = sorted(
             elites, key=lambda o: (-o.evaluations, self._merit(o)), reverse=True
         )
-        return Brood(
+        return GenerationPlan(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
             reevaluated=[elite.parent for elite in least_evaluated[:slots]],
-            tried={digest(o.parent.tree) for o in occupants},
+            known_digests={digest(o.parent.tree) for o in occupants},
         )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:

@@ -22,7 +22,7 @@ from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
-    Brood,
+    GenerationPlan,
     Parent,
     parent_of,
     pick_by_rank,
@@ -67,10 +67,10 @@ class Novelty(BreedingSearch[NoveltySettings]):
         super().__init__(settings, plan)
         self.dimensions = dimensions(settings.descriptor, plan.classes)
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         memory: Explored = state.memory
-        return Brood(
+        return GenerationPlan(
             pick_by_rank(memory.parents, self.settings.tournament), reevaluated=memory.fittest
         )
 

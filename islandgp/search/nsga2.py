@@ -25,7 +25,7 @@ from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
-    Brood,
+    GenerationPlan,
     Parent,
     parent_of,
     pick_by_rank,
@@ -58,11 +58,11 @@ def ranks(
 
     A smaller violation dominates a larger one regardless of the points (section VI).
     """
-    broken = np.zeros(len(points)) if violations is None else np.array(violations)
+    excess = np.zeros(len(points)) if violations is None else np.array(violations)
 
     def dominated(k: int) -> Any:
         better = (points[k] >= points).all(axis=1) & (points[k] > points).any(axis=1)
-        return (broken[k] < broken) | ((broken[k] == broken) & better)
+        return (excess[k] < excess) | ((excess[k] == excess) & better)
 
     by = np.zeros(len(points), dtype=np.int64)  # number of unranked rows that dominate each row
     for k in range(len(points)):
@@ -125,18 +125,18 @@ class Nsga2(BreedingSearch[Nsga2Settings]):
         counters = dict.fromkeys(plan.classes.behaviours.values())
         self.objectives = settings.objectives or ("fitness", *counters)
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         parents: tuple[Parent, ...] = state.memory.parents
-        return Brood(pick_by_rank(parents), reevaluated=parents)
+        return GenerationPlan(pick_by_rank(parents), reevaluated=parents)
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Survivors:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""
         points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
-        broken = [e.violation for e in evaluated]
-        most = max(2, round(self.settings.survivors * len(evaluated)))
+        violations = [e.violation for e in evaluated]
+        survivors = max(2, round(self.settings.survivors * len(evaluated)))
         return Survivors(
-            tuple(parent_of(evaluated[k]) for k in crowded_order(points, broken)[:most])
+            tuple(parent_of(evaluated[k]) for k in crowded_order(points, violations)[:survivors])
         )
 
 

@@ -100,9 +100,9 @@ class NumberSettings:
         comparing = rest // 4
         racing = rest - 2 * comparing
         if generations < 1 or comparing < MIN_WORLDS:
-            least = max(ceil(generation / SEARCH), generation + 4 * MIN_WORLDS)
+            minimum = max(ceil(generation / SEARCH), generation + 4 * MIN_WORLDS)
             raise ConfigError(
-                f"Expected at least {least:,} episodes: a generation is {population} trees in"
+                f"Expected at least {minimum:,} episodes: a generation is {population} trees in"
                 f" {self.worlds} worlds, and a race and a comparison follow; found"
                 f" {self.episodes:,}. Give more episodes, or fewer worlds."
             )
@@ -190,21 +190,25 @@ def thresholds_of(
             continue
         common = number("", low, high, min(key.step for key in keys))
         common = replace(common, whole=any(key.whole for key in keys))
-        most = min((key.most for key in keys if key.most is not None), default=MAX_NUMBER)
-        thresholds.append(Threshold(each, common, _bounds(each.value, common, most)))
+        upper_limit = min((key.most for key in keys if key.most is not None), default=MAX_NUMBER)
+        thresholds.append(Threshold(each, common, _bounds(each.value, common, upper_limit)))
     return thresholds
 
 
-def _bounds(written: float, key: Key, most: float) -> tuple[float, float]:
+def _bounds(original: float, key: Key, upper_limit: float) -> tuple[float, float]:
     """The bounds of a threshold: the key's range, extended by its width if the value is above it.
 
     Args:
-        written: the value.
+        original: the value.
         key: its range.
-        most: greatest value of the key.
+        upper_limit: greatest value of the key.
     """
-    room = min(written + key.high - key.low, most, MAX_NUMBER) if written > key.high else key.high
-    return min(key.low, written), max(room, written)
+    room = (
+        min(original + key.high - key.low, upper_limit, MAX_NUMBER)
+        if original > key.high
+        else key.high
+    )
+    return min(key.low, original), max(room, original)
 
 
 def tuned(
@@ -240,7 +244,7 @@ def tuned(
     """
     settings = settings or NumberSettings()
     thresholds = tuple(thresholds_of(text, vocabulary, name=name, folder=folder))
-    written = tuple(each.number.value for each in thresholds)
+    original = tuple(each.number.value for each in thresholds)
     if not thresholds:
         return Tuned(text, (), (), None, EpisodeCosts())
     plan = settings.plan(len(thresholds))
@@ -249,14 +253,14 @@ def tuned(
 
     best = _search(candidates, settings, plan, worlds, seed)
     searching = candidates.episodes
-    winner = _race(candidates, [written, *best], plan.racing, worlds)
+    winner = _race(candidates, [original, *best], plan.racing, worlds)
     racing = candidates.episodes - searching
-    if winner == written:
-        return Tuned(text, thresholds, written, None, EpisodeCosts(searching, racing))
-    comparison = _compare(candidates, written, winner, list(islice(worlds, plan.comparing)))
+    if winner == original:
+        return Tuned(text, thresholds, original, None, EpisodeCosts(searching, racing))
+    comparison = _compare(candidates, original, winner, list(islice(worlds, plan.comparing)))
     costs = EpisodeCosts(searching, racing, candidates.episodes - searching - racing)
     if not comparison.accepted:
-        return Tuned(text, thresholds, written, comparison, costs)
+        return Tuned(text, thresholds, original, comparison, costs)
     return Tuned(candidates.text(winner), thresholds, winner, comparison, costs)
 
 
@@ -322,8 +326,8 @@ def _search(
     )
     winners: list[Values] = []
     for _ in range(plan.generations):
-        drawn = [optimizer.ask() for _ in range(plan.population)]
-        values = [_rounded(axes, offsets) for offsets in drawn]
+        samples = [optimizer.ask() for _ in range(plan.population)]
+        values = [_rounded(axes, offsets) for offsets in samples]
         trees = list(dict.fromkeys(values))
         fitness = candidates.points(trees, list(islice(worlds, settings.worlds)))
         means = {tree: fmean(points) for tree, points in zip(trees, fitness, strict=True)}
@@ -332,7 +336,7 @@ def _search(
         # Losses are relative to the best tree, as worlds differ between generations. CMA-ES stops
         # if all losses are 0 for some dozens of generations.
         losses = [means[best] - means[tree] for tree in values]
-        optimizer.tell(list(zip(drawn, losses, strict=True)))
+        optimizer.tell(list(zip(samples, losses, strict=True)))
         if len(trees) == 1 or optimizer.should_stop():
             break
     return [_rounded(axes, optimizer.mean), *reversed(winners)]
@@ -359,7 +363,7 @@ def _race(
         racers = sorted(points, key=lambda tree: -_mean(points[tree]))[:size]
         new = list(islice(worlds, episodes // len(sizes) // size))
         fitness = candidates.points(racers, new)
-        points = {tree: points[tree] + more for tree, more in zip(racers, fitness, strict=True)}
+        points = {tree: points[tree] + scores for tree, scores in zip(racers, fitness, strict=True)}
     return max(points, key=lambda tree: _mean(points[tree]))
 
 
@@ -377,9 +381,9 @@ def _mean(points: Sequence[float]) -> float:
 
 
 def _compare(
-    candidates: _Candidates, written: Values, winner: Values, worlds: Sequence[int]
+    candidates: _Candidates, original: Values, winner: Values, worlds: Sequence[int]
 ) -> NumberComparison:
-    before, after = candidates.points([written, winner], worlds)
+    before, after = candidates.points([original, winner], worlds)
     differences = [b - a for a, b in zip(before, after, strict=True)]
     better = sum(difference > 0 for difference in differences)
     return NumberComparison(
@@ -389,9 +393,9 @@ def _compare(
 
 def _new_worlds(seed: int) -> Iterator[int]:
     """Distinct world seeds, without end."""
-    seen: set[int] = set()
+    used: set[int] = set()
     for slot in count():
         world = seed_of(seed, Stream.TUNING, slot=slot)
-        if world not in seen:
-            seen.add(world)
+        if world not in used:
+            used.add(world)
             yield world

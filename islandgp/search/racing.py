@@ -42,7 +42,14 @@ from islandgp.scoring.constraints import (
     violation,
 )
 from islandgp.search.base import SearchContext, SearchState
-from islandgp.search.breeding import BreedingSearch, BreedingSettings, Brood, Parent, Pick, digest
+from islandgp.search.breeding import (
+    BreedingSearch,
+    BreedingSettings,
+    GenerationPlan,
+    Parent,
+    Pick,
+    digest,
+)
 from islandgp.search.compose import priority_lists
 from islandgp.search.lexicase import Contender, contender, lexicase_draw
 from islandgp.seeding import Stream, Streams
@@ -115,10 +122,10 @@ class Racing(BreedingSearch[RacingSettings]):
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
         """See `Search`. Raises ConfigError if a restart has no generation of children."""
-        length, least = restart_length(settings, context.plan), settings.random_generations + 1
-        if settings.restarts > 1 and length < least:
+        length, shortest = restart_length(settings, context.plan), settings.random_generations + 1
+        if settings.restarts > 1 and length < shortest:
             raise ConfigError(
-                f"search.policy.restarts: expected restarts of at least {least} generations (one"
+                f"search.policy.restarts: expected restarts of at least {shortest} generations (one"
                 f" more than search.policy.random_generations), found {length}; lower restarts, or"
                 " raise gp.generations or budget.episodes"
             )
@@ -130,16 +137,16 @@ class Racing(BreedingSearch[RacingSettings]):
         self.library = [Parent("", tree) for tree in library]
         self.length = restart_length(settings, plan)
 
-    def first(self, streams: Streams) -> Brood:
+    def plan_first(self, streams: Streams) -> GenerationPlan:
         """The plan's founders, priority lists of the library's branches, and random trees."""
         trees = list(self.plan.founders)
         if self.library:
-            rng, most = streams(Stream.SEARCH), self.settings.library
+            rng, count = streams(Stream.SEARCH), self.settings.library
             library = [parent.tree for parent in self.library]
-            trees += priority_lists(rng, library, most, self.plan.gp.limits)
-        return Brood(written=trees[: self.plan.gp.population - 1])
+            trees += priority_lists(rng, library, count, self.plan.gp.limits)
+        return GenerationPlan(initial_trees=trees[: self.plan.gp.population - 1])
 
-    def brood(self, state: SearchState) -> Brood:
+    def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
@@ -147,7 +154,7 @@ class Racing(BreedingSearch[RacingSettings]):
         young = state.generation - memory.restarted < self.settings.random_generations
         pick = None if young else self._pick(memory)
         survivors = [Parent(e.id, e.tree) for e in promising[:slots]]
-        return Brood(pick, reevaluated=survivors, tried=memory.tried)
+        return GenerationPlan(pick, reevaluated=survivors, known_digests=memory.tried)
 
     def _pick(self, memory: RacingMemory) -> Pick:
         """The choice of mothers: survivors by rank, or specialists by lexicase selection."""

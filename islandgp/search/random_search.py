@@ -58,7 +58,7 @@ class RandomSearch:
             Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)
         ]
         purpose = Stream.DIVERSITY if g else Stream.INITIAL  # the streams of `search=paper`
-        drawn = [
+        random = [
             Individual(
                 f"{g}.{slot}",
                 self._tree(streams(purpose, generation=g, slot=slot)),
@@ -66,7 +66,7 @@ class RandomSearch:
             )
             for slot in range(len(injected), n)
         ]
-        return (*injected, *drawn)
+        return (*injected, *random)
 
     def _tree(self, rng: np.random.Generator) -> Node:
         if self.settings.lists and rng.random() < self.settings.lists:
