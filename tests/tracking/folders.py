@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.validation import Best
+from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.record import Champion, Step
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
@@ -24,14 +24,14 @@ MILESTONES = ("complete", "excellent")
 SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
 
 
-def about(name: str, home: Path, **changes: str) -> RunMetadata:
+def about(name: str, home: Path, *, seed: int = 1, **changes: str) -> RunMetadata:
     """What is known of a run of that name."""
     told = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
     return RunMetadata(
         title=name,
         home=str(home),
         started=1_700_000_000_000,
-        tags={"supervisor": "baseline"},
+        tags={"supervisor": "baseline", "seed": str(seed)},
         **told,
     )
 
@@ -48,29 +48,38 @@ def _steps(seed: int) -> tuple[Step, ...]:
     return tuple(evolve(composed_plan(*SMALL), seed, supervisor, Fake()))
 
 
-def begun(path: Path, home: Path, **changes: str) -> RunFolder:
+def begun(path: Path, home: Path, *, seed: int = 1, **changes: str) -> RunFolder:
     """A folder that a run has just opened; close it."""
     folder = RunFolder(path)
-    folder.open(yaml.safe_dump(plain(*SMALL)), about(path.name, home, **changes))
+    folder.open(yaml.safe_dump(plain(*SMALL)), about(path.name, home, seed=seed, **changes))
     folder.resume()
     return folder
 
 
-def written(path: Path, home: Path, generations: int = 5, *, seed: int = 1) -> RunFolder:
+def written(
+    path: Path,
+    home: Path,
+    generations: int = 5,
+    *,
+    seed: int = 1,
+    validation: Validation | None = None,
+) -> RunFolder:
     """A closed folder after some generations; with all five the run is finished."""
-    folder = begun(path, home)
+    folder = begun(path, home, seed=seed)
     state, done = folder.resume(), steps(seed)[:generations]
     for step in done[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(finished(folder, done[-1].champion))
+        folder.finish(finished(folder, done[-1].champion, validation))
     folder.close()
     return folder
 
 
-def finished(folder: RunFolder, champion: Champion) -> dict[str, Any]:
-    """The summary of a run that chose its champion in no other worlds."""
-    best = Best(champion.generation, asdict(champion.record), None)
+def finished(
+    folder: RunFolder, champion: Champion, validation: Validation | None = None
+) -> dict[str, Any]:
+    """The summary of a run; without a validation it chose its champion in no other worlds."""
+    best = Best(champion.generation, asdict(champion.record), validation)
     return summary(folder, champion, best, MILESTONES)
 
 

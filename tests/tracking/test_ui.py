@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import socket
@@ -13,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from time import sleep
 from types import SimpleNamespace
 from urllib.request import urlopen
 
@@ -23,6 +23,7 @@ from click.testing import CliRunner
 from islandgp.cli import islandgp
 from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
+from islandgp.evolution.validation import Validation
 from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
@@ -350,28 +351,37 @@ def test_sync_does_not_say_that_a_store_that_is_away_has_anything(
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
-    """In headless Chromium: two groups of runs, each with its curve; afterwards no server."""
-    for name in ("baseline", "expert"):
-        folder = written(home / f"runs/a/{name}-seed1", home)
-        run = RunUploader(folder, store).send(folder.status())
-        store.client.set_tag(run, ARM, name)
+    """In headless Chromium: two arms by name and colour, each with its curve; then no server."""
     program = chromium()
     if program is None:
         pytest.skip("no Chromium")
+    jobs = []
+    for seed, arm in enumerate(("baseline", "expert")):
+        validation = Validation((7,), 100.0 + seed, 100.0 + seed, 100.0 + seed, {})
+        written(home / f"runs/a/{arm}", home, seed=seed, validation=validation)
+        jobs.append(job(arm, f"supervisor={arm}", supervisor=arm, seed=seed))
+    send(opened(home / "runs/a", *jobs), store)
     port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)
-        while "tiers/complete" not in (text := browser.run("document.body.innerText")):
-            sleep(0.5)  # until the test's own time limit
-        assert f"Group by: {ARM}" in text
-        assert "Group: baseline" in text
-        assert "Group: expert" in text
+        charts = ("baseline (tiers/complete)", "expert (tiers/complete)")
+        text = browser.wait_for(f"Group by: {ARM}", "Group: baseline", "Group: expert", *charts)
+        colours = {arm: colour for colour, arm in re.findall(r"(#\w{6})\s+Group: (\w+)", text)}
+        assert colours.keys() == {"baseline", "expert"}
+        assert len(set(colours.values())) == 2
+        curves = "[...document.querySelectorAll('.js-line')].map(line => line.style.stroke)"
+        drawn = {f"rgb({r}, {g}, {b})" for r, g, b in map(rgb, colours.values())}
+        assert drawn <= set(browser.run(curves))
         browser.open(pages.runs)
-        columns = ("seed", "run/validation_mean")  # a tier that nobody reached has no column
-        while not all(name in browser.run("document.body.innerText") for name in columns):
-            sleep(0.5)
+        browser.wait_for("seed", "run/validation_mean", "101")
         with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served
             assert probe.connect_ex(("127.0.0.2", port)) != 0
     with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
         urlopen(f"http://127.0.0.1:{port}/health", timeout=1)
+
+
+def rgb(colour: str) -> tuple[int, ...]:
+    """Red, green and blue of a colour as #rrggbb."""
+    return tuple(bytes.fromhex(colour.removeprefix("#")))

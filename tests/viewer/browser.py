@@ -8,6 +8,7 @@ import os
 import shutil
 import subprocess
 from pathlib import Path
+from time import monotonic, sleep
 from typing import Any, Self
 
 CANDIDATES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
@@ -91,6 +92,17 @@ class Browser:
         )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
+
+    def wait_for(self, *texts: str, seconds: float = 240.0) -> str:
+        """The text of the page once it has all of `texts`; an error that names the others."""
+        end = monotonic() + seconds
+        while True:
+            page = str(self.run("document.body.innerText"))
+            missing = [text for text in texts if text not in page]
+            if not missing:
+                return page
+            assert monotonic() < end, f"{missing} after {seconds:g} s in the page {page!r}"
+            sleep(0.2)
 
     def press(self, key: str) -> None:
         """Presses and releases a key, given by the name of its `KeyboardEvent.key`."""
