@@ -82,8 +82,8 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "lsprotocol": ("commands.language_server",),
     "sklearn": ("study.distill",),
     "rclpy": ("ros2",),
-    "numba": ("domains.island.kernel",),
-    "llvmlite": ("domains.island.kernel", "domains.island.machine_code"),
+    "numba": ("domains.island.chipmunk", "domains.island.kernel"),
+    "llvmlite": ("domains.island.chipmunk", "domains.island.machine_code"),
 }
 
 SLOW = (
@@ -176,6 +176,7 @@ def test_slow_libraries_wait(library: str) -> None:
     """Slow libraries are imported in functions, not when a module is loaded."""
     found = {i.module for i in imports() if i.top == library and i.at_load}
     in_functions = {
+        "domains.island.chipmunk",
         "domains.island.kernel",
         "domains.island.machine_code",
     }  # themselves imported so

@@ -35,7 +35,7 @@ def move_to_garbage(island: State, fresh: bool) -> int:
             return FAILURE
         lead = min(second, sight) - gap
     item = island.item
-    if item < 0 or not ground.there[item]:  # another branch of the tree has taken it
+    if item < 0 or not ground.present[item]:  # another branch of the tree has taken it
         return FAILURE
     x, y = ground.places.x[item], ground.places.y[item]
     return drive(island, x, y, robot.settings.pickup_reach, lead)

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import pymunk
 
-from islandgp.domains.island import engine
-from islandgp.domains.island import layout as k
+from islandgp.domains.island import engine, layout
 from islandgp.domains.island.schedule import Schedule
 from islandgp.domains.island.sensing import GARBAGE
 
@@ -34,33 +33,33 @@ class Functions(NamedTuple):
 
     run: Any
     look: Any
-    flies: bool  # steps without contacts can be left out
+    may_coast: bool  # coasting gives the same positions as Chipmunk
 
 
 class Compiled(NamedTuple):
     """The compiled functions of one island."""
 
     run: Callable[[int], int]
-    """Moves to a step at most; returns the step at which something is to be done."""
+    """Simulates until a step, or until Python has to act before it; returns the step."""
     look: Callable[[], tuple[int, int]]
     """Looks for garbage; returns whether some is in sight, and how many items are new."""
 
 
 _episodes = count()
-_SCRATCH: Final = array("q", [0, 0])  # to which compiled functions write their status
+_SCRATCH: Final = array("q", [0, 0])  # compiled functions write their status here
 
 
-def compiled_for(island: State, *, flies: bool = True) -> Compiled | None:
-    """The compiled functions for an island; None: Python's are to be used.
+def compiled_for(island: State, *, may_coast: bool = True) -> Compiled | None:
+    """The compiled functions for an island, or None to use those in Python.
 
     Args:
         island: at step 0.
-        flies: leave out steps in which no bodies can touch. `run` can then raise Crowded.
+        may_coast: move bodies without Chipmunk while they cannot touch. `run` can raise Crowded.
     """
     if next(_episodes) < WARM and not _at_hand():
         return None
     functions = _functions()
-    return None if functions is None else _bound(functions, island, flies)
+    return None if functions is None else _bound(functions, island, may_coast)
 
 
 def _can_compile() -> bool:
@@ -86,13 +85,13 @@ def _functions() -> Functions | None:
     try:
         from islandgp.domains.island.machine_code import addresses
 
-        run, look, fly = (addresses()[name] for name in ("run", "look", "fly"))
+        run, look, coast = (addresses()[name] for name in ("run", "look", "coast"))
     except (ImportError, OSError, RuntimeError):  # another NumPy, no folder to write to
         return None
     return Functions(
         _function(run, c_int64, c_int64, c_int64),
         _function(look, c_int64, c_int64),
-        _adds_as_chipmunk(_function(fly, c_int64, c_double, c_int64)),
+        _adds_as_chipmunk(_function(coast, c_int64, c_double, c_int64)),
     )
 
 
@@ -103,10 +102,10 @@ def _function(address: int, *kinds: type) -> Callable[..., None]:
     return partial(function, scratch, scratch)
 
 
-def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
-    """True if a compiled flight ends where Chipmunk's steps end, to the last bit.
+def _adds_as_chipmunk(coast: Callable[[int, float, int], None]) -> bool:
+    """True if compiled coasting ends where Chipmunk's steps end, to the last bit.
 
-    A compiler may round a product and a sum at once, which some processors can.
+    On some processors a compiler may round a product and a sum in one step.
     """
     space, dt, steps = pymunk.Space(), 0.1, 100
     for i in range(20):
@@ -119,7 +118,7 @@ def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
     ends = [body.position for body in space.bodies]
     for body, start in zip(space.bodies, starts, strict=True):
         body.position = start
-        fly(engine.address(engine.handle(body)), dt, steps)
+        coast(engine.address(engine.handle(body)), dt, steps)
     return ends == [body.position for body in space.bodies]
 
 
@@ -127,8 +126,9 @@ def _adds_as_chipmunk(fly: Callable[[int, float, int], None]) -> bool:
 def _turns(schedule: Schedule) -> tuple[array[int], array[int], array[float]]:
     """Steps, humanoids and velocities of a day's turns."""
     turns = schedule.turns
-    steps, who = array("q", [turn[0] for turn in turns]), array("q", [turn[1] for turn in turns])
-    return steps, who, array("d", [v for turn in turns for v in turn[2:]])
+    steps = array("q", [turn[0] for turn in turns])
+    humanoids = array("q", [turn[1] for turn in turns])
+    return steps, humanoids, array("d", [v for turn in turns for v in turn[2:]])
 
 
 @lru_cache(maxsize=16)
@@ -140,57 +140,92 @@ def _cells(places: Places) -> tuple[array[float], array[float], array[int], arra
     return array("d", places.x), array("d", places.y), first, array("q", chain(*places.near))
 
 
-def _bound(functions: Functions, island: State, flies: bool) -> Compiled:
+def _bound(functions: Functions, island: State, may_coast: bool) -> Compiled:
     ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
-    turn_step, turn_who, turn_velocity = _turns(island.schedule)
-    x, y, first, members = _cells(ground.places)
+    turn_steps, turn_humanoids, turn_velocities = _turns(island.schedule)
+    x, y, cell_starts, cell_items = _cells(ground.places)
     bodies = array("q", map(engine.address, (robot.body, *people.bodies)))
     motion = array("d", bytes(32 * len(bodies)))
-    rocks = array("d", chain(*island.schedule.obstacles))
     world = island.world
     arrays: dict[int, Any] = {
-        k.BODIES: bodies, k.MOTION: motion, k.TOUCHING: physics.contacts.flag,
-        k.TURN_STEP: turn_step, k.TURN_WHO: turn_who, k.TURN_VELOCITY: turn_velocity,
-        k.ITEMS: people.items,
-        k.DUES: people.dues, k.UNSEEN: people.unseen, k.NEAR: people.near, k.X: x, k.Y: y,
-        k.THERE: ground.there, k.SEEN: ground.seen, k.FIRST: first, k.MEMBERS: members,
-        k.ROCK: rocks,
-    }  # fmt: skip
-    n, f = array("q", bytes(8 * k.WHOLE_NUMBERS)), array("d", bytes(8 * k.NUMBERS))
-    for place, held in arrays.items():
-        n[place] = engine.data_address(held)
-    n[k.PEOPLE], n[k.COLUMNS] = len(people.items), ground.places.columns
-    n[k.ASK_FROM], n[k.MOST_ITEMS] = people.settings.ask_from, people.settings.most_items
-    n[k.SPACE] = engine.address(physics.handle)
-    f[k.DT], f[k.PERCEPTION], f[k.SIGHT] = island.dt, robot.settings.perception, robot.sight
-    f[k.STRIDE], f[k.WALK], f[k.CELL] = robot.stride, island.walk, ground.places.cell
-    n[k.FLIES], n[k.ROCKS] = flies and functions.flies, len(island.schedule.obstacles)
-    f[k.SIDE], f[k.ROBOT_RADIUS] = world.side, world.robot.radius
-    f[k.HUMANOID_RADIUS] = world.humanoids.radius
-    ints, floats, board = engine.data_address(n), engine.data_address(f), island.board
-    run_to, look_now = partial(functions.run, ints, floats), partial(functions.look, ints, floats)
+        layout.BODIES: bodies,
+        layout.MOTION: motion,
+        layout.TOUCHING: physics.contacts.flag,
+        layout.TURN_STEPS: turn_steps,
+        layout.TURN_HUMANOIDS: turn_humanoids,
+        layout.TURN_VELOCITIES: turn_velocities,
+        layout.CARRIED: people.items,
+        layout.LOOK_STEPS: people.look_steps,
+        layout.UNSEEN: people.unseen,
+        layout.ASKING_NEAR: people.asking_near,
+        layout.ITEM_X: x,
+        layout.ITEM_Y: y,
+        layout.PRESENT: ground.present,
+        layout.DISCOVERED: ground.discovered,
+        layout.CELL_STARTS: cell_starts,
+        layout.CELL_ITEMS: cell_items,
+        layout.ROCKS: array("d", chain(*island.schedule.obstacles)),
+    }
+    ints, floats = array("q", bytes(8 * layout.INTS)), array("d", bytes(8 * layout.FLOATS))
+    for index, values in arrays.items():
+        ints[index] = engine.data_address(values)
+    ints[layout.HUMANOIDS], ints[layout.COLUMNS] = len(people.items), ground.places.columns
+    ints[layout.ASK_FROM], ints[layout.MAX_ITEMS] = (
+        people.settings.ask_from,
+        people.settings.most_items,
+    )
+    ints[layout.SPACE] = engine.address(physics.handle)
+    floats[layout.DT], floats[layout.PERCEPTION], floats[layout.SIGHT_SQUARED] = (
+        island.dt,
+        robot.settings.perception,
+        robot.sight_squared,
+    )
+    floats[layout.STRIDE], floats[layout.HUMANOID_STRIDE], floats[layout.CELL_WIDTH] = (
+        robot.stride,
+        island.walk,
+        ground.places.cell,
+    )
+    ints[layout.MAY_COAST], ints[layout.ROCK_COUNT] = (
+        may_coast and functions.may_coast,
+        len(island.schedule.obstacles),
+    )
+    floats[layout.SIDE], floats[layout.ROBOT_RADIUS] = world.side, world.robot.radius
+    floats[layout.HUMANOID_RADIUS] = world.humanoids.radius
+    ints_at, floats_at = engine.data_address(ints), engine.data_address(floats)
+    board = island.board
+    run_to, look_now = (
+        partial(functions.run, ints_at, floats_at),
+        partial(functions.look, ints_at, floats_at),
+    )
 
-    def run(until: int, _held: object = arrays) -> int:  # the addresses lead to their memory
-        n[k.STEP], n[k.TURN] = island.step, island.turn
-        n[k.GROUND_DUE], n[k.PEOPLE_DUE] = ground.due, people.due
-        n[k.DRIVING], n[k.PATROLLING] = robot.driving, island.patrolling
+    def run(end: int, _arrays: object = arrays) -> int:  # keeps the memory at the addresses
+        ints[layout.STEP], ints[layout.TURN] = island.step, island.turn
+        ints[layout.NEXT_GARBAGE_LOOK], ints[layout.NEXT_HUMANOID_LOOK] = (
+            ground.next_look,
+            people.next_look,
+        )
+        ints[layout.DRIVING], ints[layout.PATROLLING] = robot.driving, island.patrolling
         heading = robot.heading
-        f[k.HEADING_X], f[k.HEADING_Y] = heading.real, heading.imag
-        run_to(until)
-        if n[k.CROWDED]:
+        floats[layout.HEADING_X], floats[layout.HEADING_Y] = heading.real, heading.imag
+        run_to(end)
+        if ints[layout.CROWDED]:
             raise Crowded
-        island.turn, ground.due, people.due = n[k.TURN], n[k.GROUND_DUE], n[k.PEOPLE_DUE]
+        island.turn, ground.next_look, people.next_look = (
+            ints[layout.TURN],
+            ints[layout.NEXT_GARBAGE_LOOK],
+            ints[layout.NEXT_HUMANOID_LOOK],
+        )
         robot.x, robot.y = motion[0], motion[1]
-        if n[k.FOUND] != board[GARBAGE]:
-            board[GARBAGE] = bool(n[k.FOUND])
+        if ints[layout.GARBAGE_IN_SIGHT] != board[GARBAGE]:
+            board[GARBAGE] = bool(ints[layout.GARBAGE_IN_SIGHT])
             island.changed = True
-        return n[k.STEP]
+        return ints[layout.STEP]
 
     def look() -> tuple[int, int]:
-        n[k.STEP], n[k.DRIVING] = island.step, robot.driving
-        f[k.HEADING_X], f[k.HEADING_Y] = robot.heading.real, robot.heading.imag
+        ints[layout.STEP], ints[layout.DRIVING] = island.step, robot.driving
+        floats[layout.HEADING_X], floats[layout.HEADING_Y] = robot.heading.real, robot.heading.imag
         look_now()
-        ground.due = n[k.GROUND_DUE]
-        return n[k.FOUND], n[k.NEW]
+        ground.next_look = ints[layout.NEXT_GARBAGE_LOOK]
+        return ints[layout.GARBAGE_IN_SIGHT], ints[layout.DISCOVERIES]
 
     return Compiled(run, look)

@@ -32,11 +32,11 @@ from islandgp.domains.island.world import FAR, IslandWorld
 from islandgp.sensors import Sensors
 
 
-def advance(island: State, until: int) -> None:
-    """Moves the island to step `until`, or to the first step where something has changed.
+def advance(island: State, end: int) -> None:
+    """Simulates until step `end`, or until the first step in which something has changed.
 
-    The schedule's cues are played on the way, and who is due looks. A contact, an
-    action that may find new garbage, and a look that shows something new end it.
+    Garbage appears, humanoids turn and the robot looks around as scheduled. A contact, garbage that
+    an action may use, and a look that shows something new end it.
     """
     physics, ground, people, dt = island.physics, island.ground, island.humanoids, island.dt
     touching, turns = physics.contacts.touching, island.schedule.turns
@@ -44,14 +44,14 @@ def advance(island: State, until: int) -> None:
     run = island.compiled.run if island.compiled else None
     spawn = _next_spawn(island) if ground.room > 0 else FAR
     if shaken:
-        until = step + 1
-    while step < until:
-        stop = spawn if spawn < until else until
+        end = step + 1
+    while step < end:
+        stop = spawn if spawn < end else end
         if run is not None:
             step = island.step = run(stop)
             turn = turns[island.turn][0]
         else:
-            look = ground.due if ground.due < people.due else people.due
+            look = ground.next_look if ground.next_look < people.next_look else people.next_look
             if turn < stop:
                 stop = turn
             if look < stop:
@@ -66,7 +66,7 @@ def advance(island: State, until: int) -> None:
             turn = _turn(island)
         if step >= island.wake or island.changed:
             return
-        if step < until and (step >= ground.due or step >= people.due) and sense(island):
+        if step < end and (step >= ground.next_look or step >= people.next_look) and sense(island):
             return
 
 
@@ -76,18 +76,18 @@ def _touch(island: State) -> None:
     for _ in contacts.begun:
         island.log(IslandEvent.COLLISION, 1)
     contacts.begun.clear()
-    here, positions = island.physics.robot_position(), island.physics.humanoid_positions()
+    position, positions = island.physics.robot_position(), island.physics.humanoid_positions()
     for h in sorted(contacts.touching):
         if h >= 0:
-            island.humanoids.step_aside(h, positions[h], here)
+            island.humanoids.step_aside(h, positions[h], position)
     robot.leg_end = island.step  # so that the wheels are set again
     robot.rolling = True
-    island.ground.due = island.wake = island.step
+    island.ground.next_look = island.wake = island.step
     island.humanoids.look_at_all(island.step)
 
 
 def _next_spawn(island: State) -> int:
-    """The step at which the next item appears; those for which there was no room are over."""
+    """The step in which the next item appears. Earlier items had no room and are left out."""
     spawns, step, i = island.schedule.spawns, island.step, island.spawn
     while spawns[i][0] <= step:
         i += 1
@@ -96,7 +96,7 @@ def _next_spawn(island: State) -> int:
 
 
 def _spawn(island: State) -> int:
-    """This step's garbage appears. Returns the next step at which some does."""
+    """Adds the garbage of this step; returns the next step that has some."""
     spawns = island.schedule.spawns
     at, x, y = spawns[island.spawn]
     while at == island.step and island.ground.room > 0:
@@ -108,7 +108,7 @@ def _spawn(island: State) -> int:
 
 
 def _turn(island: State) -> int:
-    """This step's humanoids turn. Returns the next step at which one does."""
+    """Turns the humanoids of this step; returns the next step that has turns."""
     turns = island.schedule.turns
     at, h, vx, vy = turns[island.turn]
     while at == island.step:
@@ -119,17 +119,17 @@ def _turn(island: State) -> int:
 
 
 def _notice(island: State, x: float, y: float) -> None:
-    """New garbage may be the next thing that comes into sight."""
+    """Moves the next look for garbage forward if new garbage may come into sight before it."""
     robot, ground = island.robot, island.ground
     at = engine.position(robot.body)
     gap = hypot(x - at.x, y - at.y) - robot.settings.perception
-    seen = island.step
+    look = island.step
     if gap > 0:
-        seen += steps_to(gap, robot.stride)
+        look += steps_to(gap, robot.stride)
     else:
-        island.wake = seen  # an action may find it though the blackboard stays the same
-    if seen < ground.due:
-        ground.due = seen
+        island.wake = look  # an action may find it though the blackboard stays the same
+    if look < ground.next_look:
+        ground.next_look = look
 
 
 class Ending(StrEnum):
@@ -168,22 +168,30 @@ def run_episode(
     observe: Callable[[State], None] | None = None,
     sensors: Sensors | None = None,
 ) -> Episode:
-    """Runs `tree` in the world of `seed`; a function of the tree, world, seed, award and actions.
+    """Runs an episode; the outcome is a function of tree, world, seed, award and actions.
 
-    `watch(node, status)` sees every ticked node, `observe(island)` the island
-    after every tick; both want `stepwise=True` to see each step. With `sensors`
-    the tree sees what they give, in every step.
+    Args:
+        tree: the robot's tree.
+        world: settings of the island.
+        seed: of the world.
+        award: points by event.
+        actions: the robot's actions by name.
+        stepwise: check every part in every step.
+        watch: called with the index and status of every ticked node.
+        observe: called with the island after every tick. Like `watch`, it needs `stepwise` to be
+            called in each step.
+        sensors: the tree reads their values in place of the true blackboard; implies `stepwise`.
     """
     stepwise = stepwise or sensors is not None
     levels = thresholds(tree, "batteryLevel")
     island = build_island(world, seed, award, levels)
-    island.compiled = None if stepwise else compiled_for(island, flies=not (watch or observe))
+    island.compiled = None if stepwise else compiled_for(island, may_coast=not (watch or observe))
     try:
         return _simulate(tree, island, actions, stepwise, watch, observe, sensors)
     except Crowded:
         island.spaces.append(island.physics)
         island = build_island(world, seed, award, levels)
-        island.compiled = compiled_for(island, flies=False)
+        island.compiled = compiled_for(island, may_coast=False)
         return _simulate(tree, island, actions, stepwise, watch, observe, sensors)
 
 
@@ -198,12 +206,12 @@ def _simulate(
 ) -> Episode:
     """Runs an episode from step 0 to its end; see `run_episode`."""
     bound = _bound_actions(tree, island, actions)
-    seen = island.board if sensors is None else list(island.board)
+    board = island.board if sensors is None else list(island.board)
     tick = compile_tree(
-        tree, bound, seen, VOCABULARY.places, watch=watch, step_s=island.world.episode.step
+        tree, bound, board, VOCABULARY.places, watch=watch, step_s=island.world.episode.step
     )
     if sensors is not None:
-        tick = _sensing(tick, island.board, seen, sensors)
+        tick = _sensing(tick, island.board, board, sensors)
     # Such a tree is ticked in every step; the battery is the only key that moves all the time.
     timed = needs_each_tick(tree) or compares_keys(tree, "batteryLevel")
     ticks, due, end = 0, 0, _deadline(island)
@@ -212,13 +220,13 @@ def _simulate(
         start = island.step
         sense(island, always=stepwise)
         if island.changed or start >= due or start >= island.wake:
-            again = _tick(island, tick) or stepwise or timed
-            due = start + 1 if again else island.robot.battery_due(start)
+            next_step = _tick(island, tick) or stepwise or timed
+            due = start + 1 if next_step else island.robot.battery_due(start)
             ticks += 1
             if observe is not None:
                 observe(island)
-        until = _horizon(island, min(due, end))
-        advance(island, start + 1 if stepwise else until)
+        horizon = _horizon(island, min(due, end))
+        advance(island, start + 1 if stepwise else horizon)
         _account(island, island.step - start)
         end = _deadline(island)
         if island.robot.battery <= 0 or island.step >= end:
@@ -227,12 +235,12 @@ def _simulate(
 
 
 def _sensing(
-    tick: Callable[[], int], true: list[float], seen: list[float], sensors: Sensors
+    tick: Callable[[], int], true_board: list[float], sensed_board: list[float], sensors: Sensors
 ) -> Callable[[], int]:
-    """A tick on what the sensors give of the true blackboard."""
+    """A tick that reads the sensors' values of the true blackboard."""
 
     def sensed() -> int:
-        seen[:] = sensors(true)
+        sensed_board[:] = sensors(true_board)
         return tick()
 
     return sensed
@@ -258,27 +266,27 @@ def _shared(island: State, action: IslandAction, fresh: bool) -> int:
 
 
 def _tick(island: State, tick: Callable[[], int]) -> bool:
-    """One tick of the tree; true if the next one may do something else though nothing happens.
+    """Ticks the tree; True if a tick in the next step may have another result.
 
-    A tick that left its leaves running will be repeated by the next. So will one
-    that began at the root and came to an end without changing anything, until the
-    robot has driven so far that one of its actions would do something else.
+    A tick that left its leaves running has the same result in the next step. So has one that began
+    at the root and ended without changing anything, until the robot has driven so far that one of
+    its actions would have another result.
     """
     robot = island.robot
     refresh(island)
     island.changed = island.acted = island.stirred = island.patrolling = island.restarted = False
     robot.driving = robot.charging = False
     island.wake = FAR
-    island.free = robot.settings.perception  # no farther: what lies there is not known
+    island.free = robot.settings.perception  # no farther: the rest is unknown
     resumed, island.status = island.status >= RUNNING, tick()
-    ended = island.status != RUNNING
-    if island.stirred or island.status == AGAIN or (resumed and (ended or island.restarted)):
+    has_ended = island.status != RUNNING
+    if island.stirred or island.status == AGAIN or (resumed and (has_ended or island.restarted)):
         return True
     if not robot.driving:
         return False
     if robot.charging:  # it will lose the charger
         return True
-    if ended:
+    if has_ended:
         island.same_for(robot.same_choice())
         island.wake_at(island.step + steps_to(island.free, robot.stride))
     if robot.fined_at >= 0:
@@ -287,24 +295,25 @@ def _tick(island: State, tick: Callable[[], int]) -> bool:
 
 
 def _horizon(island: State, latest: int) -> int:
-    """The earliest step, `latest` at most, at which anything but the physics changes something."""
+    """The next step, at most `latest`, in which the state may change other than by physics."""
     ground, robot, step = island.ground, island.robot, island.step
     another_leg = robot.turn_wheels(step)
-    if another_leg and ground.due:  # 0: look at the next step
+    if another_leg and ground.next_look:  # 0: look at the next step
         if island.compiled and not island.patrolling:
-            ground.due = BEFORE_MOVING
+            ground.next_look = BEFORE_MOVING
         else:
             look_for_garbage(island)
-    until = min(latest, island.wake)
+    horizon = min(latest, island.wake)
     if robot.driving:
-        until = min(until, robot.leg_end)
+        horizon = min(horizon, robot.leg_end)
     elif not island.acted:
-        until = min(until, step + island.limits.second - island.idle % island.limits.second)
-    return max(until, step + 1)
+        second = island.limits.second
+        horizon = min(horizon, step + second - island.idle % second)
+    return max(horizon, step + 1)
 
 
 def _deadline(island: State) -> int:
-    """The step at which the episode ends if nothing happens."""
+    """The step in which the episode ends unless an event postpones it."""
     limits, event_log = island.limits, island.event_log
     low = island.robot.battery < limits.low_battery
     end = event_log.best_step + (limits.stagnation_low_battery if low else limits.stagnation)
@@ -314,7 +323,7 @@ def _deadline(island: State) -> int:
 
 
 def _account(island: State, steps: int) -> None:
-    """Books `steps` steps that have passed. Idle is who neither drives nor acts."""
+    """Accounts for the last `steps` steps. A robot that neither drives nor acts is idle."""
     robot = island.robot
     robot.spend(steps)
     island.booked = island.step
@@ -337,8 +346,8 @@ def _ending(island: State) -> Ending:
         return Ending.SHUTDOWN
     if island.step >= island.limits.length:
         return Ending.TIME
-    since, limit = island.event_log.negative_since, island.limits.negative
-    return Ending.NEGATIVE if 0 <= since <= island.step - limit else Ending.STAGNATION
+    start, limit = island.event_log.negative_since, island.limits.negative
+    return Ending.NEGATIVE if 0 <= start <= island.step - limit else Ending.STAGNATION
 
 
 def _close(island: State, ending: Ending, ticks: int) -> Episode:

@@ -45,55 +45,55 @@ def _places(schedule: Schedule, side: float, cell: float) -> Places:
 
 
 class Ground:
-    """The items of an episode: those on the ground, and those that the robot has seen."""
+    """The items of an episode: those on the ground, and those that the robot has discovered."""
 
     def __init__(self, schedule: Schedule, *, most: int, side: float, cell: float) -> None:
         """At most `most` items are on the ground of an island of `side` metres."""
         first, later = len(schedule.garbage), len(schedule.spawns) - 1
         self.places = _places(schedule, side, cell)
         self.first = first  # items at the start, which have the lowest numbers
-        self.there = bytearray(b"\1" * first + b"\0" * later)
-        self.seen = bytearray(first + later)
+        self.present = bytearray(b"\1" * first + b"\0" * later)
+        self.discovered = bytearray(first + later)
         self.room = most - first  # number of items that can still appear
-        self.due = 0  # step from which a look can give something else
+        self.next_look = 0  # the step from which a look can have another result
         self._items: tuple[complex, ...] | None = None  # `items`; None: changed since the last call
 
     @property
     def count(self) -> int:
         """Number of items on the ground."""
-        return sum(self.there)
+        return sum(self.present)
 
     def drop(self, item: int) -> None:
         """Add an item."""
-        self.there[item] = True
+        self.present[item] = True
         self._items = None
         self.room -= 1
 
     def take(self, item: int) -> None:
         """Remove an item."""
-        self.there[item] = False
+        self.present[item] = False
         self._items = None
         self.room += 1
-        self.due = 0
+        self.next_look = 0
 
     def items(self) -> tuple[complex, ...]:
         """Positions of all items, x + iy in metres, in the order of their appearance."""
         if self._items is None:
-            places = zip(self.places.x, self.places.y, self.there, strict=True)
+            places = zip(self.places.x, self.places.y, self.present, strict=True)
             self._items = tuple(complex(x, y) for x, y, is_present in places if is_present)
         return self._items
 
     def nearest(self, x: float, y: float) -> tuple[int, float, float]:
         """The nearest item around, and the metres to it and to the next (-1, inf: no item)."""
-        best, least, second = -1, inf, inf
-        xs, ys, present = self.places.x, self.places.y, self.there
+        best, nearest, second = -1, inf, inf
+        xs, ys, present = self.places.x, self.places.y, self.present
         for item in self.places.around(x, y):
             if not present[item]:
                 continue
             dx, dy = xs[item] - x, ys[item] - y
             square = dx * dx + dy * dy
-            if square < least:
-                best, least, second = item, square, least
+            if square < nearest:
+                best, nearest, second = item, square, nearest
             elif square < second:
                 second = square
-        return best, least**0.5, second**0.5
+        return best, nearest**0.5, second**0.5

@@ -19,11 +19,10 @@ class Humanoids:
         self.bodies = [engine.handle(body) for body in bodies]
         self.items = array("q", [0] * len(bodies))
         self.unseen = bytearray(b"\1" * len(bodies))
-        self.near = bytearray(len(bodies))  # 1: in sight, and asks
-        self.dues = array(
-            "q", [0] * len(bodies)
-        )  # step from which a look at each can give something else
-        self.due = 0  # the earliest of them
+        self.asking_near = bytearray(len(bodies))  # 1: in sight, and asks
+        self.look_steps = array("q", [0] * len(bodies))
+        """The step from which a look at each can have another result."""
+        self.next_look = 0  # the earliest of `look_steps`
 
     def position(self, h: int) -> complex:
         """Position of humanoid `h`, x + iy in metres."""
@@ -52,14 +51,14 @@ class Humanoids:
 
     def look_at(self, h: int, step: int) -> None:
         """A look at `h` is due at `step`."""
-        self.dues[h] = step
-        self.due = min(self.due, step)
+        self.look_steps[h] = step
+        self.next_look = min(self.next_look, step)
 
     def look_at_all(self, step: int) -> None:
         """A look at every humanoid is due at `step`."""
-        for h in range(len(self.dues)):
-            self.dues[h] = step
-        self.due = step
+        for h in range(len(self.look_steps)):
+            self.look_steps[h] = step
+        self.next_look = step
 
     def step_aside(self, h: int, position: complex, robot: complex) -> None:
         """`h` walks straight away from the robot that touches it."""
@@ -69,8 +68,8 @@ class Humanoids:
 
     def nearest_asking(self, positions: list[complex], robot: complex) -> int:
         """The nearest humanoid that asks, or -1 if none does."""
-        best, least = -1, inf
+        best, nearest = -1, inf
         for h, at in enumerate(positions):
-            if self.asks(h) and abs(at - robot) < least:
-                best, least = h, abs(at - robot)
+            if self.asks(h) and abs(at - robot) < nearest:
+                best, nearest = h, abs(at - robot)
         return best

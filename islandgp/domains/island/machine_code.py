@@ -45,7 +45,7 @@ def addresses() -> dict[str, int]:
     executor.add_object_file(llvm.ObjectFileRef.from_data(code))
     executor.finalize_object()
     _EXECUTORS.append(executor)
-    names = ("run", "look", "fly")
+    names = ("run", "look", "coast")
     return {name: executor.get_function_address(f"island_{name}") for name in names}
 
 

@@ -111,7 +111,7 @@ class IslandRobot:
         marks = {round(t * MICRO) for t in levels}
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
-        self.sight = world.robot.perception**2  # m2
+        self.sight_squared = world.robot.perception**2  # m2
         self.stride = world.robot.speed * step  # m a step
         self.rocks = tuple((x, y, r + world.robot.radius + ROCK_MARGIN) for x, y, r in rocks)
         self.driving = False  # in this step

@@ -28,19 +28,23 @@ TOGETHER = 20  # steps within which looks at humanoids are done together
 
 
 def sense(island: State, *, always: bool = False) -> bool:
-    """Brings the robot's position and the two flags up to date.
+    """Updates the robot's position and the two flags of the blackboard.
 
-    True when a flag changed, or something was seen that counts. `always` looks at
-    everything, else only at what can have changed.
+    Args:
+        island: it is changed.
+        always: look around even if the result cannot have changed.
+
+    Returns:
+        True if a flag changed or a discovery earned points.
     """
     robot, board, step = island.robot, island.board, island.step
     if not island.compiled:  # the compiled loop sets the position
         at = engine.position(robot.body)
         robot.x, robot.y = at.x, at.y
     events = len(island.event_log.events)
-    if always or step >= island.ground.due:
+    if always or step >= island.ground.next_look:
         look_for_garbage(island)
-    if always or step >= island.humanoids.due:
+    if always or step >= island.humanoids.next_look:
         asking = _look_for_humanoids(island, always)
         if asking != board[HUMANOID]:
             board[HUMANOID] = asking
@@ -49,7 +53,7 @@ def sense(island: State, *, always: bool = False) -> bool:
 
 
 def refresh(island: State) -> None:
-    """Brings the rest of the blackboard up to date, before a tick."""
+    """Updates the other keys of the blackboard, before a tick."""
     robot, board = island.robot, island.board
     board[BATTERY] = robot.battery / MICRO
     board[ROOM] = robot.settings.capacity - robot.load
@@ -84,14 +88,16 @@ def _look(island: State) -> tuple[int, int]:
     """Whether garbage is in sight, and how many items are new; sets the step to look again."""
     robot, ground = island.robot, island.ground
     x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
-    square = robot.sight
+    square = robot.sight_squared
     in_sight, new = 0, 0
-    places, present, seen = ground.places, ground.there, ground.seen
+    places, present, discovered = ground.places, ground.present, ground.discovered
     xs, ys, cell = places.x, places.y, places.cell
     (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
     border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
-    last, change, back = 0.0, min(border_x, border_y) + robot.stride, inf
+    # Metres until the last visible item is out of sight, a new item comes into sight, and a
+    # discovered one does so again.
+    end, change, again = 0.0, min(border_x, border_y) + robot.stride, inf
     for item in places.near[(int(row) + 1) * places.columns + int(column) + 1]:
         if not present[item]:
             continue
@@ -99,8 +105,8 @@ def _look(island: State) -> tuple[int, int]:
         gap = dx * dx + dy * dy
         if gap <= square:
             in_sight = 1
-            if not seen[item]:
-                seen[item] = True
+            if not discovered[item]:
+                discovered[item] = True
                 new += 1
         along = dx * ux + dy * uy
         half = square - gap + along * along
@@ -108,15 +114,15 @@ def _look(island: State) -> tuple[int, int]:
             continue
         half = sqrt(half) if half > 0 else 0.0
         if along <= half:
-            if along + half > last:
-                last = along + half
-        elif seen[item]:
-            if along - half < back:
-                back = along - half
+            if along + half > end:
+                end = along + half
+        elif discovered[item]:
+            if along - half < again:
+                again = along - half
         elif along - half < change:
             change = along - half
-    change = min(change, last if in_sight else back)
-    ground.due = island.step + steps_to(change, robot.stride) if robot.driving else FAR
+    change = min(change, end if in_sight else again)
+    ground.next_look = island.step + steps_to(change, robot.stride) if robot.driving else FAR
     return in_sight, new
 
 
@@ -125,32 +131,32 @@ def _look_for_humanoids(island: State, always: bool) -> bool:
     people, step = island.humanoids, island.step
     new = 0
     soon = FAR if always else step + TOGETHER
-    for h, due in enumerate(people.dues):
+    for h, due in enumerate(people.look_steps):
         if due <= soon:
             new += _look_at(island, h)
-    people.due = min(people.dues, default=FAR)
+    people.next_look = min(people.look_steps, default=FAR)
     if new:
         discover(island, new)
-    return 1 in people.near
+    return 1 in people.asking_near
 
 
 def _look_at(island: State, h: int) -> bool:
-    """Looks where humanoid `h` is; true when it is seen for the first time."""
+    """Looks for humanoid `h`; True if it is seen for the first time."""
     robot, people = island.robot, island.humanoids
     asks, unseen = people.asks(h), people.unseen[h]
-    people.near[h] = False
+    people.asking_near[h] = False
     if not asks and not unseen:
-        people.dues[h] = FAR
+        people.look_steps[h] = FAR
         return False
     at = engine.position(people.bodies[h])
     beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.settings.perception
-    people.dues[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
+    people.look_steps[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
     if beyond > 0:
         return False
     if asks:
-        people.near[h] = True
+        people.asking_near[h] = True
     else:
-        people.dues[h] = FAR
+        people.look_steps[h] = FAR
     people.unseen[h] = False
     return unseen == 1
 

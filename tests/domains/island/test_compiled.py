@@ -54,30 +54,30 @@ def test_crowded_episodes_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("numba", reason="needs islandgp[fast]")
     people = world().humanoids.model_copy(update={"count": 40, "speed": 9.0})
     island, trees = world().model_copy(update={"humanoids": people}), [parse(ALL_ROUNDER)] * 8
-    flights: list[bool] = []
+    may_coast_values: list[bool] = []
 
-    def counted(state: State, *, flies: bool = True) -> compiled.Compiled | None:
-        flights.append(flies)
-        return compiled.compiled_for(state, flies=flies)
+    def counted(state: State, *, may_coast: bool = True) -> compiled.Compiled | None:
+        may_coast_values.append(may_coast)
+        return compiled.compiled_for(state, may_coast=may_coast)
 
     monkeypatch.setattr(episode, "compiled_for", counted)
     quick = [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
-    assert False in flights
-    assert True in flights
+    assert False in may_coast_values
+    assert True in may_coast_values
     monkeypatch.setattr(compiled, "_functions", lambda: None)
     assert quick == [run_episode(tree, island, seed, points()) for seed, tree in enumerate(trees)]
 
 
 @pytest.mark.usefixtures("at_once")
-def test_flights_need_the_sums_of_chipmunk(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_coasting_needs_the_sums_of_chipmunk(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where compiled sums are rounded in another way, Chipmunk makes every step."""
     pytest.importorskip("numba", reason="needs islandgp[fast]")
     functions = compiled._functions()
     assert functions is not None
-    assert functions.flies
+    assert functions.may_coast
     assert not compiled._adds_as_chipmunk(lambda *_: None)
     before = run_episode(parse(ALL_ROUNDER), world(), 3, points())
-    monkeypatch.setattr(compiled, "_functions", lambda: functions._replace(flies=False))
+    monkeypatch.setattr(compiled, "_functions", lambda: functions._replace(may_coast=False))
     assert run_episode(parse(ALL_ROUNDER), world(), 3, points()) == before
 
 
