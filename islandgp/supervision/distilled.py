@@ -132,8 +132,8 @@ def rules(rule: Rule, indent: str = "") -> Iterator[str]:
         answer = rule.answer if isinstance(rule.answer, str) else f"{rule.answer:.3f}"
         yield f"{indent}{answer} ({rule.cases} cases)"
         return
-    for word, below in (("<=", rule.yes), (">", rule.no)):
-        yield f"{indent}{rule.feature} {word} {rule.at_most:g}"
+    for sign, below in (("<=", rule.yes), (">", rule.no)):
+        yield f"{indent}{rule.feature} {sign} {rule.at_most:g}"
         yield from rules(below, indent + "  ")
 
 

@@ -19,12 +19,10 @@ from typing import ClassVar, Final, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
-from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.gp.branches import branches_of, fine
-from islandgp.gp.edits import Edit, Path, is_selector, nodes_with_paths, written
+from islandgp.gp.branches import branches_of
+from islandgp.gp.edits import Edit, written
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
@@ -37,9 +35,9 @@ from islandgp.supervision.expert import (
     classify_phase,
     wanted_rate,
 )
+from islandgp.supervision.guard_width import place_for, same_child_guard, widened
 from islandgp.supervision.library import Library
 
-WIDENING_STEP: Final = 0.15  # step by which a guard is widened, as a share of its key's range
 EXAMPLES: Final = 5  # most trees per counter whose branches are candidates
 WORD: Final = re.compile(r"\w+")
 
@@ -101,76 +99,6 @@ class Branch:
     source: str  # in words, e.g. "library tree single_charging"
 
 
-def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
-    """Share of blackboards on which a condition holds, in [0, 1], for uniformly distributed values.
-
-    A flag and a comparison of two keys hold on half of them. A joined condition is estimated from
-    its parts: `and` by the narrowest, `or` by the widest, as the parts may depend on each other.
-    """
-    if not isinstance(expr, Condition):
-        parts = [width(part, vocabulary) for part in expr.parts]
-        if expr.word == "not":
-            return 1 - parts[0]
-        return min(parts) if expr.word == "and" else max(parts)
-    key = vocabulary.keys[expr.key]
-    if expr.operator in ("is", "not") or expr.other:
-        return 0.5
-    if key.words:
-        return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
-    share_below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
-    share_equal = min(1.0, key.step / (key.high - key.low))
-    match expr.operator:
-        case "<" | "<=":
-            return share_below
-        case ">" | ">=":
-            return 1 - share_below
-        case "==":
-            return share_equal
-        case _:  # !=
-            return 1 - share_equal
-
-
-def guard_width(branch: Node, vocabulary: Vocabulary) -> float:
-    """The width of a branch's guard, in [0, 1]; 1 without a guard."""
-    return width(branch.guard.condition, vocabulary) if branch.guard else 1.0
-
-
-def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
-    """The index at which to insert a branch among the root's children.
-
-    It is inserted before the first child with an equally wide or wider guard. None if the root is
-    not a selector.
-    """
-    if not is_selector(tree):
-        return None
-    width = guard_width(branch, vocabulary)
-    wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= width)
-    return next(wider, len(tree.children))
-
-
-def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
-    """Path and node of the first guard in a tree with the same child as a branch's guard."""
-    if not branch.guard:
-        return None
-    for path, node in nodes_with_paths(tree):
-        if node.guard and node.children == branch.children:
-            return path, node
-    return None
-
-
-def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
-    """The number of a comparison, moved so that it holds more often.
-
-    None for another condition, and if the number is at the end of the key's range.
-    """
-    if not isinstance(expr, Condition) or expr.other or expr.operator not in ("<", "<=", ">", ">="):
-        return None
-    key = vocabulary.keys[expr.key]
-    step = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
-    number = fine(expr.number + step, key)
-    return None if number == expr.number else number
-
-
 def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
     """The fittest individual that keeps the constraints, or else that with the least violation.
 
@@ -213,8 +141,8 @@ class Editor:
         self._trees[generation.snapshot.generation] = {i.id: i.tree for i in generation.individuals}
         counters = dict.fromkeys(r.counter for r in self.requirements)
         for individual in generation.individuals:
-            words = set(WORD.findall(individual.tree))
-            actions = words & self.context.schema.vocabulary.actions.keys()
+            names = set(WORD.findall(individual.tree))
+            actions = names & self.context.schema.vocabulary.actions.keys()
             self._trees_with.update(actions)
             for counter in counters:
                 if individual.counters[counter] > 0:
@@ -368,11 +296,11 @@ class Editor:
 
     def _archive_branches(self, counter: str) -> list[Branch]:
         """Guarded branches with the action most typical of a counter, the smallest first."""
-        shown, evaluated = self._shown_with, self._trees_with
-        actions = [action for name, action in shown if name == counter]
+        shown_with, trees_with = self._shown_with, self._trees_with
+        actions = [action for name, action in shown_with if name == counter]
         if not actions:
             return []
-        action = max(actions, key=lambda a: (shown[counter, a] / evaluated[a], a))
+        action = max(actions, key=lambda a: (shown_with[counter, a] / trees_with[a], a))
         vocabulary = self.context.schema.vocabulary
         branches = [
             Branch(branch, f"individual {i.id}")

@@ -36,7 +36,7 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     """The ranges of Table 8 and the thresholds of the conditions in Tables 6 to 8."""
 
     rates: dict[Phase, tuple[float, float]]  # Table 8: lowest and highest rate by phase
-    several: int = Field(ge=1)  # number of quality individuals that is "multiple"
+    multiple: int = Field(ge=1)  # quality individuals that Table 8 calls "multiple"
     plateau: int = Field(ge=1)  # generations without improvement that are "stagnating"
     strong: float = Field(gt=0)  # relative rise of the best over the window that is "strong"
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
@@ -55,24 +55,24 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
 
 def exploitation_level(state: PopulationState, settings: ExpertSettings) -> float:
     """Position in the phase's rate range, in [0, 1]; 0: its high end. Rises with working robots."""
-    return min(1.0, max(state.now.working, state.quality / (2 * settings.several)))
+    return min(1.0, max(state.now.working, state.quality / (2 * settings.multiple)))
 
 
 def classify_phase(state: PopulationState, settings: ExpertSettings) -> Phase:
     """The phase of the state, Table 8."""
-    good, stuck = state.quality, state.stagnant_generations >= settings.plateau
-    if not good:
+    is_stuck = state.stagnant_generations >= settings.plateau
+    if not state.quality:
         if state.ever_quality:
             collapsed = state.now.diversity < settings.collapse
             return Phase.CRISIS_INTERVENTION if collapsed else Phase.AGGRESSIVE_EXPLORATION
         return Phase.EARLY_EXPLORATION
     if state.now.diversity < settings.collapse:
         return Phase.AGGRESSIVE_EXPLORATION
-    if good >= settings.several:
+    if state.quality >= settings.multiple:
         if rising(state, settings):
             return Phase.EXPLOITATION
-        return Phase.BALANCED_OPTIMIZATION if stuck else Phase.REFINEMENT
-    if stuck or (state.diversity_trend < 0 and state.diversity_warning):
+        return Phase.BALANCED_OPTIMIZATION if is_stuck else Phase.REFINEMENT
+    if is_stuck or (state.diversity_trend < 0 and state.diversity_warning):
         return Phase.BALANCED_EXPLORATION
     return Phase.REFINEMENT
 
@@ -117,7 +117,7 @@ def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
     return RARE if state.now.diversity < settings.collapse else INTEGRATION
 
 
-def early(targets: Sequence[str]) -> tuple[str, ...]:
+def early_targets(targets: Sequence[str]) -> tuple[str, ...]:
     """The targets that can be chosen before the first robot of the first milestone."""
     return tuple(target for target in targets if target not in (RARE, INTEGRATION))
 
@@ -158,20 +158,22 @@ class Expert:
         """Draws the name of a tree for a target.
 
         If the library has none, one for the rarest behaviour with a tree is drawn instead. "" if
-        the library is empty, as where a search for one has found no tree.
+        the library is empty because the search for it found no tree.
         """
         compact = not state.ever_quality
-        each = (self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours))
-        names = next((names for names in each if names), [""])
+        candidates = (
+            self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours)
+        )
+        names = next((names for names in candidates if names), [""])
         return names[rng.integers(len(names))]
 
     def tree_for(
-        self, target: str, state: PopulationState, rng: np.random.Generator, drawn: str = ""
+        self, target: str, state: PopulationState, rng: np.random.Generator, remark: str = ""
     ) -> dict[str, Any]:
         """The tree drawn for a target, or None, and its rationale: fields of a `Guidance`."""
         name = self.pick(target, state, rng)
-        chosen = f"tree {name}" if name else "the library has no tree"
-        rationale = f"{target}{drawn}: {chosen}"
+        choice = f"tree {name}" if name else "the library has no tree"
+        rationale = f"{target}{remark}: {choice}"
         return {"tree": self.library.trees.get(name), "rationale": rationale}
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:

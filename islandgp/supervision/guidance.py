@@ -81,26 +81,26 @@ def ask(
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         field, text = ".".join(map(str, first["loc"])), repr(first["input"])
-        shown = text if len(text) <= 60 else text[:60] + "..."
+        quoted = text if len(text) <= 60 else text[:60] + "..."
         reason = first["msg"].removeprefix("Value error, ")
-        value = f"{field}={shown}: {reason[:1].lower()}{reason[1:]}" if field else shown
+        value = f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
         raise _wrong(path, "a Guidance", value) from None
     target, tree = guidance.target, guidance.tree
     if target is not None and target not in state.targets:
-        wanted = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
-        raise _wrong(path, wanted, repr(target))
+        expected = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
+        raise _wrong(path, expected, repr(target))
     if tree is not None and vocabulary is not None:
         try:
             guidance = replace(guidance, tree=parse(to_text(tree), vocabulary))
         except TreeError:
-            wanted = f"a Guidance whose tree is of the domain {vocabulary.domain}"
-            raise _wrong(path, wanted, repr(to_text(tree)[:60])) from None
+            expected = f"a Guidance whose tree is of the domain {vocabulary.domain}"
+            raise _wrong(path, expected, repr(to_text(tree)[:60])) from None
     return guidance
 
 
-def _wrong(path: str, wanted: str, value: str) -> SupervisionError:
+def _wrong(path: str, expected: str, value: str) -> SupervisionError:
     return SupervisionError(
-        f"Expected {path}.advise to return {wanted}, found {value}; correct it."
+        f"Expected {path}.advise to return {expected}, found {value}; correct it."
     )
 
 
@@ -133,30 +133,30 @@ class SupervisorQueue:
         self.vocabulary = vocabulary
         self.seed = seed
         self.lag = lag
-        self._asked: dict[int, Future[Guidance]] = {}  # by generation
+        self._answers: dict[int, Future[Guidance]] = {}  # by generation
         self._waiting: SimpleQueue[Question | None] = SimpleQueue()
         if lag:
             # A daemon thread, so that an unfinished `advise` does not keep the process alive.
             Thread(target=self._work, name="supervisor", daemon=True).start()
 
-    def recall(self, seen: GenerationView) -> None:
+    def recall(self, view: GenerationView) -> None:
         """Passes a recorded generation to the supervisor; before the first `ask`."""
         if isinstance(self.supervisor, GenerationListener):
             with plugin_errors(path_of(type(self.supervisor))):
-                self.supervisor.on_generation(seen)
+                self.supervisor.on_generation(view)
 
-    def ask(self, state: PopulationState, seen: GenerationView | None = None) -> None:
-        """Requests guidance for a generation's state; `seen` is the generation as recorded."""
+    def ask(self, state: PopulationState, view: GenerationView | None = None) -> None:
+        """Requests guidance for a generation's state; `view` is the generation as recorded."""
         answer: Future[Guidance] = Future()
-        self._asked[state.now.generation] = answer
+        self._answers[state.now.generation] = answer
         if self.lag:
-            self._waiting.put((state, seen, answer))
+            self._waiting.put((state, view, answer))
         else:
-            answer.set_result(self._advise(state, seen))
+            answer.set_result(self._advise(state, view))
 
     def answer(self, generation: int) -> Guidance | None:
         """Waits for the guidance that takes effect after a generation; None in the first `lag`."""
-        answer = self._asked.pop(generation - self.lag, None)
+        answer = self._answers.pop(generation - self.lag, None)
         return answer.result() if answer is not None else None
 
     def spent(self) -> dict[str, float]:
@@ -168,26 +168,26 @@ class SupervisorQueue:
 
     def close(self) -> None:
         """Cancels pending requests and closes the supervisor."""
-        for answer in self._asked.values():
+        for answer in self._answers.values():
             answer.cancel()
         self._waiting.put(None)
         if isinstance(self.supervisor, SupervisorLifecycle):
             with plugin_errors(path_of(type(self.supervisor))):
                 self.supervisor.close()
 
-    def _advise(self, state: PopulationState, seen: GenerationView | None) -> Guidance:
-        if seen is not None:
-            self.recall(seen)
+    def _advise(self, state: PopulationState, view: GenerationView | None) -> Guidance:
+        if view is not None:
+            self.recall(view)
         rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
         return ask(self.supervisor, state, rng, self.vocabulary)
 
     def _work(self) -> None:
         while (question := self._waiting.get()) is not None:
-            state, seen, answer = question
+            state, view, answer = question
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                answer.set_result(self._advise(state, seen))
+                answer.set_result(self._advise(state, view))
             except BaseException as error:  # raised again by `answer`
                 answer.set_exception(error)
 
@@ -228,17 +228,17 @@ def decide(
     guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     switches, refused = plan.switches, []
     # If the rate is not adapted, an emergency rate ends with its crisis.
-    wanted = rate if switches.adapt_mutation else plan.gp.mutation_rate
+    proposed = rate if switches.adapt_mutation else plan.gp.mutation_rate
     if switches.adapt_mutation and guidance.mutation_rate is not None:
         if "rate" in search.uses:
-            wanted = guidance.mutation_rate
+            proposed = guidance.mutation_rate
         else:
             refused.append("the search has no mutation rate")
     tree = guidance.tree
     if tree is not None and (reason := _why_refused(tree, plan, search)):
         refused.append(reason)
         tree = None
-    applied = plan.gp.crisis.rate(wanted, state.crisis)
+    applied = plan.gp.crisis.rate(proposed, state.crisis)
     edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
     if switches.mutate_advice and streams is not None:
         trees = _mutated(plan, trees, streams, state.now.generation + 1, applied)

@@ -24,7 +24,7 @@ class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
     folder: str | None = None  # of .bt files; None: a search finds a tree for each behaviour
     trees: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Names of trees by target; one of them is drawn. Each behaviour needs at least one."""
-    shown: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+    examples: dict[str, tuple[str, ...]] = Field(default_factory=dict)
     """Names of the example trees in each prompt (explore, exploit, poor)."""
     reference_trees: tuple[str, ...] = ()
     """Reference trees that `islandgp compare` evaluates, with the best robots, in unseen worlds."""
@@ -37,7 +37,7 @@ class Library:
     trees: Mapping[str, Node]
     texts: Mapping[str, str]  # as in the files, with comments
     targets: Mapping[str, tuple[str, ...]]  # names of trees by target
-    shown: Mapping[str, tuple[str, ...]]  # names of trees by prompt
+    examples: Mapping[str, tuple[str, ...]]  # names of trees by prompt
     episodes: int = 0  # simulated in the search for it
 
 
@@ -73,7 +73,7 @@ def read_library(
         raise ConfigError(
             f"library.trees: expected a tree for each behaviour, missing {', '.join(missing)}"
         )
-    named = [*settings.trees.values(), *settings.shown.values(), settings.reference_trees]
+    named = [*settings.trees.values(), *settings.examples.values(), settings.reference_trees]
     texts = {
         name: read_tree(folder, name) for name in sorted({n for names in named for n in names})
     }
@@ -81,7 +81,7 @@ def read_library(
         name: parse(text, vocabulary, name=str(folder / f"{name}.bt"))
         for name, text in texts.items()
     }
-    return Library(trees, texts, settings.trees, settings.shown)
+    return Library(trees, texts, settings.trees, settings.examples)
 
 
 def read_tree(folder: Path, name: str) -> str:

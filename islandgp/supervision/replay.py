@@ -133,8 +133,8 @@ def difference(recorded: Request, now: Request) -> str:
     lines = list(
         difflib.unified_diff(_lines(recorded), _lines(now), "recorded", "now", lineterm="", n=1)
     )
-    more = [f"... and {len(lines) - 40} lines more"] if len(lines) > 40 else []
-    return "\n".join(lines[:40] + more)
+    tail = [f"... and {len(lines) - 40} lines more"] if len(lines) > 40 else []
+    return "\n".join(lines[:40] + tail)
 
 
 def _lines(request: Request) -> list[str]:

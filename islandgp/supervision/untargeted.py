@@ -12,7 +12,7 @@ import numpy as np
 
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.expert import Expert, early
+from islandgp.supervision.expert import Expert, early_targets
 
 
 class Untargeted(Expert):
@@ -23,10 +23,10 @@ class Untargeted(Expert):
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. Draws uniformly from the targets that the expert can choose now."""
         guidance = super().advise(state, rng)
-        now = state.targets if state.ever_quality else early(state.targets)
-        targets = [target for target in now if self.library.targets.get(target)]
+        choices = state.targets if state.ever_quality else early_targets(state.targets)
+        targets = [target for target in choices if self.library.targets.get(target)]
         if not targets:
             return guidance
         target = targets[rng.integers(len(targets))]
-        chosen = self.tree_for(target, state, rng, ", drawn at random")
-        return replace(guidance, target=target, **chosen)
+        fields = self.tree_for(target, state, rng, ", drawn at random")
+        return replace(guidance, target=target, **fields)

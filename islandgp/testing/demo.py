@@ -67,11 +67,11 @@ def demo(overrides: Sequence[str]) -> int:
     print(f"\nEvery question and answer: {live / 'transcript.jsonl'}")
     print("\nThe same run again from that transcript, with the server gone:\n")
     record = f"supervisor.policy.transcript='{live}'"  # quoted: the path has a "=" in it
-    code = main(["supervisor=replay", record, f"runs={home / 'again'}", *common])
+    code = main(["supervisor=replay", record, f"runs={home / 'second_run'}", *common])
     if code:
         return code
-    again = _folder(home / "again") / "generations.jsonl"
-    same = again.read_bytes() == (live / "generations.jsonl").read_bytes()
+    second_run = _folder(home / "again") / "generations.jsonl"
+    same = second_run.read_bytes() == (live / "generations.jsonl").read_bytes()
     print(f"The two records are {'identical, byte for byte' if same else 'DIFFERENT'}.")
     return 0 if same else 1
 

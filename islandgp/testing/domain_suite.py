@@ -101,7 +101,7 @@ class DomainSuite:
         survey = self._survey
         assert survey.runs, "Expected a tree whose episode runs, found none."
         for run in survey.runs:
-            yield survey.domain, run.tree, run.watched, run.seen
+            yield survey.domain, run.tree, run.watched, run.recorder
 
     def unseen(self) -> Iterator[str]:
         """A line for each event, action and key of the schema that no tree has reached."""
@@ -141,9 +141,9 @@ class DomainSuite:
             TimeLimitError: an episode took too long; the error is kept as well.
         """
         domain, seed = survey.domain, SEEDS[0]
-        seen = EpisodeRecorder(tree, domain.schema)
+        recorder = EpisodeRecorder(tree, domain.schema)
         try:
-            watched = self._run(domain, tree, seed, {}, seen)
+            watched = self._run(domain, tree, seed, {}, recorder)
             plain = []
             for seed in SEEDS:
                 plain.append(self._run(domain, tree, seed))
@@ -152,7 +152,7 @@ class DomainSuite:
             if isinstance(error, TimeLimitError):
                 raise
             return None
-        run = ObservedRun(tree, watched, tuple(plain), seen)
+        run = ObservedRun(tree, watched, tuple(plain), recorder)
         survey.runs.append(run)
         return run
 
@@ -173,7 +173,7 @@ class DomainSuite:
                 run = self._look(survey, sequence(*longer))
                 if run is None:
                     continue
-                firsts, states = run.seen.firsts() - reached, run.seen.states - reached
+                firsts, states = run.recorder.firsts() - reached, run.recorder.states - reached
                 reached |= firsts | states
                 if firsts or states:
                     # Those with something that no sequence had shown come first, then the longest.
@@ -187,15 +187,15 @@ class DomainSuite:
             seed, tree = SEEDS[0] + 1 + n // len(trees), trees[n % len(trees)]
             if not any(unreached(survey)):
                 return
-            seen = EpisodeRecorder(tree, domain.schema)
+            recorder = EpisodeRecorder(tree, domain.schema)
             try:
-                outcome = self._run(domain, tree, seed, {}, seen)
+                outcome = self._run(domain, tree, seed, {}, recorder)
             except (Exception, SystemExit) as error:
                 survey.keep(error, seed, tree)
                 if isinstance(error, TimeLimitError):
                     raise
             else:
-                survey.visits.append(ObservedRun(tree, outcome, (outcome,), seen))
+                survey.visits.append(ObservedRun(tree, outcome, (outcome,), recorder))
 
     def _run(
         self,
@@ -232,9 +232,9 @@ class DomainSuite:
     def test_it_can_be_sent_to_workers(self) -> None:
         """A pickled and unpickled domain gives the same outcomes."""
         domain = self.make_domain()
-        sent: Domain = pickle.loads(pickle.dumps(domain))
+        copy: Domain = pickle.loads(pickle.dumps(domain))
         for run in islice(self._survey.runs, 10):
-            assert run.plain[0] == self._run(sent, run.tree, SEEDS[0]), (
+            assert run.plain[0] == self._run(copy, run.tree, SEEDS[0]), (
                 f"Expected the same outcome after pickling, found another of {tree_line(run.tree)}"
             )
 
@@ -273,14 +273,14 @@ class DomainSuite:
 
     def test_keys_stay_in_their_ranges(self) -> None:
         """Flags are 0 or 1; numbers lie between the key's `low` and `most`."""
-        for _, _, _, seen in self.watched():
-            assert seen.ticks, "Expected `observer.tick` to be called for each tick."
-            assert not seen.wrong_board, seen.wrong_board
+        for _, _, _, recorder in self.watched():
+            assert recorder.ticks, "Expected `observer.tick` to be called for each tick."
+            assert not recorder.wrong_board, recorder.wrong_board
 
     def test_actions_return_the_statuses_that_they_declare(self) -> None:
         """Actions return declared statuses only; `simplify` relies on them."""
-        for domain, _, _, seen in self.watched():
-            for name, status in sorted(seen.statuses):
+        for domain, _, _, recorder in self.watched():
+            for name, status in sorted(recorder.statuses):
                 declared = domain.schema.vocabulary.actions[name].statuses
                 assert status in declared, (
                     f"Expected {name} to return"
@@ -290,29 +290,29 @@ class DomainSuite:
 
     def test_points_of_actions_add_up_to_the_fitness(self) -> None:
         """The points credited to an observer add up to each component of the outcome."""
-        for _, _, outcome, seen in self.watched():
-            assert not seen.wrong_credit, seen.wrong_credit
+        for _, _, outcome, recorder in self.watched():
+            assert not recorder.wrong_credit, recorder.wrong_credit
             for name, points in outcome.components.items():
-                assert isclose(seen.points[name], points, rel_tol=1e-9, abs_tol=1e-6), (
-                    f"Expected credits of {points} for {name}, found {seen.points[name]}."
+                assert isclose(recorder.points[name], points, rel_tol=1e-9, abs_tol=1e-6), (
+                    f"Expected credits of {points} for {name}, found {recorder.points[name]}."
                 )
 
     def test_counters_named_like_an_event_count_it(self) -> None:
         """A counter with an event's name is the number of its credits, if it earns points."""
-        for domain, _, outcome, seen in self.watched():
+        for domain, _, outcome, recorder in self.watched():
             shared = domain.schema.counters.keys() & domain.schema.events.keys()
-            for name in sorted(shared & seen.credited.keys()):
-                assert outcome.counters[name] == seen.credited[name], (
-                    f"Expected {seen.credited[name]} as the counter {name},"
+            for name in sorted(shared & recorder.credited.keys()):
+                assert outcome.counters[name] == recorder.credited[name], (
+                    f"Expected {recorder.credited[name]} as the counter {name},"
                     f" found {outcome.counters[name]}."
                 )
 
     def test_scenes_use_the_declared_forms(self) -> None:
         """Each thing has a form of the schema; the number of movers is constant."""
-        for _, _, _, seen in self.watched():
-            assert not seen.wrong_scene, seen.wrong_scene
-            assert len(seen.movers) <= 1, (
-                f"Expected as many movers in each tick, found {sorted(seen.movers)}"
+        for _, _, _, recorder in self.watched():
+            assert not recorder.wrong_scene, recorder.wrong_scene
+            assert len(recorder.movers) <= 1, (
+                f"Expected as many movers in each tick, found {sorted(recorder.movers)}"
             )
 
     def test_frames_are_png_images(self) -> None:
@@ -343,7 +343,7 @@ def run_suite(suite: DomainSuite) -> Iterator[tuple[str, str]]:
             fault = str(error) or "it does not hold"
         except Exception as error:  # any exception of a domain is a failed test
             fault = fault_text(error)
-        yield _words(name), fault
+        yield _sentence(name), fault
         if fault and not _has_run(suite):
             return
 
@@ -356,5 +356,5 @@ def _has_run(suite: DomainSuite) -> bool:
         return False
 
 
-def _words(name: str) -> str:
+def _sentence(name: str) -> str:
     return name.removeprefix("test_").replace("_", " ")

@@ -92,15 +92,15 @@ def _rate(
 ) -> dict[str, Any]:
     ranges = {name: (float(low), float(high)) for name, low, high in _RANGE.findall(system)}
     milestone = next(iter(state["milestones"])).removesuffix("_seen")
-    good, ever = state["tiers"][milestone], state["milestones"][f"{milestone}_seen"]
+    robots, was_reached = state["tiers"][milestone], state["milestones"][f"{milestone}_seen"]
     stuck, varied = state["stagnation"]["generations"] >= STAGNANT, state["diversity"]["now"]
     low = varied < state["crisis"]["diversity_below"] + 0.2
-    if not good:
-        phase = ("crisis_intervention" if low else "aggressive_exploration") if ever else ""
+    if not robots:
+        phase = ("crisis_intervention" if low else "aggressive_exploration") if was_reached else ""
         phase = phase or "early_exploration"
     elif low:
         phase = "aggressive_exploration"
-    elif good < 3:
+    elif robots < 3:
         phase = "balanced_exploration" if stuck else "refinement"
     else:
         rising = state["fitness"]["best_change_share"] > 0.2
@@ -108,12 +108,12 @@ def _rate(
     if guess and ranges:
         phase = list(ranges)[rng.integers(len(ranges))]
     least, most = ranges.get(phase, (0.2, 0.4))
-    calm = min(1.0, max(state["working_ratio"], good / 6))
+    calm = min(1.0, max(state["working_ratio"], robots / 6))
     return {
-        "reasoning": f"Mock answer: {good} {milestone} robots now, diversity {varied:.2f}.",
+        "reasoning": f"Mock answer: {robots} {milestone} robots now, diversity {varied:.2f}.",
         "risk": "None: a mock gives this answer.",
         "intervention": phase in ("crisis_intervention", "aggressive_exploration"),
-        "pattern": "healthy_progress" if good else "exploration_phase",
+        "pattern": "healthy_progress" if robots else "exploration_phase",
         "phase": phase,
         "mutation_rate": round(most - (most - least) * calm, 3),
     }
@@ -122,23 +122,23 @@ def _rate(
 def _tree(
     state: Mapping[str, Any], system: str, user: str, rng: np.random.Generator, guess: bool
 ) -> dict[str, Any]:
-    shown = system.partition("## Examples")[2].partition("\n## ")[0]
-    examples = _EXAMPLE.findall(shown)
+    section = system.partition("## Examples")[2].partition("\n## ")[0]
+    examples = _EXAMPLE.findall(section)
     target = _target(state, [name for name, _ in examples], user, rng, guess)
     matching = [tree for names, tree in examples if target in names.split(", ")]
     first = parse((matching or [tree for _, tree in examples])[0])
-    most = _LIMITS.search(system)
-    limits = Limits(int(most[1]), int(most[2])) if most else Limits(8, 50)
+    sizes = _LIMITS.search(system)
+    limits = Limits(int(sizes[1]), int(sizes[2])) if sizes else Limits(8, 50)
     ideas = [first]
     if traced := _TRACED.search(user):
         ideas.insert(0, _grafted(first, traced[1], limits))
-    if "differs from all of them" in shown:
+    if "differs from all of them" in section:
         ideas = [tree for tree in ideas if tree not in [parse(text) for _, text in examples]]
     match = _CANDIDATES.search(system)
-    wanted = int(match[1]) if match else 1
-    while len(ideas) < wanted:
+    count = int(match[1]) if match else 1
+    while len(ideas) < count:
         ideas.append(_varied(first, rng))
-    texts = [to_text(tree) for tree in ideas[:wanted]]
+    texts = [to_text(tree) for tree in ideas[:count]]
     reason = f"Mock answer: {target} is lacking."
     answer: dict[str, Any] = {"rationale": reason, "target": target}
     return {**answer, "trees": texts} if match else {**answer, "tree": texts[0]}
@@ -146,8 +146,8 @@ def _tree(
 
 def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
     """An edit that adds an example's first branch for the rarest behaviour to the first tree."""
-    shown = system.partition("## Examples")[2].partition("\n## ")[0]
-    examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(shown)]
+    section = system.partition("## Examples")[2].partition("\n## ")[0]
+    examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(section)]
     rarest = _URGENT.findall(user)
     fit = [tree for names, tree in examples if rarest and rarest[0] in names]
     tree = (fit or [tree for _, tree in examples])[rng.integers(max(1, len(fit)))]
@@ -187,8 +187,8 @@ def _grafted(example: Node, traced: str, limits: Limits) -> Node:
         return example
     *urgent, last = example.children
     actions = _actions(*urgent)
-    more = [c for c in best.children if c.guard and not _actions(c) <= actions]
-    grafted = selector(*urgent, *more, last)
+    branches = [c for c in best.children if c.guard and not _actions(c) <= actions]
+    grafted = selector(*urgent, *branches, last)
     return grafted if within(grafted, limits) else example
 
 

@@ -25,7 +25,7 @@ class ObservedRun:
     tree: Node
     watched: Outcome  # in the world of the first of SEEDS
     plain: tuple[Outcome, ...]  # not watched, of each of SEEDS
-    seen: EpisodeRecorder
+    recorder: EpisodeRecorder
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +72,22 @@ def tree_line(tree: Node) -> str:
 def unreached(survey: Survey) -> Iterator[str]:
     domain, runs = survey.domain, (*survey.runs, *survey.visits)
     schema, vocabulary = domain.schema, domain.schema.vocabulary
-    seens = [run.seen for run in runs]
-    logged = {event for seen in seens for event in seen.events}
-    logged |= {event for seen in seens for event in seen.credited}
+    recorders = [run.recorder for run in runs]
+    logged = {event for recorder in recorders for event in recorder.events}
+    logged |= {event for recorder in recorders for event in recorder.credited}
     outcomes = [outcome for run in runs for outcome in run.plain]
     counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
     observable = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
     events = [n for n in schema.events if n in observable and n not in logged | counted]
     if events:
         yield f"events never logged: {', '.join(events)}"
-    done = {name for seen in seens for name, status in seen.statuses if status == SUCCESS}
+    done = {
+        name for recorder in recorders for name, status in recorder.statuses if status == SUCCESS
+    }
     able = [n for n, action in vocabulary.actions.items() if SUCCESS in action.statuses]
-    if never := [name for name in able if name not in done]:
-        yield f"actions that never succeeded: {', '.join(never)}"
-    ranges = [seen.ranges() for seen in seens]
+    if unused := [name for name in able if name not in done]:
+        yield f"actions that never succeeded: {', '.join(unused)}"
+    ranges = [recorder.ranges() for recorder in recorders]
     same = []
     for name in vocabulary.keys:
         values = {value for r in ranges if name in r for value in r[name]}

@@ -13,7 +13,7 @@ from islandgp.bt.core.node import size
 from islandgp.gp.random_trees import random_tree
 from islandgp.running.run import make_library
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.expert import Expert, early
+from islandgp.supervision.expert import Expert, early_targets
 from tests.composed import composed, plain
 
 ROOT = Path(__file__).parents[2]
@@ -188,7 +188,7 @@ def test_docs_tell_the_size_of_random_trees() -> None:
     expert = Expert(settings.supervisor.settings(), library)
     injected = [
         size(library.trees[name])
-        for target in early(settings.classes.targets)
+        for target in early_targets(settings.classes.targets)
         for name in expert.fitting(target, compact=True)
     ]
     words = " ".join(TEXT.split())

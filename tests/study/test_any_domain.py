@@ -27,7 +27,7 @@ TIERS = ("begun", "halfway", "nearly", "arrived")
 MAZE = {
     "domain": {"factory": "nowhere.maze:Maze"},
     "world": {"size": 9},
-    "library": {"folder": None, "trees": {}, "shown": {}},
+    "library": {"folder": None, "trees": {}, "examples": {}},
     "classes": {
         "behaviours": {"turning": "turns"},
         "specialists": {"of": ["turning"], "dominance_ratio": 2.0, "idle": "idler", "mixed": "odd"},

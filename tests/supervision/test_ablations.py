@@ -17,7 +17,7 @@ from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.run import make_supervisor
-from islandgp.supervision.expert import Expert, early
+from islandgp.supervision.expert import Expert, early_targets
 from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
@@ -87,7 +87,7 @@ def test_random_injection_is_blind_where_only_behaviours_have_trees() -> None:
 def test_random_injection_is_as_compact_as_the_expert() -> None:
     """Until a Complete Robot has existed it has the trees that the expert has, and no others."""
     supervisor = untargeted()
-    assert set(draws(supervisor, state())) == set(early(CLASSES.targets))
+    assert set(draws(supervisor, state())) == set(early_targets(CLASSES.targets))
     for i in range(50):
         tree = supervisor.advise(state(), np.random.default_rng(i)).tree
         assert tree is not None

@@ -17,14 +17,9 @@ from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.lines import dump
 from islandgp.running.run import make_supervisor
 from islandgp.supervision.base import GenerationView
-from islandgp.supervision.editor import (
-    Editor,
-    guard_width,
-    place_for,
-    requirements,
-    widened,
-)
+from islandgp.supervision.editor import Editor, requirements
 from islandgp.supervision.editor_controls import EditorYoked
+from islandgp.supervision.guard_width import guard_width, place_for, widened
 from tests.composed import composed
 from tests.evolution.runs import run
 from tests.made import snapshot, state

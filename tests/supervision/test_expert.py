@@ -49,7 +49,7 @@ WORKERS = {
 def how() -> ExpertSettings:
     """The configured trees and rates, with the thresholds that the states below are made for."""
     policy = plain("supervisor=expert")["supervisor"]["policy"]
-    thresholds = {"several": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
+    thresholds = {"multiple": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
     hardest = plain()["classes"]["hardest"]
     return ExpertSettings.model_validate({**policy, **thresholds, "hardest": hardest})
 

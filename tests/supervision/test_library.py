@@ -42,14 +42,14 @@ def read(folder: Path, **settings: Any) -> Library:
 
 def test_trees_and_their_texts(folder: Path) -> None:
     """Every tree that is named is read once, with its comments."""
-    found = read(folder, trees={**EACH, "rare": ["rest", "work"]}, shown={"poor": ["rest"]})
+    found = read(folder, trees={**EACH, "rare": ["rest", "work"]}, examples={"poor": ["rest"]})
     assert found.trees == {
         "rest": parse("PatrolWaypoint"),
         "work": parse("selector { PickupGarbage }"),
     }
     assert found.texts["work"] == "# everything\nselector { PickupGarbage }\n"
     assert found.targets["rare"] == ("rest", "work")
-    assert found.shown == {"poor": ("rest",)}
+    assert found.examples == {"poor": ("rest",)}
 
 
 def test_a_file_that_nobody_names_is_not_read(folder: Path) -> None:
@@ -75,7 +75,7 @@ def test_a_file_that_nobody_names_is_not_read(folder: Path) -> None:
             {"trees": {**EACH, "rare": ["wrok"]}},
             r"expected a tree in .*wrok\.bt, found none \(No such file.*\); there are rest, work",
         ),
-        ({"shown": {"poor": ["bad"]}}, r"expected a tree in .*bad\.bt"),
+        ({"examples": {"poor": ["bad"]}}, r"expected a tree in .*bad\.bt"),
     ],
 )
 def test_what_is_missing_is_told(folder: Path, settings: Any, message: str) -> None:

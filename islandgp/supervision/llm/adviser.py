@@ -142,9 +142,9 @@ class Adviser:
         )
         if answer.guidance is None or not answer.others:
             return answer
-        chosen, played, note = try_out(answer.guidance, answer.others, state, self.context)
+        best, played, note = try_out(answer.guidance, answer.others, state, self.context)
         calls.transcript.add(played)
-        return replace(answer, guidance=chosen, trial=note)
+        return replace(answer, guidance=best, trial=note)
 
 
 def _notes(answers: Mapping[str, Conversation]) -> dict[str, str]:

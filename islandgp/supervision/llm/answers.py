@@ -72,22 +72,22 @@ class EditAnswer(ModelAnswer, frozen=True):
 
 def schema(model: type[BaseModel]) -> dict[str, Any]:
     """The JSON schema of an answer, without titles, references and ranges: servers drop them."""
-    whole = model.model_json_schema()
+    full = model.model_json_schema()
 
     def plain(part: Mapping[str, Any]) -> dict[str, Any]:
         if "$ref" in part:
-            part = whole["$defs"][part["$ref"].rpartition("/")[2]]
-        kept = {key: part[key] for key in ("type", "enum", "required") if key in part}
+            part = full["$defs"][part["$ref"].rpartition("/")[2]]
+        result = {key: part[key] for key in ("type", "enum", "required") if key in part}
         if "const" in part:
-            kept["enum"] = [part["const"]]
+            result["enum"] = [part["const"]]
         if "items" in part:
-            kept["items"] = plain(part["items"])
+            result["items"] = plain(part["items"])
         if "properties" in part:
-            kept["properties"] = {name: plain(p) for name, p in part["properties"].items()}
-            kept["additionalProperties"] = False
-        return kept
+            result["properties"] = {name: plain(p) for name, p in part["properties"].items()}
+            result["additionalProperties"] = False
+        return result
 
-    return plain(whole)
+    return plain(full)
 
 
 class EditsAnswer(ModelAnswer, frozen=True):
@@ -101,9 +101,9 @@ class EditsAnswer(ModelAnswer, frozen=True):
 
 def proposal_model(targets: Collection[str], candidates: int = 1) -> type[ModelAnswer]:
     """The model of an answer to a prompt for a tree, or for several candidates."""
-    several = (Annotated[list[str], Field(min_length=1)], ...)
+    tree_list = (Annotated[list[str], Field(min_length=1)], ...)
     fields: dict[str, Any] = {
-        **({"tree": (str, ...)} if candidates == 1 else {"trees": several}),
+        **({"tree": (str, ...)} if candidates == 1 else {"trees": tree_list}),
         "target": (Literal[tuple(targets)], ...),
         "rationale": (str, ...),
     }
@@ -135,8 +135,8 @@ def _sort(field: Mapping[str, Any]) -> tuple[str, str]:
 def form(answer: Mapping[str, Any]) -> str:
     """A schema as a prompt shows it."""
     fields = answer["properties"].items()
-    shown = (f'"{n}": {n.upper() if "enum" in kind else _sort(kind)[0]}' for n, kind in fields)
-    return "{" + ", ".join(shown) + "}"
+    entries = (f'"{n}": {n.upper() if "enum" in kind else _sort(kind)[0]}' for n, kind in fields)
+    return "{" + ", ".join(entries) + "}"
 
 
 def faults(error: ValidationError, model: type[BaseModel], answer: Mapping[str, Any]) -> list[str]:
@@ -146,10 +146,10 @@ def faults(error: ValidationError, model: type[BaseModel], answer: Mapping[str, 
         if field not in answer:
             lines.append(f"{field}: expected a value, found none")
             continue
-        words, text = kinds[field].get("enum"), repr(answer[field])
-        wanted = f"one of {', '.join(words)}" if words else _sort(kinds[field])[1]
-        shown = text if len(text) <= 60 else text[:60] + "..."
-        lines.append(f"{field}: expected {wanted}, found {shown}")
+        choices, text = kinds[field].get("enum"), repr(answer[field])
+        expected = f"one of {', '.join(choices)}" if choices else _sort(kinds[field])[1]
+        quoted = text if len(text) <= 60 else text[:60] + "..."
+        lines.append(f"{field}: expected {expected}, found {quoted}")
     return lines
 
 
@@ -196,8 +196,8 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
         if reply.text.strip():
             fault = ("none that can be read", "an answer that was cut off; make it much shorter")
         else:
-            early = "an answer that was cut off before its first word; think much less"
-            fault = ("an empty answer", early)
+            no_word = "an answer that was cut off before its first word; think much less"
+            fault = ("an empty answer", no_word)
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault[cut_off]}.")
     # JSON escapes can encode characters that were removed from the text itself.
     values = {key: cleaned(value) for key, value in fields.items()}
@@ -210,7 +210,7 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
 def cleaned(value: Any) -> Any:
     """A value with `clean` applied to a text or to the texts of a list."""
     if isinstance(value, list):
-        return [clean(each) if isinstance(each, str) else each for each in value]
+        return [clean(item) if isinstance(item, str) else item for item in value]
     return clean(value) if isinstance(value, str) else value
 
 
@@ -257,8 +257,8 @@ def check_decision(reply: Reply, rates: RateSettings) -> Accepted | Rejection:
     advised = answer.mutation_rate
     rate = min(rates.most, max(rates.least, advised))
     if rate != advised and rates.outside == "repair":
-        wanted = f"a number from {rates.least} to {rates.most}"
-        error = f"mutation_rate: expected {wanted}, found {advised}"
+        expected = f"a number from {rates.least} to {rates.most}"
+        error = f"mutation_rate: expected {expected}, found {advised}"
         return Rejection(RejectionStage.RANGE, error)
     decision = Guidance(
         rate,

@@ -216,10 +216,10 @@ class LiveCalls:
         """
         turns = 1 + repairs
         times = self.retry.attempts * turns
-        most = [most_tokens(request, longer=MAX_QUOTED * repairs) for request in requests]
+        bounds = [most_tokens(request, longer=MAX_QUOTED * repairs) for request in requests]
         return self.ledger.room_for(
             times * len(requests),
-            sum(most, Usage()).times(times),
+            sum(bounds, Usage()).times(times),
             seconds=turns * len(requests) * self.retry.deadline,
         )
 
@@ -229,14 +229,14 @@ class LiveCalls:
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         self._check_open()
-        most = most_tokens(request)
+        bound = most_tokens(request)
         self.client.open()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
         answer: Reply | Failure
         with self._sending:
             seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
-            if not (reason := self.ledger.reserve(most, waited)):
-                self.transcript.add(Sent(call, number, most, round(waited + seconds, 3)))
+            if not (reason := self.ledger.reserve(bound, waited)):
+                self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
         if reason:
             answer = Failure(FailureKind.BUDGET, reason)
         else:
@@ -252,7 +252,7 @@ class LiveCalls:
             request=request,
             answer=answer,
             usage=usage,
-            at_most=most if usage is None else usage,
+            at_most=bound if usage is None else usage,
             usd=None if usage is None else self.ledger.usd(usage, request.model),
             seconds=round(self.clock() - began, 3),
             waited=round(waited, 3),
@@ -260,7 +260,7 @@ class LiveCalls:
         )
         self.transcript.add(attempt)
         if not reason:
-            self.ledger.settle(attempt, most)
+            self.ledger.settle(attempt, bound)
         return answer
 
     def _with_remedy(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
@@ -322,8 +322,8 @@ def converse(
             break
         checked = check(answer)
         if isinstance(checked, Accepted):
-            words = ("llm", "repaired" if turn else "", checked.change)
-            accepted, source, reason = checked, ", ".join(word for word in words if word), ""
+            parts = ("llm", "repaired" if turn else "", checked.change)
+            accepted, source, reason = checked, ", ".join(filter(None, parts)), ""
             break
         rejected.append(checked.stage)
         reason = f"{checked.stage}: {checked.error}"

@@ -99,11 +99,11 @@ def describe_episode(
     return outcome, [line if len(line) <= LINE else line[: LINE - 3] + "..." for line in lines]
 
 
-def spans(doing: Sequence[str]) -> list[Stretch]:
+def spans(actions: Sequence[str]) -> list[Stretch]:
     """An episode's ticks in at most SPANS parts, cut where the actions change most."""
-    bins = min(BINS, len(doing))
-    edges = [i * len(doing) // bins for i in range(bins + 1)] if bins else []
-    stretches = [Stretch(a, b, Counter(doing[a:b])) for a, b in pairwise(edges)]
+    bins = min(BINS, len(actions))
+    edges = [i * len(actions) // bins for i in range(bins + 1)] if bins else []
+    stretches = [Stretch(a, b, Counter(actions[a:b])) for a, b in pairwise(edges)]
     while len(stretches) > 1:
         lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(stretches)))
         if len(stretches) <= SPANS and lost > 0:
@@ -116,7 +116,7 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
     last = len(log.doing) - 1
     for span in spans(log.doing):
         length = span.end - span.begin
-        did = ", ".join(
+        counts = ", ".join(
             f"{name or 'nothing'} {count / length:.0%}"
             for name, count in span.actions.most_common(MAX_NAMED)
         )
@@ -127,16 +127,16 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
         ]
         times = Counter(event for event, _ in inside)
         earned = "".join(f", {event} {n}x" for event, n in times.most_common(MAX_NAMED))
-        won = sum(points for _, points in inside)
-        tail = f"; {earned[2:]}: {in_points(won, '+')} points" if inside else ""
-        yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {did}{tail}"
+        gain = sum(points for _, points in inside)
+        tail = f"; {earned[2:]}: {in_points(gain, '+')} points" if inside else ""
+        yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {counts}{tail}"
 
 
 def _never(log: EpisodeLog) -> Iterator[str]:
     done = set(log.doing)
-    never = dict.fromkeys(name for name in log.actions if name and name not in done)
-    if never:
-        yield f"- hardly or never done, though in the tree: {', '.join(never)}"
+    unused = dict.fromkeys(name for name in log.actions if name and name not in done)
+    if unused:
+        yield f"- hardly or never done, though in the tree: {', '.join(unused)}"
 
 
 def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
@@ -150,22 +150,22 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
             continue
         if key.words:
             counts = Counter(map(key.shown, values)).most_common()
-            shares = ", ".join(f"{word} {n / len(values):.0%}" for word, n in counts)
+            shares = ", ".join(f"{value} {n / len(values):.0%}" for value, n in counts)
             yield f"- {name}: {shares} of the time"
             continue
         points = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
         if not points:
             continue
-        low, at = min(points)
-        high, when = max(points, key=lambda pair: (pair[0], -pair[1]))
+        low, trough = min(points)
+        high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
         step_s = domain.step_s
         if low == high:
             yield f"- {name}: {_number(low)} throughout"
             continue
         yield (
             f"- {name}: {_number(points[0][0])} at first, {_number(points[-1][0])} at the end;"
-            f" least {_number(low)} at {at * step_s:.0f} s, most {_number(high)} at"
-            f" {when * step_s:.0f} s"
+            f" least {_number(low)} at {trough * step_s:.0f} s, most {_number(high)} at"
+            f" {peak * step_s:.0f} s"
         )
 
 
@@ -215,8 +215,9 @@ def _worth(
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
     """A description of an individual's episode in the first world of its evaluation."""
-    each = len(now.worlds) // len(now.individuals)  # 0: fewer worlds than individuals, all common
-    seed = now.worlds[now.individuals.index(i) * each]
+    # Worlds of an individual; 0 if all individuals share fewer worlds than there are individuals.
+    worlds_each = len(now.worlds) // len(now.individuals)
+    seed = now.worlds[now.individuals.index(i) * worlds_each]
     tree = parse(i.tree, context.schema.vocabulary)
     domain = context.domain_in(now.snapshot.generation)
     outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
@@ -232,7 +233,7 @@ def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Generatio
     )
     if world:
         head = f"{head}\n{world}"
-    return "\n".join((head, *lines, "```", cut(i.tree), "```"))
+    return "\n".join((head, *lines, "```", shortened(i.tree), "```"))
 
 
 def components(members: Sequence[IndividualRecord]) -> str:
@@ -242,7 +243,7 @@ def components(members: Sequence[IndividualRecord]) -> str:
     return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"
 
 
-def cut(tree: str) -> str:
+def shortened(tree: str) -> str:
     """A tree's text, of TREE characters at most."""
     text = tree.strip()
     return text if len(text) <= TREE else text[: TREE - 3] + "..."

@@ -1,7 +1,7 @@
 """The sections of prompts on the run so far and its rules: rewards, injected trees, traces, edits.
 
-All of it follows from configuration, the domain's declaration and the records of generations, which
-a resumed run and a replay have as well, and has a largest size.
+The sections depend on the configuration, the domain and the records of generations only, so a
+resumed run and a replay have the same. Their size is limited.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.answers import MAX_EXPLANATION
-from islandgp.supervision.llm.episode import components, cut, trace_of
+from islandgp.supervision.llm.episode import components, shortened, trace_of
 from islandgp.supervision.llm.settings import MAX_KEPT, InformedSettings
 from islandgp.text import in_points
 
@@ -89,27 +89,27 @@ class RunHistory:
     gains: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     """Numbers of edits that improved a tree and of others, by model, over the whole run."""
 
-    def followed_by(self, seen: GenerationView) -> RunHistory:
+    def followed_by(self, view: GenerationView) -> RunHistory:
         """The history extended by one generation."""
-        order = ranked(seen.individuals)
+        order = ranked(view.individuals)
         ranks = {i.id: rank for rank, i in enumerate(order, 1)}
-        trees = [_followed(tree, seen, ranks) for tree in self.injected]
-        trees += [_new(i, seen, ranks) for i in seen.individuals if i.origin == Origin.INJECTED]
-        decisions, trials, edits = self.decisions, list(seen.trials), [*self.edits]
-        guidance, gains = seen.guidance, {**self.gains}
+        trees = [_followed(tree, view, ranks) for tree in self.injected]
+        trees += [_new(i, view, ranks) for i in view.individuals if i.origin == Origin.INJECTED]
+        decisions, trials, edits = self.decisions, list(view.trials), [*self.edits]
+        guidance, gains = view.guidance, {**self.gains}
         models = guidance.notes.get(EDIT_MODELS, "").split() if guidance is not None else []
-        if self.now is not None and seen.guidance is not None:
-            decision = PastDecision(seen.guidance, self.now.snapshot, seen.snapshot)
+        if self.now is not None and view.guidance is not None:
+            decision = PastDecision(view.guidance, self.now.snapshot, view.snapshot)
             decisions = (*decisions, decision)
         for k, edit in enumerate(() if guidance is None else guidance.edits):
             trial = trials.pop(0) if trials and not edit.refused else None
-            edits.append(PastEdit(seen.snapshot.generation, edit, trial))
+            edits.append(PastEdit(view.snapshot.generation, edit, trial))
             if k < len(models):
                 won, lost = gains.get(models[k], (0, 0))
                 gained = trial is not None and trial.fitness > trial.parent_fitness
                 gains[models[k]] = (won + gained, lost + (not gained))
         last = tuple(edits[-MAX_PAST_EDITS:])
-        return RunHistory(seen, tuple(trees[-MAX_KEPT:]), decisions[-MAX_KEPT:], last, gains)
+        return RunHistory(view, tuple(trees[-MAX_KEPT:]), decisions[-MAX_KEPT:], last, gains)
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -117,29 +117,29 @@ def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
     return sorted(individuals, key=lambda i: -i.fitness)
 
 
-def _new(i: IndividualRecord, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
-    target = "" if seen.guidance is None else seen.guidance.target or ""
+def _new(i: IndividualRecord, view: GenerationView, ranks: dict[str, int]) -> InjectedTree:
+    target = "" if view.guidance is None else view.guidance.target or ""
     rank = ranks[i.id]
     return InjectedTree(
-        generation=seen.snapshot.generation,
+        generation=view.snapshot.generation,
         target=target,
         new=i,
         rank=rank,
         alive=frozenset({i.id}),
         most_alive=1,
-        last=seen.snapshot.generation,
+        last=view.snapshot.generation,
         unchanged=True,
         best_rank=rank,
     )
 
 
-def _followed(tree: InjectedTree, seen: GenerationView, ranks: dict[str, int]) -> InjectedTree:
-    heirs = [i for i in seen.individuals if not tree.alive.isdisjoint(i.parents)]
+def _followed(tree: InjectedTree, view: GenerationView, ranks: dict[str, int]) -> InjectedTree:
+    heirs = [i for i in view.individuals if not tree.alive.isdisjoint(i.parents)]
     return replace(
         tree,
         alive=frozenset(i.id for i in heirs),
         most_alive=max(tree.most_alive, len(heirs)),
-        last=seen.snapshot.generation if heirs else tree.last,
+        last=view.snapshot.generation if heirs else tree.last,
         unchanged=any(i.tree == tree.new.tree for i in heirs),
         best_rank=min((ranks[i.id] for i in heirs), default=None),
     )
@@ -158,8 +158,8 @@ def constant_values(settings: InformedSettings, context: RunContext) -> dict[str
     return {
         "reasoning": "first" if settings.reasoning else "",
         "differ": "differ" if settings.differ else "",
-        "traces_told": "yes" if settings.traces else "",
-        "decisions_told": "yes" if settings.decisions else "",
+        "trace_section": "yes" if settings.traces else "",
+        "decision_section": "yes" if settings.decisions else "",
         "rewards": _rewards(context.rewards, context.schema) if settings.rewards else "",
         "thresholds": _thresholds(context.crisis) if settings.rewards else "",
     }
@@ -204,18 +204,18 @@ def _rewards(rewards: BaseModel, schema: Schema) -> str:
         line = f"- {name}, {event.meaning}: {_points(reward, event.amount)}"
         lines.append(f"{line} (component {reward.component})")
     if rewards.normalize:
-        most = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
-        lines.append(f"- each component is divided by its largest value: {most}")
+        maxima = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
+        lines.append(f"- each component is divided by its largest value: {maxima}")
     return "\n".join(lines)
 
 
 def _points(reward: Reward, amount: str) -> str:
     """The points of one event in words, e.g. "200 points and 100 for each of items"."""
     bands = [f"{band.points:g} points below {band.below:g} {amount}" for band in reward.bands]
-    whole = [f"{reward.base:g} points"] if reward.base or not reward.per_unit else []
+    terms = [f"{reward.base:g} points"] if reward.base or not reward.per_unit else []
     each = f"{reward.per_unit:g} points for each of: {amount}"
-    whole += [each] if reward.per_unit else []
-    parts = [*bands, ("else " if bands else "") + " and ".join(whole)]
+    terms += [each] if reward.per_unit else []
+    parts = [*bands, ("else " if bands else "") + " and ".join(terms)]
     over = f"; nothing up to {reward.over:g} {amount}" if reward.over is not None else ""
     return ", ".join(parts) + over
 
@@ -263,7 +263,7 @@ def _injected(tree: InjectedTree, now: GenerationView, classes: Classes) -> str:
         n = len(tree.alive)
         alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
         end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
-    return f"{start} {end}\n```\n{cut(tree.new.tree)}\n```"
+    return f"{start} {end}\n```\n{shortened(tree.new.tree)}\n```"
 
 
 def _decision(past: PastDecision, classes: Classes) -> str:
@@ -272,7 +272,7 @@ def _decision(past: PastDecision, classes: Classes) -> str:
     rate = f"rate {g.applied_rate:.2f}" + (f", enforced: crisis of {g.crisis}" if g.crisis else "")
     phase = f"{g.phase}, " if g.phase else ""
     tree = f", a tree for {g.target}" if g.injected else ""
-    seen = "; ".join(
+    milestones = "; ".join(
         f"{classes.tier_title(tier)}s {before.tiers[tier]} -> {after.tiers[tier]}"
         for tier in classes.milestones
     )
@@ -281,7 +281,7 @@ def _decision(past: PastDecision, classes: Classes) -> str:
         f"- after generation {before.generation}{by}: {phase}{rate}{tree}. Then best"
         f" {in_points(before.best)} -> {in_points(after.best)}, mean"
         f" {in_points(before.mean)} -> {in_points(after.mean)};"
-        f" {seen}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
+        f" {milestones}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
     )
 
 
@@ -295,45 +295,45 @@ def _traces(context: RunContext, state: PopulationState, now: GenerationView) ->
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
-        shown = context.classes.shown(worst.counters)
-        lacking = ", ".join(name for name in state.rarest_behaviours if name not in shown)
+        behaviours = context.classes.shown(worst.counters)
+        lacking = ", ".join(name for name in state.rarest_behaviours if name not in behaviours)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
     texts = [trace_of(name, i, context, now) for name, i in named]
     return "\n\n".join(texts), len(texts)
 
 
-def parents_of(seen: GenerationView, context: RunContext, most: int) -> list[IndividualRecord]:
+def parents_of(view: GenerationView, context: RunContext, count: int) -> list[IndividualRecord]:
     """The individuals to improve: the fittest, then the best of other classes; distinct trees."""
 
     def worth(i: IndividualRecord) -> tuple[float, float]:
         return merit(i.fitness, violation(i.counters, context.constraints))
 
-    order = sorted(seen.individuals, key=worth, reverse=True)
+    order = sorted(view.individuals, key=worth, reverse=True)
     classes: dict[str, IndividualRecord] = {}
     for i in order:
         classes.setdefault(i.specialist, i)
     first = [*classes.values(), *order]
-    return list({i.tree: i for i in reversed(first)}.values())[::-1][:most]
+    return list({i.tree: i for i in reversed(first)}.values())[::-1][:count]
 
 
-def edit_values(context: RunContext, run: RunHistory, most: int) -> tuple[dict[str, str], int]:
+def edit_values(context: RunContext, run: RunHistory, count: int) -> tuple[dict[str, str], int]:
     """The values of EDIT_VALUES, and the episodes that were run for them.
 
     Args:
         context: of the run.
         run: so far.
-        most: parents that are shown, at most.
+        count: parents that are shown, at most.
     """
-    seen = run.now
-    if seen is None:
+    view = run.now
+    if view is None:
         return dict.fromkeys(EDIT_VALUES, ""), 0
-    parents = parents_of(seen, context, most)
-    others = parents_of(seen, context, most + NEIGHBOURS)[len(parents) :]
-    shown = {i.tree for i in parents}
-    elites = [_elite(e) for e in seen.archive if e.tree not in shown]
-    near = [f"{_head(i, context.classes)}\n```\n{cut(i.tree)}\n```" for i in others]
+    parents = parents_of(view, context, count)
+    others = parents_of(view, context, count + NEIGHBOURS)[len(parents) :]
+    texts = {i.tree for i in parents}
+    elites = [_elite(e) for e in view.archive if e.tree not in texts]
+    near = [f"{_head(i, context.classes)}\n```\n{shortened(i.tree)}\n```" for i in others]
     return {
-        "parents": "\n\n".join(_parent(i, context, seen) for i in parents),
+        "parents": "\n\n".join(_parent(i, context, view) for i in parents),
         "neighbours": "\n\n".join((elites or near)[:NEIGHBOURS]),
         "past_edits": "\n".join(map(_past, run.edits)),
     }, len(parents)
@@ -341,7 +341,7 @@ def edit_values(context: RunContext, run: RunHistory, most: int) -> tuple[dict[s
 
 def _elite(e: Elite) -> str:
     points = f"{in_points(e.mean)} points in stage {e.stage + 1}"
-    return f"Individual {e.id}, of the archive: {points}.\n```\n{cut(e.tree)}\n```"
+    return f"Individual {e.id}, of the archive: {points}.\n```\n{shortened(e.tree)}\n```"
 
 
 def _head(i: IndividualRecord, classes: Classes) -> str:
@@ -353,9 +353,9 @@ def _head(i: IndividualRecord, classes: Classes) -> str:
     )
 
 
-def _parent(i: IndividualRecord, context: RunContext, seen: GenerationView) -> str:
+def _parent(i: IndividualRecord, context: RunContext, view: GenerationView) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
-    return "\n".join((_head(i, context.classes), *listing(tree), trace_of("It", i, context, seen)))
+    return "\n".join((_head(i, context.classes), *listing(tree), trace_of("It", i, context, view)))
 
 
 def listing(tree: Node) -> list[str]:

@@ -152,8 +152,8 @@ class Ledger:
         """Replaces a reservation in the sweep's ledger by the attempt's costs, if known."""
         if self.sweep is not None and attempt.usage is not None:
             price = self.prices.get(attempt.request.model, self.price)
-            taken = Bill.of(int(is_sent(attempt)), attempt.usage, price)
-            self.sweep.add(taken + -Bill.at_most(1, reserved, self.price))
+            bill = Bill.of(int(is_sent(attempt)), attempt.usage, price)
+            self.sweep.add(bill + -Bill.at_most(1, reserved, self.price))
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """A text on the cap that another request could exceed; "" for none.

@@ -125,9 +125,9 @@ class Request:
         Fields that older versions did not have are left out if they are None, so that digests of
         old records stay valid.
         """
-        later = ("thinking", "effort", "extra")
+        optional = ("thinking", "effort", "extra")
         values = {**asdict(self), "extra": without_secrets(self.extra)}
-        return {k: v for k, v in values.items() if v is not None or k not in later}
+        return {k: v for k, v in values.items() if v is not None or k not in optional}
 
     def followed_by(self, answer: str, question: str) -> Request:
         """The request extended by an answer and a further user turn; no turn is empty."""
@@ -194,8 +194,8 @@ class Client(Protocol):
 
 def clean(text: str) -> str:
     """Text without lone surrogates and control characters, cut after MAX_ANSWER characters."""
-    kept = text[: MAX_ANSWER + 1].encode("utf-8", "replace").decode("utf-8")
-    return "".join(c if c.isprintable() or c in "\n\t" else " " for c in kept)
+    encodable = text[: MAX_ANSWER + 1].encode("utf-8", "replace").decode("utf-8")
+    return "".join(c if c.isprintable() or c in "\n\t" else " " for c in encodable)
 
 
 def sha256_of(value: Any) -> str:

@@ -54,11 +54,11 @@ class Prompt:
         return set(_VARIABLE.findall(self.system + self.user))
 
 
-def prompt_folder(chosen: str | None) -> Path:
+def prompt_folder(setting: str | None) -> Path:
     """The folder of a prompt set: `paper`, `informed`, or the path of another folder."""
-    if chosen is None or chosen == "paper":
+    if setting is None or setting == "paper":
         return resource("prompts")
-    return resource("prompts") / chosen if chosen in PROMPT_SETS else Path(chosen)
+    return resource("prompts") / setting if setting in PROMPT_SETS else Path(setting)
 
 
 def load_prompt(name: str, folder: Path) -> Prompt:
@@ -101,13 +101,13 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
 
     for match in _VARIABLE.finditer(template):
         value_of(match)
-    shown = _SECTION.sub(lambda match: match[2] if values[match[1]] else "", template)
-    if unpaired := _MARK.search(shown):
+    filled = _SECTION.sub(lambda match: match[2] if values[match[1]] else "", template)
+    if unpaired := _MARK.search(filled):
         raise SupervisionError(
             f"prompts/{name}.md: expected {{{{#name}}}} and {{{{/name}}}} in pairs, one pair in no"
             f" other, found {unpaired[0]} alone"
         )
-    return _VARIABLE.sub(value_of, shown)
+    return _VARIABLE.sub(value_of, filled)
 
 
 _FILES: Final = ("domain:", "include:", "library:")
@@ -131,12 +131,15 @@ def shown_grammar(*, arguments: bool) -> str:
         for part in text.split("\n\n")
         if "docs/" not in part and not any(line.startswith(_FILES) for line in part.splitlines())
     ]
-    shown = "\n\n".join(parts).replace("domain? include* ", "")
-    more = "|".join(name for name, kind in KINDS.items() if not kind.paper)
-    shown = re.sub(
-        rf"^ *\|? *({more})\b.*\n| *\| _number\b.*\n", "", shown, flags=re.MULTILINE | re.IGNORECASE
+    grammar = "\n\n".join(parts).replace("domain? include* ", "")
+    names = "|".join(name for name, kind in KINDS.items() if not kind.paper)
+    grammar = re.sub(
+        rf"^ *\|? *({names})\b.*\n| *\| _number\b.*\n",
+        "",
+        grammar,
+        flags=re.MULTILINE | re.IGNORECASE,
     )
-    return shown if arguments else _OF_ARGUMENTS.sub("", shown)
+    return grammar if arguments else _OF_ARGUMENTS.sub("", grammar)
 
 
 def language(vocabulary: Vocabulary) -> str:
@@ -214,7 +217,7 @@ def _tier(name: str, classes: Classes, episodes: int) -> str:
 
 def _examples(part: str, library: Library) -> str:
     """The example trees of a prompt; by default those of the single behaviours."""
-    names = library.shown.get(part)
+    names = library.examples.get(part)
     if names is None:
         names = (
             ()
@@ -240,8 +243,8 @@ def urgency(state: PopulationState, rare: float) -> str:
     lines = []
     for name in state.rarest_behaviours:
         count = state.now.behaviour_counts[name]
-        word = "MISSING" if not count else "rare" if count < rare * state.population else "present"
-        lines.append(f"- {name}: {count} of {state.population} individuals do it: {word}")
+        level = "MISSING" if not count else "rare" if count < rare * state.population else "present"
+        lines.append(f"- {name}: {count} of {state.population} individuals do it: {level}")
     return "\n".join(lines)
 
 
@@ -341,16 +344,16 @@ def _judged(context: RunContext) -> str:
 
 def _worlds(context: RunContext) -> str:
     gp = context.gp
-    several = gp.episodes > 1
+    repeated = gp.episodes > 1
     seeds = (
-        f"the same {'worlds' if several else 'world'} for all individuals"
+        f"the same {'worlds' if repeated else 'world'} for all individuals"
         if gp.shared_seed
-        else f"{'worlds' if several else 'a world'} of its own for each individual"
+        else f"{'worlds' if repeated else 'a world'} of its own for each individual"
     )
     if gp.reseed_every == "never":
         return f"The worlds never change ({seeds}), so luck of the world explains no change."
-    each = "Every generation" if gp.reseed_every == "generation" else "Every epoch"
-    return f"{each} has new worlds ({seeds}), so the best fitness rises and falls by luck too."
+    period = "Every generation" if gp.reseed_every == "generation" else "Every epoch"
+    return f"{period} has new worlds ({seeds}), so the best fitness rises and falls by luck too."
 
 
 def _curriculum(context: RunContext) -> Iterator[str]:

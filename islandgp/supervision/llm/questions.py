@@ -184,7 +184,7 @@ class Questions:
         if kind == "tree":
             answer = proposal_model(state.targets, settings.candidates)
         shape = self._order(schema(answer))
-        several = "trees" in shape["properties"]
+        has_list = "trees" in shape["properties"]
         system, user = render(
             self.prompts[name],
             {
@@ -194,7 +194,7 @@ class Questions:
                 "state": state_text(state, self.context.crisis),
                 "urgency": urgency(state, settings.rare),
                 "answer": form(shape),
-                "tree_field": _TREES_FIELD.format(settings.candidates) if several else _TREE_FIELD,
+                "tree_field": _TREES_FIELD.format(settings.candidates) if has_list else _TREE_FIELD,
                 **self.run_values(state).values,
             },
         )
@@ -213,7 +213,8 @@ class Questions:
 
     def check(self, part: str, state: PopulationState) -> Check:
         """The check of the answers for a part."""
-        settings, words, most = self.settings, self.context.schema.vocabulary, self.context.limits
+        settings, limits = self.settings, self.context.limits
+        vocabulary = self.context.schema.vocabulary
         now = self.history.now
         living = {} if now is None else nameable([now.individuals], now.archive)
         existing = known_texts(living.values(), self._examples)
@@ -224,14 +225,16 @@ class Questions:
             return partial(
                 check_proposal,
                 limits=Limits(
-                    min(size.most_depth, most.max_depth), min(size.most_nodes, most.max_nodes)
+                    min(size.most_depth, limits.max_depth), min(size.most_nodes, limits.max_nodes)
                 ),
-                vocabulary=words,
+                vocabulary=vocabulary,
                 targets=state.targets,
                 candidates=settings.candidates,
                 existing=existing if settings.refuse_copies else None,
             )
-        return partial(check_edits, living=living, existing=existing, vocabulary=words, limits=most)
+        return partial(
+            check_edits, living=living, existing=existing, vocabulary=vocabulary, limits=limits
+        )
 
     def repair(self, rejection: Rejection) -> str:
         """The text of the turn that quotes the error of a rejected answer."""
@@ -289,15 +292,15 @@ def shared_prompts(requests: Mapping[str, Request], settings: LLMSettings) -> di
         requests: of one generation, by the part of the guidance.
         settings: with `cache`; without it the requests are returned unchanged.
     """
-    least = settings.prices.facts
+    facts = settings.prices.facts
     shared = dict(requests)
     for model in {request.model for request in requests.values()} if settings.cache else ():
         by_part = {part: r for part, r in requests.items() if r.model == model}
         systems = {kind_of(part): r.system for part, r in by_part.items()}
-        shortest = least[model].caches_from if model in least else None
+        shortest = facts[model].caches_from if model in facts else None
         if shortest is None or len(systems) == 1:
             continue
-        if min(map(len, systems.values())) >= NEAR * shortest * least[model].characters:
+        if min(map(len, systems.values())) >= NEAR * shortest * facts[model].characters:
             continue
         intro = _SHARED.format(len(systems), ", ".join(systems))
         sections = (f"{heading(name)}\n\n{text}" for name, text in systems.items())
@@ -328,12 +331,12 @@ def drawn_models(
     """
     weights = settings.edit_models
     names, total = [*weights], sum(weights.values())
-    chosen = {}
+    models = {}
     for part in [part for part in parts if weights and kind_of(part) == "edits"]:
         if settings.choice == "bandit":
             results = [gains.get(name, (0, 0)) for name in names]
             k = int(np.argmax([rng.beta(1 + won, 1 + lost) for won, lost in results]))
         else:
             k = int(rng.choice(len(names), p=[weights[name] / total for name in names]))
-        chosen[part] = names[k]
-    return chosen
+        models[part] = names[k]
+    return models

@@ -44,10 +44,10 @@ def check_address(url: str) -> None:
     """Raises ValueError unless a text is a server's address without the path of a request."""
     parts = urlsplit(url)
     try:
-        whole = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
+        is_complete = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
     except ValueError:  # the port is not a number
-        whole = False
-    if not whole or not url.isprintable() or " " in url:
+        is_complete = False
+    if not is_complete or not url.isprintable() or " " in url:
         raise ValueError("expected an address such as http://localhost:11434")
     if "@" in parts.netloc:
         raise ValueError("expected no user name and password; set ANTHROPIC_API_KEY instead")
@@ -240,10 +240,10 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @field_validator("extra_body")
     @classmethod
     def _more_fields(cls, extra: dict[str, Any] | None) -> dict[str, Any] | None:
-        if taken := sorted(OWN_FIELDS.intersection(extra or {})):
+        if reserved := sorted(OWN_FIELDS.intersection(extra or {})):
             raise ValueError(
                 f"expected other fields than {', '.join(sorted(OWN_FIELDS))}, which have settings"
-                f" of their own or are not supported, found {', '.join(taken)}"
+                f" of their own or are not supported, found {', '.join(reserved)}"
             )
         try:
             json.dumps(extra, allow_nan=False)

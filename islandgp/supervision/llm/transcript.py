@@ -239,10 +239,10 @@ class Transcript:
         self._whole: int | None = None  # bytes of complete lines, if an incomplete one follows
         if path is not None and path.exists():
             content = path.read_bytes()
-            kept = content[: content.rfind(b"\n") + 1]
-            if kept != content:
-                self._whole = len(kept)
-            self._load(kept, path)
+            complete = content[: content.rfind(b"\n") + 1]
+            if complete != content:
+                self._whole = len(complete)
+            self._load(complete, path)
 
     def of(self, call: Call) -> list[Attempt]:
         """The attempts at a call, in order."""
@@ -321,8 +321,8 @@ class Transcript:
             if self._whole is not None:
                 file.truncate(self._whole)
             self._whole = file.seek(0, os.SEEK_END)  # a failed write may leave an incomplete line
-            whole = {**line, CHECKSUM: sha256_of(line)}
-            file.write(json.dumps(whole, ensure_ascii=False, allow_nan=False).encode() + b"\n")
+            record = {**line, CHECKSUM: sha256_of(line)}
+            file.write(json.dumps(record, ensure_ascii=False, allow_nan=False).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
         self._whole = None
