@@ -187,7 +187,8 @@ class Processes:
         """Raises BrokenProcessPool, also where workers cannot be started."""
         try:
             return self._pool.submit(_run, job)
-        except (EOFError, OSError) as error:  # the process that starts them was killed
+        except (EOFError, OSError) as error:  # the forkserver was killed or cannot be reached
+            _kill_fork_server()
             raise BrokenProcessPool(str(error)) from error
 
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
@@ -258,9 +259,10 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 
 def _kill_fork_server() -> None:
-    """Kills the forkserver; a suspended one never reports worker exits, and shutdown() would hang.
+    """Kills the forkserver, and returns when it is dead; a new one is started when it is needed.
 
-    A new one is started when it is needed.
+    A suspended one never reports worker exits, and shutdown() would hang. One that is about to die
+    accepts no connection, but multiprocessing takes it for alive and starts no other.
     """
     if os.name != "posix":
         return
@@ -269,5 +271,7 @@ def _kill_fork_server() -> None:
     server = getattr(forkserver, "_forkserver", None)
     pid: int | None = getattr(server, "_forkserver_pid", None)
     if pid is not None:
-        with suppress(ProcessLookupError):
+        with suppress(ProcessLookupError, ChildProcessError):
             os.kill(pid, signal.SIGKILL)
+            if hasattr(os, "waitid"):  # macOS has it from Python 3.13 on
+                os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # multiprocessing reaps it

@@ -340,6 +340,27 @@ def evaluate_beside_a_kill() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
+def test_a_server_of_forks_that_cannot_be_reached_is_replaced() -> None:
+    """As one that is about to die: it accepts no connection, and still counts as alive."""
+    code = f"from {__name__} import evaluate_without_an_address as e; e()"
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
+
+
+def evaluate_without_an_address() -> None:
+    """Removes the address of the server of forks, and evaluates all the same."""
+    from multiprocessing import forkserver
+
+    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
+    start_forkserver("islandgp.domains.island.domain")
+    Path(server._forkserver_address).unlink()
+    pool = Processes(setting(), 2)
+    try:
+        assert tuple(pool.evaluate(JOBS)) == expected()
+    finally:
+        pool.close()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
 def test_a_forkserver_may_start_early_for_another_domain() -> None:
     """Workers import their own domain then. In a process of its own, where none has started."""
     code = f"from {__name__} import evaluate_after_an_early_start as e; e()"
