@@ -137,9 +137,12 @@ def test_ticks_that_reach_an_action(tree: Node) -> None:
         every = list(moves(machine, memory, board))
         for place in machine.statuses:
             for target, wanted in (
-                (machine.target(place, kept=False), [m for m in every if place in dict(m.calls)]),
                 (
-                    machine.target(place, kept=True),
+                    machine.target(place, stays_running=False),
+                    [m for m in every if place in dict(m.calls)],
+                ),
+                (
+                    machine.target(place, stays_running=True),
                     [m for m in every if place in running(machine, 0, m.memory)],
                 ),
             ):

@@ -32,19 +32,19 @@ def turned(sets: BoardSets, decorator: Node, child: Outcomes) -> Outcomes:
 
 
 def parallel_outcomes(
-    sets: BoardSets, parallel: ParallelArgs, each: Sequence[Outcomes]
+    sets: BoardSets, parallel: ParallelArgs, children: Sequence[Outcomes]
 ) -> Outcomes:
     """The outcomes of a parallel, from those of its children."""
 
     def some(status: int) -> Boards:
-        return sets.either(*(outcomes[status] for outcomes in each))
+        return sets.either(*(outcomes[status] for outcomes in children))
 
     def only(*statuses: int) -> Boards:
-        return sets.both(*(sets.either(*(its[s] for s in statuses)) for its in each))
+        return sets.both(*(sets.either(*(child[s] for s in statuses)) for child in children))
 
     success, failure = parallel
     if not isinstance(success, str) or not isinstance(failure, str):
-        return _outcomes_by_counts(sets, parallel.needed(len(each)), each)
+        return _outcomes_by_counts(sets, parallel.needed(len(children)), children)
     if failure == "one":
         fails = some(FAILURE)
         if success == "one":
@@ -56,17 +56,17 @@ def parallel_outcomes(
 
 
 def _outcomes_by_counts(
-    sets: BoardSets, needed: tuple[int, int], each: Sequence[Outcomes]
+    sets: BoardSets, needed: tuple[int, int], children: Sequence[Outcomes]
 ) -> Outcomes:
     """The outcomes of a parallel with thresholds for successes and failures."""
     counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
-    for outcomes in each:
-        more: dict[tuple[int, ...], Boards] = {}
+    for outcomes in children:
+        extended: dict[tuple[int, ...], Boards] = {}
         for count, boards in counts.items():
             for status, ends in enumerate(outcomes):
                 key = tuple(number + (at == status) for at, number in enumerate(count))
-                more[key] = sets.either(more.get(key, NO_BOARD), sets.both(boards, ends))
-        counts = more
+                extended[key] = sets.either(extended.get(key, NO_BOARD), sets.both(boards, ends))
+        counts = extended
     result = [NO_BOARD] * 3
     for (failed, succeeded, running), boards in counts.items():
         decided = SUCCESS if succeeded >= needed[0] else RUNNING if running else FAILURE

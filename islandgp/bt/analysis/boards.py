@@ -70,17 +70,17 @@ class BoardSets:
     def both(self, *sets: Boards) -> Boards:
         """The blackboards that are in all of these sets."""
         result = ANY_BOARD
-        for each in sets:
-            if result != each:  # most joins return one of their arguments
-                result = self._join(result, each, NO_BOARD, result)
+        for boards in sets:
+            if result != boards:  # most joins return one of their arguments
+                result = self._join(result, boards, NO_BOARD, result)
         return result
 
     def either(self, *sets: Boards) -> Boards:
         """The blackboards that are in one of these sets."""
         result = NO_BOARD
-        for each in sets:
-            if result != each:
-                result = self._join(result, each, ANY_BOARD, ANY_BOARD)
+        for boards in sets:
+            if result != boards:
+                result = self._join(result, boards, ANY_BOARD, ANY_BOARD)
         return result
 
     def has(self, boards: Boards, board: Sequence[float]) -> bool:
@@ -103,10 +103,10 @@ class BoardSets:
         board = list(near or self._usual)
         while boards > ANY_BOARD:
             key, cuts, parts = self._diagrams[boards]
-            wanted = _part(cuts, board[key])
+            current = _part(cuts, board[key])
             filled = [at for at, part in enumerate(parts) if part != NO_BOARD]
-            at = min(filled, key=lambda at: (abs(at - wanted), at))
-            if at != wanted:
+            at = min(filled, key=lambda at: (abs(at - current), at))
+            if at != current:
                 board[key] = self._value(key, ((-inf, 0), *cuts, (inf, 1))[at : at + 2])
             boards = parts[at]
         return board
@@ -125,18 +125,18 @@ class BoardSets:
         return self.both(*parts) if expr.word == "and" else self.either(*parts)
 
     def _single(self, expr: Condition) -> Boards:
-        expr, no, yes = ordered(expr), NO_BOARD, ANY_BOARD
+        expr, empty, full = ordered(expr), NO_BOARD, ANY_BOARD
         x = float(expr.number)
         cuts: tuple[Cut, ...]
         cuts, parts = {
-            "<": (((x, 0),), (yes, no)),
-            "<=": (((x, 1),), (yes, no)),
-            ">": (((x, 1),), (no, yes)),
-            ">=": (((x, 0),), (no, yes)),
-            "==": (((x, 0), (x, 1)), (no, yes, no)),
-            "!=": (((x, 0), (x, 1)), (yes, no, yes)),
-            "is": (((x, 1),), (no, yes)),
-            "not": (((x, 1),), (yes, no)),
+            "<": (((x, 0),), (full, empty)),
+            "<=": (((x, 1),), (full, empty)),
+            ">": (((x, 1),), (empty, full)),
+            ">=": (((x, 0),), (empty, full)),
+            "==": (((x, 0), (x, 1)), (empty, full, empty)),
+            "!=": (((x, 0), (x, 1)), (full, empty, full)),
+            "is": (((x, 1),), (empty, full)),
+            "not": (((x, 1),), (full, empty)),
         }[expr.operator]
         if expr.other:
             return self._number(self._difference(expr), cuts, parts)
@@ -209,13 +209,13 @@ class BoardSets:
 
     def _number(self, key: int, cuts: Sequence[Cut], parts: Sequence[Boards]) -> Boards:
         """The number of a diagram in canonical form."""
-        kept = [at for at in range(len(cuts)) if parts[at] != parts[at + 1]]
-        if not kept:
+        borders = [at for at in range(len(cuts)) if parts[at] != parts[at + 1]]
+        if not borders:
             return parts[0]
         diagram = _Diagram(
             key,
-            tuple(cuts[at] for at in kept),
-            (*(parts[at] for at in kept), parts[-1]),
+            tuple(cuts[at] for at in borders),
+            (*(parts[at] for at in borders), parts[-1]),
         )
         if diagram not in self._numbers:
             self._numbers[diagram] = len(self._diagrams)
@@ -245,8 +245,8 @@ def _between(low: Cut, high: Cut) -> float:
     if low[0] == -inf:
         return -floor(-high[0]) - 1.0
     middle = (low[0] + high[0]) / 2
-    whole = float(floor(middle))
-    return next((value for value in (whole, whole + 1) if low < (value, 0.5) < high), middle)
+    integer = float(floor(middle))
+    return next((value for value in (integer, integer + 1) if low < (value, 0.5) < high), middle)
 
 
 def _part(cuts: Sequence[Cut], value: float) -> int:

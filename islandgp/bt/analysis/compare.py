@@ -53,13 +53,13 @@ def compare(old: Node, new: Node) -> list[DiffLine]:
     lines: list[DiffLine] = []
     marked: tuple[set[int], set[int]] = set(), set()  # beginnings of nodes, in both trees
     for mark, a, b in _rows(_edges(old), _edges(new)):
-        sides = [(edge, begun) for edge, begun in zip((a, b), marked, strict=True) if edge]
+        sides = [(edge, started) for edge, started in zip((a, b), marked, strict=True) if edge]
         edge = sides[-1][0]
-        if edge.end and (mark is Mark.SAME or any(e.begin in begun for e, begun in sides)):
+        if edge.end and (mark is Mark.SAME or any(e.begin in started for e, started in sides)):
             continue
         if mark is not Mark.SAME and not edge.end:
-            for each, begun in sides:
-                begun.add(each.begin)
+            for each, started in sides:
+                started.add(each.begin)
         nodes, places = (a and a.node, b and b.node), (a and a.place, b and b.place)
         lines.append(DiffLine(mark, edge.level, *nodes, edge.end, *places))
     return lines
@@ -107,11 +107,11 @@ def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int
     addition of large integers does a whole row (Hyyroe 2004, Bit-parallel LCS-length computation
     revisited).
     """
-    begin, most = 0, min(len(old), len(new))
-    while begin < most and old[begin] == new[begin]:
+    begin, shortest = 0, min(len(old), len(new))
+    while begin < shortest and old[begin] == new[begin]:
         begin += 1
     end = 0
-    while end < most - begin and old[-1 - end] == new[-1 - end]:
+    while end < shortest - begin and old[-1 - end] == new[-1 - end]:
         end += 1
     rest_old, rest_new = old[begin : len(old) - end], new[begin : len(new) - end]
     where: dict[object, int] = {}

@@ -52,7 +52,7 @@ class _Branch(NamedTuple):
     """The blackboards of a branch of a selector or sequence."""
 
     ticked: NodeBoards
-    called: Boards  # on which its composite may return to it
+    reachable: Boards  # on which its composite may return to it
     advances: Boards  # on which it ends and the next branch starts
 
 
@@ -115,7 +115,7 @@ class _Finder:
                 called_boards = both(quiet, node_boards.resumes, calls[at])
                 starts = both(quiet, either(entered, called_boards))
                 branch = self._branch(place, child, starts, both(quiet, node_boards.resumes))
-                branch = branch._replace(called=called_boards)
+                branch = branch._replace(reachable=called_boards)
             branches.append(branch)
             entered = branch.advances
             quiet = both(quiet, self._quiet_behind(child, entered))
@@ -216,7 +216,7 @@ class _Finder:
         outcomes = [NO_BOARD] * 3
         entered = NO_BOARD  # on which the branch starts in a tick in which its composite is resumed
         for child, branch in zip(self._machine.children[place], branches, strict=True):
-            entered = both(branch.ticked.starts, either(entered, branch.called))
+            entered = both(branch.ticked.starts, either(entered, branch.reachable))
             each = [both(entered, boards) for boards in self._machine.fresh(child)]
             if branch.ticked.resumes != NO_BOARD:
                 later = (

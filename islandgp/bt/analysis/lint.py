@@ -65,8 +65,8 @@ class LintWarning:
 
     def text(self, source: str, *, name: str) -> str:
         """The warning with the offending line and a caret, in the form of errors."""
-        written = Source(plain(source), name)
-        return str(written.error(f"warning: {self.message}", self.line, self.column))
+        file = Source(plain(source), name)
+        return str(file.error(f"warning: {self.message}", self.line, self.column))
 
 
 class _Place(NamedTuple):
@@ -94,7 +94,7 @@ def warnings(
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    tree, written, file = parse_placed(text, vocabulary, name=name, folder=folder)
+    tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_context(vocabulary), ()))
     course = _Course(places)
@@ -103,12 +103,12 @@ def warnings(
         if index in never_run:
             continue
         for at, code, message in _about(place, index, course):
-            doubts.setdefault((written[at].origin, code), {})[at] = message
+            doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
                 never_run.update(range(at, at + size(places[at].node)))
-    uses = Counter(place.origin for at, place in enumerate(written) if at not in never_run)
+    uses = Counter(place.origin for at, place in enumerate(source) if at not in never_run)
     distinct = {
-        (written[at][:2], code): messages[at]
+        (source[at][:2], code): messages[at]
         for (origin, code), messages in doubts.items()
         if code not in ADVICE or len(messages) == uses[origin]
         for at in sorted(messages, reverse=True)
@@ -125,10 +125,10 @@ def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
 
 def _unused(file: Any) -> Iterator[LintWarning]:
     """Unused definitions of a file; `file` is its parse tree."""
-    used = {str(use.children[0]) for use in file.find_data("use")}
+    used_names = {str(use.children[0]) for use in file.find_data("use")}
     for subtree in file.find_data("subtree"):
         name, *parameters, body = subtree.children
-        if name not in used:
+        if name not in used_names:
             yield _never_used("subtree", name)
         names = {str(token) for token, _ in name_places(body, {})}
         for parameter in (each for part in parameters for each in part.children):
@@ -162,9 +162,9 @@ def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, 
 def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
     index = dead_end(node, context)
     if index is not None:
-        word = "fails" if advance_status(node) == FAILURE else "succeeds"
+        verb = "fails" if advance_status(node) == FAILURE else "succeeds"
         message = (
-            f"this branch can never run: {head(node.children[index])} before it never {word},"
+            f"this branch can never run: {head(node.children[index])} before it never {verb},"
             f" so the {node.kind} never reaches it"
         )
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message

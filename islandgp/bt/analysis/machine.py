@@ -69,7 +69,7 @@ class TickTarget(NamedTuple):
     """A node that a tick shall reach."""
 
     place: int
-    kept: bool  # True: it is RUNNING after the tick; False: it is ticked
+    stays_running: bool  # True: it is RUNNING after the tick; False: it is ticked
     branches: Mapping[int, int]  # by the place of each node above it: the child that leads there
 
 
@@ -142,13 +142,13 @@ class Machine:
             places.append(self.above[places[-1]])
         return places[::-1]
 
-    def target(self, place: int, *, kept: bool) -> TickTarget:
+    def target(self, place: int, *, stays_running: bool) -> TickTarget:
         """The target for a node."""
-        if (place, kept) not in self._targets:
+        if (place, stays_running) not in self._targets:
             path = self.path(place)
             branches = {above: self.children[above].index(child) for above, child in pairwise(path)}
-            self._targets[place, kept] = TickTarget(place, kept, branches)
-        return self._targets[place, kept]
+            self._targets[place, stays_running] = TickTarget(place, stays_running, branches)
+        return self._targets[place, stays_running]
 
     def spend(self, steps: int = 1) -> None:
         """Subtract steps from `steps_left`. Raises SpentError if there are too few."""
@@ -212,8 +212,8 @@ class Machine:
         node, children = self.nodes[place], self.children[place]
         kind = kind_of(node)
         if node.action:
-            can = self.statuses[place]
-            return int(FAILURE in can), int(SUCCESS in can), int(RUNNING in can)
+            statuses = self.statuses[place]
+            return int(FAILURE in statuses), int(SUCCESS in statuses), int(RUNNING in statuses)
         if node.guard:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
         if kind.opaque:
@@ -228,7 +228,9 @@ class Machine:
         if isinstance(node.args, ParallelArgs):
             inside = zip(children, self.memories(place, memory), strict=True)
             return parallel_outcomes(
-                self.sets, node.args, [self.now(child, its) for child, its in inside]
+                self.sets,
+                node.args,
+                [self.now(child, child_memory) for child, child_memory in inside],
             )
         if memory is None:
             return self.fresh_from(place, 0)
@@ -286,7 +288,11 @@ class Machine:
             return _NONE
         if place == target.place:
             failure, success, running = self.now(place, memory)
-            return (NO_BOARD, NO_BOARD, running) if target.kept else (failure, success, running)
+            return (
+                (NO_BOARD, NO_BOARD, running)
+                if target.stays_running
+                else (failure, success, running)
+            )
         node, branch = self.nodes[place], target.branches[place]
         child = self.children[place][branch]
         kind = kind_of(node)
@@ -309,7 +315,7 @@ class Machine:
 
     def way(self, place: int, at: int, target: TickTarget) -> Outcomes:
         """Outcomes of a selector or sequence whose child of index `at` starts now."""
-        key = (place, target.place, target.kept)
+        key = (place, target.place, target.stays_running)
         if key not in self._ways:
             advance, branch = advance_status(self.nodes[place]), target.branches[place]
             *before, last = self.children[place][: branch + 1]
@@ -326,19 +332,19 @@ class Machine:
 
     def _behind(self, place: int, branch: int, first: Outcomes, target: TickTarget) -> Outcomes:
         """The outcomes of a composite whose branch reaches the target with the outcomes `first`."""
-        if target.kept or branch == len(self.children[place]) - 1:
+        if target.stays_running or branch == len(self.children[place]) - 1:
             return first
         return self._go_on(place, first, self.fresh_from(place, branch + 1))
 
     def _aimed_branch(self, place: int, memory: BranchMemory, target: TickTarget) -> Outcomes:
-        outcomes, wanted = _NONE, target.branches[place]
+        outcomes, target_branch = _NONE, target.branches[place]
         for at, boards in self._turns(place, memory):
             child = self.children[place][at]
-            if at > wanted:
+            if at > target_branch:
                 continue
             if at < memory.branch:
                 reached = self.way(place, at, target)
-            elif at == wanted:
+            elif at == target_branch:
                 first = self.aimed(child, memory.memory, target)
                 reached = self._behind(place, at, first, target)
             else:
@@ -355,8 +361,13 @@ class Machine:
         assert isinstance(args, ParallelArgs)
         self.spend(len(children))
         reached = self.aimed(children[branch], memories[branch], target)
-        each = [self.now(child, its) for child, its in zip(children, memories, strict=True)]
-        each[branch] = reached
+        child_outcomes = [
+            self.now(child, child_memory)
+            for child, child_memory in zip(children, memories, strict=True)
+        ]
+        child_outcomes[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.
-        outcomes = self._and(self.sets.either(*reached), parallel_outcomes(self.sets, args, each))
-        return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.kept else outcomes
+        outcomes = self._and(
+            self.sets.either(*reached), parallel_outcomes(self.sets, args, child_outcomes)
+        )
+        return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.stays_running else outcomes

@@ -60,8 +60,10 @@ def moves(
         SpentError: the machine has no steps left.
     """
     machine.spend()
-    wanted = (RUNNING,) if target is not None and target.kept else (RUNNING, SUCCESS, FAILURE)
-    return _Tick(machine, board).moves(0, memory, wanted, target)
+    statuses = (
+        (RUNNING,) if target is not None and target.stays_running else (RUNNING, SUCCESS, FAILURE)
+    )
+    return _Tick(machine, board).moves(0, memory, statuses, target)
 
 
 class _Tick:
@@ -88,62 +90,62 @@ class _Tick:
         return self._truth[guard]
 
     def moves(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         """The moves of a node with a memory; None: it starts."""
-        if target is not None and target.kept:  # then its ancestors are RUNNING, too
-            wanted = [status for status in wanted if status == RUNNING]
+        if target is not None and target.stays_running:  # then its ancestors are RUNNING, too
+            statuses = [status for status in statuses if status == RUNNING]
         if target is not None and place == target.place:
             target = None
         node = self._machine.nodes[place]
         kind = kind_of(node)
         if node.action:
-            return self._action(place, wanted)
+            return self._action(place, statuses)
         if node.guard:
-            return self._guard(place, memory, wanted, target)
+            return self._guard(place, memory, statuses, target)
         if kind.counts is not None:
-            return self._repeater(place, memory, wanted, target)
+            return self._repeater(place, memory, statuses, target)
         if kind.decorates:
-            return self._turned(place, memory, wanted, target)
+            return self._turned(place, memory, statuses, target)
         if kind.concurrent:
-            return self._parallel(place, memory, wanted, target)
-        return self._composite(place, memory, wanted, target)
+            return self._parallel(place, memory, statuses, target)
+        return self._composite(place, memory, statuses, target)
 
-    def _action(self, place: int, wanted: Sequence[int]) -> Iterator[Move]:
-        for status in wanted:
+    def _action(self, place: int, statuses: Sequence[int]) -> Iterator[Move]:
+        for status in statuses:
             if status in self._machine.statuses[place]:
                 self._machine.spend()
                 yield Move(status, _RUNS if status == RUNNING else None, ((place, status),))
 
     def _turned(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
-        inside = [s for status in wanted for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == status]
+        inside = [s for end in statuses for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == end]
         for move in self.moves(self._machine.children[place][0], memory, inside, target):
             yield move._replace(status=ends[move.status])
 
     def _guard(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         checked = (place,) if memory is None else ()
         checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
-            if FAILURE in wanted and target is None:
+            if FAILURE in statuses and target is None:
                 yield Move(FAILURE, None, checked=checked)
             return
-        for move in self.moves(self._machine.children[place][0], memory, wanted, target):
+        for move in self.moves(self._machine.children[place][0], memory, statuses, target):
             yield move._replace(checked=(*checked, *move.checked))
 
     def _repeater(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         remaining, inner = self._machine.repetition(place, memory)
         counted = kind_of(self._machine.nodes[place]).counts
         assert counted is not None
         unfinished = RUNNING if remaining > 1 else counted
         # The counted status comes first, as it makes progress.
-        inside = [counted] * (unfinished in wanted) + [s for s in wanted if s != counted]
+        inside = [counted] * (unfinished in statuses) + [s for s in statuses if s != counted]
         for move in self.moves(self._machine.children[place][0], inner, inside, target):
             if move.status == counted:
                 after = RepeaterMemory(remaining - 1, None) if remaining > 1 else None
@@ -154,30 +156,30 @@ class _Tick:
                 yield move._replace(memory=RepeaterMemory(remaining, move.memory))
 
     def _parallel(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, allowed: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         machine, args = self._machine, self._machine.nodes[place].args
         assert isinstance(args, ParallelArgs)
         children, inside = machine.children[place], machine.memories(place, memory)
         towards = -1 if target is None else target.branches[place]
         goals = [target if branch == towards else None for branch in range(len(children))]
-        each = list(zip(children, inside, goals, strict=True))
-        for status in wanted:
+        tasks = list(zip(children, inside, goals, strict=True))
+        for status in allowed:
             preferred = _preferred(args, status)
-            options = [[s for s in preferred if self._can(*one, s)] for one in each]
+            options = [[s for s in preferred if self._can(*task, s)] for task in tasks]
             for statuses in product(*options):
                 machine.spend(len(statuses))
                 if parallel_status(args, statuses) != status:
                     continue
                 makers = [
-                    partial(self._child, *one, s) for one, s in zip(each, statuses, strict=True)
+                    partial(self._child, *task, s) for task, s in zip(tasks, statuses, strict=True)
                 ]
                 for combination in _combined(makers):
                     calls = tuple(call for move in combination for call in move.calls)
                     after = None
                     if status == RUNNING:
-                        kept = (m.status if m.memory is None else m.memory for m in combination)
-                        after = ParallelMemory(tuple(kept))
+                        memories = (m.status if m.memory is None else m.memory for m in combination)
+                        after = ParallelMemory(tuple(memories))
                     yield Move(status, after, calls)
 
     def _can(
@@ -185,10 +187,10 @@ class _Tick:
     ) -> bool:
         """True if a child of a parallel can end the tick with this status."""
         if target is None:
-            can = self._machine.now(place, memory)
+            outcomes = self._machine.now(place, memory)
         else:
-            can = self._machine.aimed(place, memory, target)
-        return self._machine.sets.has(can[status], self._board)
+            outcomes = self._machine.aimed(place, memory, target)
+        return self._machine.sets.has(outcomes[status], self._board)
 
     def _child(
         self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
@@ -199,14 +201,14 @@ class _Tick:
         return iter([Move(memory, None)] if target is None else [])
 
     def _composite(
-        self, place: int, memory: Memory | None, wanted: Sequence[int], target: TickTarget | None
+        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
     ) -> Iterator[Move]:
         """The moves of a selector or sequence, branch by branch."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
         advance, last = advance_status(machine.nodes[place]), len(machine.children[place]) - 1
         towards = first if target is None else target.branches[place]
-        stages = [self._branch(place, first, inner, wanted, target)]
+        stages = [self._branch(place, first, inner, statuses, target)]
         done: list[Move] = []  # of the branches before the present one
         while stages:
             branch = first + len(done)
@@ -218,7 +220,7 @@ class _Tick:
             done.append(move)
             if move.status == advance and branch < last:
                 goal = target if branch < towards else None
-                stages.append(self._branch(place, branch + 1, None, wanted, goal))
+                stages.append(self._branch(place, branch + 1, None, statuses, goal))
                 continue
             after = None
             if move.memory is not None:
@@ -255,7 +257,7 @@ class _Tick:
         place: int,
         branch: int,
         memory: Memory | None,
-        wanted: Sequence[int],
+        statuses: Sequence[int],
         target: TickTarget | None,
     ) -> Iterator[Move]:
         """The moves of a branch that lead to a wanted status of the composite and to the target."""
@@ -267,15 +269,15 @@ class _Tick:
         if branch < towards:
             assert target is not None
             path = machine.way(place, branch + 1, target)
-            if not any(has(path[status], self._board) for status in wanted):
+            if not any(has(path[status], self._board) for status in statuses):
                 return iter(())
             return self.moves(children[branch], memory, (advance,), None)
-        inside = [status for status in wanted if status != advance]
+        inside = [status for status in statuses if status != advance]
         if branch == len(children) - 1:
-            inside = list(wanted)
+            inside = list(statuses)
         else:
             later = machine.fresh_from(place, branch + 1)
-            if any(has(later[status], self._board) for status in wanted):
+            if any(has(later[status], self._board) for status in statuses):
                 inside.append(advance)
         return self.moves(children[branch], memory, inside, target)
 
@@ -299,28 +301,28 @@ class _Tick:
 
 def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[Move, ...]]:
     """All combinations of one move of each."""
-    chosen: list[Move] = []
+    combination: list[Move] = []
     going = [makers[0]()]
     while going:
         move = next(going[-1], None)
         if move is None:
             going.pop()
-            del chosen[-1:]
+            del combination[-1:]
         elif len(going) == len(makers):
-            yield (*chosen, move)
+            yield (*combination, move)
         else:
-            chosen.append(move)
+            combination.append(move)
             going.append(makers[len(going)]())
 
 
-def _preferred(parallel: ParallelArgs, wanted: int) -> tuple[int, int, int]:
+def _preferred(parallel: ParallelArgs, status: int) -> tuple[int, int, int]:
     """The statuses of children that lead a parallel to the wanted status, the best first.
 
     If each child has the first status that it can have, the parallel has the wanted status whenever
     that is possible.
     """
-    if wanted == FAILURE:
+    if status == FAILURE:
         return FAILURE, SUCCESS, RUNNING
-    if wanted == SUCCESS:
+    if status == SUCCESS:
         return SUCCESS, RUNNING, FAILURE
     return (RUNNING, SUCCESS, FAILURE) if parallel.failure == "one" else (RUNNING, FAILURE, SUCCESS)

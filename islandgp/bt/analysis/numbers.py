@@ -124,8 +124,8 @@ class _SlotReader:
                 yield _Slot(f"constant {name} =", _NONE, word, str(name))
             case "comparison", [key, operator, word]:
                 yield from self._comparison(str(key), operator, word)
-            case "use", [name, given]:
-                yield from self._use(str(name), given.children)
+            case "use", [name, passed]:
+                yield from self._use(str(name), passed.children)
             case "action", [name, values]:
                 arguments = self._words.action(str(name)).arguments
                 for key, word in (each.children for each in values.children):
@@ -162,20 +162,20 @@ class _SlotReader:
         yield _Slot(f"{key} {operator}", frozenset({purpose, *equal}), word)
 
     def _use(self, name: str, arguments: Sequence[Any]) -> Iterator[_Slot]:
-        taken = self._taken[name]
+        parameters = self._taken[name]
         passed = {
             f"{name}({parameter}": self._key(str(argument))
-            for parameter, argument in zip(taken, arguments, strict=True)
+            for parameter, argument in zip(parameters, arguments, strict=True)
             if getattr(argument, "type", "") == "NAME"
         }
         for key_parameter, key in passed.items():
             self._keys.setdefault(key_parameter, set()).add(key)
-        for (parameter, purposes), argument in zip(taken.items(), arguments, strict=True):
+        for (parameter, purposes), argument in zip(parameters.items(), arguments, strict=True):
             if hasattr(argument, "children"):
                 yield from self.slots(argument)
             elif argument.type != "FILE":  # a text
-                here = frozenset(passed.get(purpose, purpose) for purpose in purposes)
-                yield _Slot(f"use {name}: {parameter} =", here, argument)
+                purposes_here = frozenset(passed.get(purpose, purpose) for purpose in purposes)
+                yield _Slot(f"use {name}: {parameter} =", purposes_here, argument)
 
     def _key(self, name: str) -> str:
         """The purpose of a number that is compared with a key or a key parameter."""

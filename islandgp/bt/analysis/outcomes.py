@@ -95,12 +95,12 @@ def child_idle(node: Node, context: NodeContext, index: int) -> int | None:
     return idle(child, child_context(node, context, index)) if kind_of(child).decorates else None
 
 
-def _parallel(args: ParallelArgs, each: list[Ends]) -> Ends:
-    success, failure = args.needed(len(each))
-    failing, succeeding = (sum(end in e for e in each) for end in (FAILURE, SUCCESS))
+def _parallel(args: ParallelArgs, children: list[Ends]) -> Ends:
+    success, failure = args.needed(len(children))
+    failing, succeeding = (sum(end in e for e in children) for end in (FAILURE, SUCCESS))
     # If all children have ended without a decision, too few succeeded: it fails.
-    can = {
-        FAILURE: failing >= min(failure, len(each) - success + 1),
+    statuses = {
+        FAILURE: failing >= min(failure, len(children) - success + 1),
         SUCCESS: succeeding >= success,
     }
-    return frozenset(end for end in can if can[end])
+    return frozenset(end for end in statuses if statuses[end])

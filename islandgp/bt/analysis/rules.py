@@ -119,7 +119,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         )
         return RuleResult(rule, "unknown", reason)
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
-    if kind := next((k for k, its in kinds if k in TIMED or its.reactive or its.opaque), ""):
+    if kind := next(
+        (k for k, traits in kinds if k in TIMED or traits.reactive or traits.opaque), ""
+    ):
         reason = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
         return RuleResult(rule, "unknown", reason)
     machine.steps_left = steps
@@ -142,7 +144,7 @@ def _explored(
     vocabulary: Vocabulary,
 ) -> RuleResult:
     """Searches breadth-first for a sequence of ticks that breaks the rule."""
-    cells, whole = _cells(machine)
+    cells, is_complete = _cells(machine)
     origins: dict[Memory | None, _MemoryOrigin | None] = {None: None}
     waiting: deque[Memory | None] = deque([None])
     doubtful = False
@@ -152,7 +154,7 @@ def _explored(
             origin = origins[memory]
             near = () if origin is None else origin.board
             for place in places:
-                target = machine.target(place, kept=False)
+                target = machine.target(place, stays_running=False)
                 boards = machine.sets.both(machine.reach(memory, target), forbidden)
                 if (board := machine.sets.pick(boards, near)) is None:
                     continue
@@ -182,7 +184,7 @@ def _explored(
             f"neither proven nor refuted in {len(origins):,} states of the tree; give more --steps"
         )
         return RuleResult(rule, "unknown", reason)
-    if doubtful or not whole or not machine.sets.exact:
+    if doubtful or not is_complete or not machine.sets.exact:
         reason = "neither proven nor refuted: its conditions distinguish too many blackboards"
         return RuleResult(rule, "unknown", reason)
     return RuleResult(
@@ -225,9 +227,9 @@ def _ticks(
     """The ticks of a counterexample, as executed by the engine."""
     board = [0.0] * len(vocabulary.keys)
     returns: dict[int, int] = {}
-    seen: dict[int, int] = {}
+    statuses: dict[int, int] = {}
     tick = compile_tree(
-        tree, _Scripted(tree, returns), board, vocabulary.places, watch=seen.__setitem__
+        tree, _Scripted(tree, returns), board, vocabulary.places, watch=statuses.__setitem__
     )
     keys = {*keys_in(tree), *(term.key for term in terms(rule.condition))}
     ticks = []
@@ -235,10 +237,10 @@ def _ticks(
         board[:] = values
         returns.clear()
         returns.update(calls)
-        seen.clear()
+        statuses.clear()
         tick()
-        shown = {key: board[at] for key, at in vocabulary.places.items() if key in keys}
-        ticks.append(CounterTick(shown, tuple(sorted(seen.items()))))
+        keys_in_tick = {key: board[at] for key, at in vocabulary.places.items() if key in keys}
+        ticks.append(CounterTick(keys_in_tick, tuple(sorted(statuses.items()))))
     return tuple(ticks)
 
 

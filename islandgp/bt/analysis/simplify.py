@@ -54,8 +54,8 @@ def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
     index = dead_end(node, context)
     if index is None:
         return None
-    word = "fails" if advance_status(node) == FAILURE else "succeeds"
-    reason = f"{head(node.children[index])} never {word}, so its {node.kind} never goes on"
+    verb = "fails" if advance_status(node) == FAILURE else "succeeds"
+    reason = f"{head(node.children[index])} never {verb}, so its {node.kind} never goes on"
     return node._replace(children=node.children[: index + 1]), reason
 
 
@@ -127,8 +127,8 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
         return child, head(node)
     counted = kind_of(node).counts
     if counted not in child_ends(node, context, 0):
-        word = "fails" if counted == FAILURE else "succeeds"
-        return child, f"{head(child)} never {word}, so it is never repeated"
+        verb = "fails" if counted == FAILURE else "succeeds"
+        return child, f"{head(child)} never {verb}, so it is never repeated"
     return None
 
 
@@ -151,8 +151,8 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
     if child_ends(node, context, 0) <= {end}:
-        word = "succeeds" if end == SUCCESS else "fails"
-        return child, f"{head(child)} {word} whenever it ends"
+        verb = "succeeds" if end == SUCCESS else "fails"
+        return child, f"{head(child)} {verb} whenever it ends"
     return None
 
 

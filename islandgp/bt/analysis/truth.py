@@ -265,8 +265,8 @@ def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
     if context.when_observed is None or not guard.interrupts:
         return False
     # A condition that is always true, or never, does not become true.
-    never = excludes(context.when_observed, guard.condition)
-    return not (never or implies(context.when_observed, guard.condition))
+    is_excluded = excludes(context.when_observed, guard.condition)
+    return not (is_excluded or implies(context.when_observed, guard.condition))
 
 
 def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditions:

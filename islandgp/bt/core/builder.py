@@ -135,8 +135,8 @@ class Builder:
         outside, source = self._scope, self._scope.source
         fitting = fitting_of(parameters, body, self._templates, source)
         self._scope = replace(outside, values={str(p): _open(p, source) for p in parameters})
-        whole = self._finished(self._whole(body, name))
-        self._templates[str(name)] = Template(fitting, body, whole)
+        tree = self._finished(self._whole(body, name))
+        self._templates[str(name)] = Template(fitting, body, tree)
         self._scope = outside
         self._later.discard(str(name))
 
@@ -145,7 +145,7 @@ class Builder:
         template = self._templates[str(name)]
         self._check_arguments(name, arguments, template)
         if not arguments:
-            return template.whole
+            return template.tree
         values: dict[str, ScopedWord] = {}
         pairs = zip(template.parameters.items(), arguments, strict=True)
         for (parameter, fitting), argument in pairs:
@@ -158,7 +158,7 @@ class Builder:
             if len(self._instances) >= MAX_INSTANCES:
                 raise self._too_many(name)
             outside = self._scope
-            self._scope = replace(outside, source=template.whole.source, values=values)
+            self._scope = replace(outside, source=template.tree.source, values=values)
             self._instances[key] = self._inner(template.body, name, str(name), level)
             self._scope = outside
         return self._instances[key]
@@ -238,8 +238,8 @@ class Builder:
                 if isinstance(each, tuple):
                     subtree, use = each
                     own = subtree.source is self._scope.source
-                    here = at or (None if own else (use.meta.line, use.meta.column))
-                    inside.append((iter(subtree.places), here))
+                    place = at or (None if own else (use.meta.line, use.meta.column))
+                    inside.append((iter(subtree.places), place))
                     break
                 line, column = at or (each.line, each.column)
                 places.append(NodePlace(line, column, id(each)))
@@ -361,6 +361,6 @@ def _identity(argument: ScopedWord) -> Hashable:
         return None
     if argument.part is not None:
         # A subtree is kept as long as its identity is needed, a leaf is not.
-        used = [id(each[0]) for each in argument.part.places if isinstance(each, tuple)]
-        return id(argument.token), *(used or [argument.part.node])
+        places = [id(each[0]) for each in argument.part.places if isinstance(each, tuple)]
+        return id(argument.token), *(places or [argument.part.node])
     return argument.number, argument.token.type == "NUMBER" or str(argument.token)

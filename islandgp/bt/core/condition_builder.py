@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.diagnosis import unknown_key, unknown_word
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import shown
+from islandgp.bt.core.unknown_names import unknown_key, unknown_word
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError
 
@@ -115,12 +115,12 @@ class _ConditionBuilder:
 
     def _key(self, name: ScopedWord, *, compared: bool) -> Key | None:
         """The key of a name; None if it can be any. Raises TreeError for a wrong one."""
-        words = self._vocabulary
-        if words is None or name.open:
+        vocabulary = self._vocabulary
+        if vocabulary is None or name.open:
             return None
-        key = words.keys.get(name.text)
+        key = vocabulary.keys.get(name.text)
         if key is None:
-            raise unknown_key(name, words, self._scope.values)
+            raise unknown_key(name, vocabulary, self._scope.values)
         if key.flag and compared:
             raise name.error(
                 f"{name.text} is a flag and can't be compared with a number",

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
-from islandgp.bt.core.parameters import Parameter, value_range
+from islandgp.bt.core.parameters import value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
-from islandgp.errors import TreeError, UnknownNameError
+from islandgp.bt.core.unknown_names import (
+    FOREIGN_WORDS,
+    NODE_WORDS,
+    node_words,
+    unknown_argument,
+    unknown_key,
+    unknown_node,
+)
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
+from islandgp.errors import TreeError
 
 if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput
 
 _NAMING = ("subtree", "use", "domain", "constant")  # keywords that are followed by a name
-_NODE_WORDS = (*INNER, "use")
 _BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
 
 _SIGNS = {
@@ -32,16 +39,6 @@ _SIGNS = {
     "[": "{", "]": "}", "'": '"', "%": "a number without a unit",
 }  # fmt: skip
 """Operators and signs of other languages, with the correct form; longer ones first."""
-
-_WORDS = {
-    "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
-    "if": "when", "while": "when", "guard": "when", "condition": "when", "switch": "when",
-    "loop": "repeater", "delay": "wait", "sleep": "wait", "invert": "inverter",
-    "retryuntilsuccessful": "retry", "ratecontroller": "every", "pipelinesequence": "pipeline",
-    "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
-    **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
-}  # fmt: skip
-"""Keywords of other languages, with the correct form."""
 
 _TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!="}
 """Operators of other languages that the parser reads as two signs."""
@@ -64,79 +61,6 @@ _SPELLING = {
     "FILE": 'a file such as "lib.bt"',
     "$END": "the end of the text",
 }
-
-
-def unknown_key(word: ScopedWord, words: Vocabulary, parameters: Collection[str] = ()) -> TreeError:
-    """The error for a `when` with an unknown key; `parameters` of its subtree are known, too."""
-    token = word.token
-    return word.error(
-        f"unknown blackboard key {shown(token)}",
-        expected=f"a key: {', '.join(words.keys)}",
-        guess=f"sequence {{ {token} ... }}"
-        if token in words.actions
-        else closest(token, [*words.keys, *([] if word.parameter else parameters)]),
-        kind=UnknownNameError,
-    )
-
-
-def unknown_word(word: ScopedWord, name: str, key: Key, keys: Sequence[str]) -> TreeError:
-    """The error for an unknown word of a key; `keys` have the same words."""
-    others = f", or a key of the same words: {', '.join(keys)}" if keys else ""
-    return word.error(
-        f"unknown word {shown(word.token)} of {name}",
-        expected=f"{key.kind}{others}",
-        guess=closest(word.token, [*key.words, *keys]),
-        kind=UnknownNameError,
-    )
-
-
-def unknown_argument(
-    source: Source, token: Token, action: str, parameters: Mapping[str, Parameter]
-) -> TreeError:
-    """The error for an argument that an action does not have."""
-    if not parameters:
-        return source.error_at(
-            token, f"the action {action} takes no arguments", expected=f"`{action}` alone"
-        )
-    ranges = (f"{name}: {value_range(each)}" for name, each in parameters.items())
-    return source.error_at(
-        token,
-        f"unknown argument {shown(token)} of {action}",
-        expected="; ".join(ranges),
-        guess=next(
-            (f"{name}: {token}" for name, each in parameters.items() if token in each.words),
-            closest(token, parameters),
-        ),
-        kind=UnknownNameError,
-    )
-
-
-def unknown_node(
-    word: ScopedWord,
-    subtrees: Collection[str],
-    words: Vocabulary,
-    parameters: Collection[str] = (),
-) -> TreeError:
-    """The error for a word that is not a node, where a node is expected."""
-    token = word.token
-    rest = word.source.text[token.end_pos :].lstrip()
-    if rest.startswith("="):
-        guess = f"constant {token}"
-    elif token in subtrees and closest(token, subtrees):
-        guess = f"use {token}"
-    elif token in words.keys:
-        guess = f"when {words.keys[token].example(token)} {{ ... }}"
-    else:
-        guess = _WORDS.get(token.lower()) or closest(
-            token, (*_NODE_WORDS, *words.actions, *parameters)
-        )
-    kind = "node" if rest.startswith("{") else "action"
-    return word.error(
-        f"unknown {kind} {shown(token)}",
-        expected="a node or an action" if guess else _node_words(words),
-        guess=guess,
-        kind=UnknownNameError,
-    )
 
 
 def syntax_error(
@@ -171,7 +95,7 @@ def syntax_error(
             return unknown_key(ScopedWord(word, source), vocabulary)
         if not is_key and word not in vocabulary.actions:
             return unknown_node(ScopedWord(word, source), subtrees, vocabulary)
-    words = vocabulary or EMPTY_VOCABULARY
+    known = vocabulary or EMPTY_VOCABULARY
     if not isinstance(error, UnexpectedToken):
         rest = source.text[error.pos_in_stream or 0 :]
         sign = next((sign for sign in _SIGNS if rest.startswith(sign)), rest[0])
@@ -182,38 +106,38 @@ def syntax_error(
             expected = "names of the letters a to z, digits and _"
         return source.error(message, error.line, error.column, expected=expected, guess=guess)
     accepted = set(error.accepts)
-    if _takes_nothing(before, words):
+    if _takes_nothing(before, known):
         accepted.discard("LPAR")
     if error.token.type == "$END":
-        return _unexpected_end(source, before, accepted, words)
-    if vocabulary is not None and before and before[-1] in words.keys:
-        accepted -= {"OPERATOR"} if words.keys[before[-1]].flag else accepted - {"OPERATOR"}
-    arguments = words.action(_called(before)).arguments
+        return _unexpected_end(source, before, accepted, known)
+    if vocabulary is not None and before and before[-1] in known.keys:
+        accepted -= {"OPERATOR"} if known.keys[before[-1]].flag else accepted - {"OPERATOR"}
+    arguments = known.action(_called(before)).arguments
     if accepted == {"COLON"} and arguments and before[-1] not in arguments:
         return unknown_argument(source, before[-1], _called(before), arguments)
-    return _unexpected_word(source, error.token, before, accepted, words)
+    return _unexpected_word(source, error.token, before, accepted, known)
 
 
-def _parameters(words: Sequence[Token]) -> set[str]:
+def _parameters(tokens: Sequence[Token]) -> set[str]:
     """The names of the parameters of all subtrees."""
     names: set[str] = set()
-    for at, word in enumerate(words):
-        if word == "subtree" and [*map(str, words[at + 2 : at + 3])] == ["("]:
-            names.update(takewhile(lambda each: each != ")", words[at + 3 :]))
+    for at, word in enumerate(tokens):
+        if word == "subtree" and [*map(str, tokens[at + 2 : at + 3])] == ["("]:
+            names.update(takewhile(lambda each: each != ")", tokens[at + 3 :]))
     return names - {","}
 
 
-def _called(words: Sequence[Token]) -> str:
+def _called(tokens: Sequence[Token]) -> str:
     """The name before the last open parenthesis; "" if there is none."""
-    for at in range(len(words) - 1, 0, -1):
-        if words[at] in (")", "{", "}"):
+    for at in range(len(tokens) - 1, 0, -1):
+        if tokens[at] in (")", "{", "}"):
             return ""
-        if words[at] == "(":
-            return str(words[at - 1])
+        if tokens[at] == "(":
+            return str(tokens[at - 1])
     return ""
 
 
-def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
+def _takes_nothing(before: Sequence[Token], vocabulary: Vocabulary) -> bool:
     """True if the last word is an action without arguments."""
     if (
         not before
@@ -221,52 +145,52 @@ def _takes_nothing(before: Sequence[Token], words: Vocabulary) -> bool:
         or [*map(str, before[-2:-1])] in (["use"], ["subtree"])
     ):
         return False
-    return not words.action(str(before[-1])).arguments
+    return not vocabulary.action(str(before[-1])).arguments
 
 
-def _names_of_numbers(words: Sequence[Token]) -> set[int]:
+def _names_of_numbers(tokens: Sequence[Token]) -> set[int]:
     """Indices of words that name numbers, or are in brackets after a name."""
     indices: set[int] = set()
     inside = False  # the brackets behind the name of a subtree or an action
-    for at, word in enumerate(words):
-        before = [str(each) for each in words[max(0, at - 3) : at]]
-        if word == "(" and at > 0 and words[at - 1].type == "NAME":
+    for at, token in enumerate(tokens):
+        before = [str(each) for each in tokens[max(0, at - 3) : at]]
+        if token == "(" and at > 0 and tokens[at - 1].type == "NAME":
             inside = True
-        inside = inside and word != ")"
-        compared = at > 0 and words[at - 1].type == "OPERATOR"
+        inside = inside and token != ")"
+        compared = at > 0 and tokens[at - 1].type == "OPERATOR"
         if (
             inside
             or compared
-            or (at > 0 and words[at - 1] in _BEFORE_NUMBERS)
+            or (at > 0 and tokens[at - 1] in _BEFORE_NUMBERS)
             or before[:1] == ["constant"]
         ):
             indices.add(at)
     return indices
 
 
-def _words_before(words: Iterator[Token], error: UnexpectedInput) -> list[Token]:
+def _words_before(tokens_read: Iterator[Token], error: UnexpectedInput) -> list[Token]:
     """The words before the fault; at a wrong character, those that don't touch it."""
     from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
     if isinstance(error, UnexpectedToken):
         if error.token.type == "$END":  # its position is that of the last word
-            return list(words)
-        return list(takewhile(lambda word: word.start_pos != error.pos_in_stream, words))
+            return list(tokens_read)
+        return list(takewhile(lambda word: word.start_pos != error.pos_in_stream, tokens_read))
     tokens: list[Token] = []
     with suppress(UnexpectedCharacters):  # the fault itself
-        tokens.extend(word for word in words if word.end_pos != error.pos_in_stream)
+        tokens.extend(word for word in tokens_read if word.end_pos != error.pos_in_stream)
     return tokens
 
 
 def _unexpected_end(
-    source: Source, before: Sequence[Token], accepted: Collection[str], words: Vocabulary
+    source: Source, before: Sequence[Token], accepted: Collection[str], vocabulary: Vocabulary
 ) -> TreeError:
     """The error after the last word of a text that ends too early."""
     if not before:
-        expected, _ = _expected(accepted, (), words)
+        expected, _ = _expected(accepted, (), vocabulary)
         return source.error("there is no tree in the text", 1, 1, expected=expected)
     last = before[-1]
-    expected, _ = _expected(accepted, before, words)
+    expected, _ = _expected(accepted, before, vocabulary)
     line, column = last.end_line or 1, last.end_column or 1
     message = "the text ends too early"
     if (brace := _unclosed(source, before)) is not None:
@@ -275,29 +199,29 @@ def _unexpected_end(
     return source.error(message, line, column, expected=expected)
 
 
-def _parent(source: Source, words: Sequence[Token]) -> str:
+def _parent(source: Source, tokens: Sequence[Token]) -> str:
     """The word of the node whose brace is open."""
-    return next(str(w) for w in reversed(words[: _unclosed(source, words)]) if w in _NODE_WORDS)
+    return next(str(w) for w in reversed(tokens[: _unclosed(source, tokens)]) if w in NODE_WORDS)
 
 
-def _unclosed(source: Source, words: Sequence[Token]) -> int | None:
+def _unclosed(source: Source, tokens: Sequence[Token]) -> int | None:
     """The index of the brace that is probably not closed; None if each one is.
 
     A closing brace that begins a line belongs to a line that is indented as much. If its
     counterpart is indented more, that one is not closed.
     """
     lines = source.text.split("\n")
-    opened: list[int] = []
-    for at, word in enumerate(words):
-        if word == "{":
-            opened.append(at)
-        elif word == "}" and opened:
-            line = lines[(words[opened[-1]].line or 1) - 1]
-            begins = not lines[(word.line or 1) - 1][: (word.column or 1) - 1].strip()
-            if begins and len(line) - len(line.lstrip()) > (word.column or 1) - 1:
+    braces: list[int] = []
+    for at, token in enumerate(tokens):
+        if token == "{":
+            braces.append(at)
+        elif token == "}" and braces:
+            line = lines[(tokens[braces[-1]].line or 1) - 1]
+            begins = not lines[(token.line or 1) - 1][: (token.column or 1) - 1].strip()
+            if begins and len(line) - len(line.lstrip()) > (token.column or 1) - 1:
                 break
-            opened.pop()
-    return opened[-1] if opened else None
+            braces.pop()
+    return braces[-1] if braces else None
 
 
 def _unexpected_word(
@@ -305,10 +229,10 @@ def _unexpected_word(
     token: Token,
     before: Sequence[Token],
     accepted: Collection[str],
-    words: Vocabulary,
+    vocabulary: Vocabulary,
 ) -> TreeError:
     previous = str(before[-1]) if before else ""
-    expected, spelled = _expected(accepted, before, words)
+    expected, spelled = _expected(accepted, before, vocabulary)
     message = f"unexpected {shown(token)}"
     if "USE" in accepted and "NUMBER" in accepted and token in INNER:
         message += "; name this node as a subtree above, and pass `use` and its name"
@@ -322,7 +246,9 @@ def _unexpected_word(
         message += ", a keyword, which can't name a subtree"
     elif token.type == "NUMBER" and "NOT" in accepted:
         message += "; a comparison begins with its key"
-    guess = _instead(source, token, before, accepted, words) or closest(token.strip('"'), spelled)
+    guess = _instead(source, token, before, accepted, vocabulary) or closest(
+        token.strip('"'), spelled
+    )
     return source.error_at(token, message, expected=expected, guess=guess)
 
 
@@ -331,7 +257,7 @@ def _instead(
     token: Token,
     before: Sequence[Token],
     accepted: Collection[str],
-    words: Vocabulary,
+    vocabulary: Vocabulary,
 ) -> str:
     """The likely correction of a word that the grammar does not accept; "" if unknown."""
     previous = str(before[-1]) if before else ""
@@ -345,13 +271,13 @@ def _instead(
         return _BLANK
     if token == ")" and previous == "(" and len(before) > 1:
         return f"{before[-2]}, without parentheses"
-    if token in words.action(previous).arguments:
+    if token in vocabulary.action(previous).arguments:
         return f"{previous}({token}: ...)"
     if token.type == "NUMBER" and "SUCCESS" in accepted:
         return f"success {token}"
     if token in ("=", "is", "in") and "OPERATOR" in accepted:
         return "=="
-    return _WORDS.get(token.lower(), "") if token.type == "NAME" else ""
+    return FOREIGN_WORDS.get(token.lower(), "") if token.type == "NAME" else ""
 
 
 def _expected(
@@ -365,8 +291,8 @@ def _expected(
             for word in ("domain", "include", "constant", "subtree")
             if word.upper() in accepted
         ]
-        words = (*first, *_NODE_WORDS, *vocabulary.actions)
-        return ("} or " if "RBRACE" in accepted else "") + _node_words(vocabulary), words
+        words = (*first, *NODE_WORDS, *vocabulary.actions)
+        return ("} or " if "RBRACE" in accepted else "") + node_words(vocabulary), words
     if "NAME" in accepted and "NUMBER" in accepted:
         arguments = vocabulary.action(_called(before)).arguments
         if previous == ":" and (argument := arguments.get(str(before[-2]))):
@@ -394,8 +320,3 @@ def _expected(
         else:
             spelled.append(_SPELLING.get(name, name.lower()))
     return ("one of: " if len(spelled) > 1 else "") + " ".join(spelled), tuple(spelled)
-
-
-def _node_words(words: Vocabulary) -> str:
-    actions = f" ({', '.join(words.actions)})" if words.actions else ""
-    return f"a node ({', '.join(_NODE_WORDS)}) or an action{actions}"

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final, TypeAlias
 
-from islandgp.bt.core import closures
+from islandgp.bt.core import closures, nav2_closures
 from islandgp.bt.core.closures import Observed, ReportStopped, Tick
 from islandgp.bt.core.condition import Board, condition
 from islandgp.bt.core.kinds import KINDS, count_of, needs_each_tick
@@ -210,14 +210,14 @@ class _Compiler:
         return closures.every(self.compile(node.children[0], observed), ticks, lambda: self.now)
 
     def _pipeline(self, node: Node, _: Observed | None) -> Tick:
-        return closures.pipeline(*self._unobserved(node), self._stop_midtick)
+        return nav2_closures.pipeline(*self._unobserved(node), self._stop_midtick)
 
     def _round_robin(self, node: Node, _: Observed | None) -> Tick:
-        return closures.round_robin(self._unobserved(node)[0])
+        return nav2_closures.round_robin(self._unobserved(node)[0])
 
     def _recovery(self, node: Node, _: Observed | None) -> Tick:
         (child, remedy), _positions = self._unobserved(node)
-        return closures.recovery(child, remedy, count_of(node))
+        return nav2_closures.recovery(child, remedy, count_of(node))
 
     def _inverter(self, node: Node, observed: Observed | None) -> Tick:
         return closures.inverter(self.compile(node.children[0], observed))

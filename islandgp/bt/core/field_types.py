@@ -41,21 +41,21 @@ def _expected(hint: Any) -> str:
     """An annotation in words."""
     if get_origin(hint) is UnionType:
         return " or ".join(map(_expected, get_args(hint)))
-    words = {float: "a finite number", str: "a text", bool: "True or False", type(None): "None"}
-    return words.get(hint) or str(hint).replace("collections.abc.", "").replace(", ...", "")
+    names = {float: "a finite number", str: "a text", bool: "True or False", type(None): "None"}
+    return names.get(hint) or str(hint).replace("collections.abc.", "").replace(", ...", "")
 
 
 def _fits(value: object, hint: Any) -> bool:
     """True if a value has the annotated type; a number must be finite."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is UnionType:
-        return any(_fits(value, each) for each in parts)
+        return any(_fits(value, item) for item in parts)
     if origin is Literal:
         return value in parts
     if origin is tuple:
-        return isinstance(value, tuple) and all(_fits(each, parts[0]) for each in value)
+        return isinstance(value, tuple) and all(_fits(item, parts[0]) for item in value)
     if origin is frozenset:
-        return isinstance(value, frozenset) and all(_fits(each, parts[0]) for each in value)
+        return isinstance(value, frozenset) and all(_fits(item, parts[0]) for item in value)
     if origin is Mapping:
         return isinstance(value, Mapping)
     if hint is float:

@@ -28,7 +28,7 @@ def gathered(
     main: Source,
     folder: Path | None,
     grammar: Callable[[Source, str], Any],
-    most: int,
+    max_bytes: int,
     *,
     start: str = "start",
 ) -> list[ParsedFile]:
@@ -38,7 +38,7 @@ def gathered(
         main: the text that includes others.
         folder: of the main file; nothing outside of it is read. None: it has none.
         grammar: (text, start rule) -> lark.Tree; raises TreeError.
-        most: characters of all files together.
+        max_bytes: characters of all files together.
         start: the rule of the main text.
 
     Raises:
@@ -48,7 +48,7 @@ def gathered(
     """
     parts: list[ParsedFile] = []
     done: set[Path] = set()
-    remaining_chars = most - len(main.text)
+    remaining_chars = max_bytes - len(main.text)
 
     def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
         nonlocal remaining_chars
@@ -101,53 +101,53 @@ def mentioned(text: str, folder: Path) -> dict[Path, str]:
                     continue
                 texts[path] = ""
                 if path.is_file():  # not a pipe: reading it could block
-                    with path.open(encoding="utf-8") as opened:
-                        texts[path] = opened.read(MAX_READ)
+                    with path.open(encoding="utf-8") as stream:
+                        texts[path] = stream.read(MAX_READ)
                 waiting.append((texts[path], path.parent))
     return texts
 
 
 def _included_path(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:
-    written = str(token)[1:-1]
+    filename = str(token)[1:-1]
     if folder is None or beside is None:
         raise source.error_at(
             token, "only a text in a file can include files", expected="a text without include"
         )
-    if not written or "\\" in written or "\0" in written or Path(written).is_absolute():
+    if not filename or "\\" in filename or "\0" in filename or Path(filename).is_absolute():
         raise source.error_at(
             token,
-            f"{shown(written)} is not the name of a file beside this one",
+            f"{shown(filename)} is not the name of a file beside this one",
             expected='a relative name with /, such as "lib/recharge.bt"',
         )
     try:
-        top, path = folder.resolve(), (beside / written).resolve()
+        top, path = folder.resolve(), (beside / filename).resolve()
     except (OSError, RuntimeError, ValueError):
-        raise source.error_at(token, f"there is no file {shown(written)}") from None
+        raise source.error_at(token, f"there is no file {shown(filename)}") from None
     if not path.is_relative_to(top):
         raise source.error_at(
             token,
-            f"{shown(written)} leads out of the folder of the tree",
+            f"{shown(filename)} leads out of the folder of the tree",
             expected="a file in that folder or below it",
         )
     return path
 
 
-def _text(source: Source, token: Any, path: Path, most: int) -> str:
-    written = str(token)[1:-1]
+def _text(source: Source, token: Any, path: Path, max_bytes: int) -> str:
+    filename = str(token)[1:-1]
     if not path.is_file():
-        raise source.error_at(token, f"there is no file {shown(written)}", expected="a tree file")
+        raise source.error_at(token, f"there is no file {shown(filename)}", expected="a tree file")
     try:
         with path.open("rb") as file:
-            data = file.read(4 * most + 4)
+            data = file.read(4 * max_bytes + 4)
         text = data.decode("utf-8")
     except UnicodeDecodeError:
-        if len(data) > 4 * most:
-            text = " " * (most + 1)
+        if len(data) > 4 * max_bytes:
+            text = " " * (max_bytes + 1)
         else:
-            raise source.error_at(token, f"{shown(written)} is not UTF-8 text") from None
+            raise source.error_at(token, f"{shown(filename)} is not UTF-8 text") from None
     except OSError as error:
-        raise source.error_at(token, f"{shown(written)}: {error.strerror}") from None
-    if len(text) > most:
+        raise source.error_at(token, f"{shown(filename)}: {error.strerror}") from None
+    if len(text) > max_bytes:
         raise source.error_at(
             token,
             "the included files are too long",

@@ -264,12 +264,12 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError if a tree is too deep or too large."""
-    for unit, value, most in (
+    for unit, value, limit in (
         ("levels", depth(node), limits.max_depth),
         ("nodes", size(node), limits.max_nodes),
     ):
-        if value > most:
+        if value > limit:
             raise LimitError(
-                f"Expected a tree of at most {most} {unit}, found {value};"
+                f"Expected a tree of at most {limit} {unit}, found {value};"
                 " shorten it or raise the limit."
             )

@@ -7,13 +7,13 @@ from typing import Any, TypeAlias
 
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.condition_builder import built_condition
-from islandgp.bt.core.diagnosis import unknown_argument, unknown_node
 from islandgp.bt.core.kinds import KINDS, Argument, Sort
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import Quoted, head, number_text
 from islandgp.bt.core.scope import Scope
 from islandgp.bt.core.source import closest, shown
+from islandgp.bt.core.unknown_names import unknown_argument, unknown_node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import UnknownNameError
 
@@ -83,8 +83,8 @@ def written_node(tree: _Tree, scope: Scope) -> Node:
     if tree.data != "use":
         node, subtrees = built_head(tree, scope, None, ())
         return node._replace(children=tuple([written_node(each, scope) for each in subtrees]))
-    name, *passed = tree.children
-    texts = [_written_argument(each, scope) for part in passed for each in part.children]
+    name, *arguments = tree.children
+    texts = [_written_argument(each, scope) for part in arguments for each in part.children]
     return Node("use", UseArgs(str(name), tuple(texts)))
 
 

@@ -147,12 +147,12 @@ def fits(parameter: Parameter, value: object) -> bool:
 
 def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Parameter]) -> Node:
     """A leaf in its canonical form: values in the declared order, and without defaults."""
-    kept = tuple(
+    non_default = tuple(
         (key, values[key])
         for key, parameter in parameters.items()
         if key in values and values[key] != parameter.default
     )
-    return Node("action", ActionArgs(name, kept))
+    return Node("action", ActionArgs(name, non_default))
 
 
 def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:

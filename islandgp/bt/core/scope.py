@@ -97,29 +97,29 @@ class Scope:
 
     def seconds(self, kind: str, argument: Argument, token: _Token) -> float:
         """A duration of a node of that kind, in seconds within the argument's range."""
-        least, most = argument.range
+        low, high = argument.range
         seconds = self.number(token)
-        if not least <= seconds <= most:
+        if not low <= seconds <= high:
             word = self.word(token)
             raise word.error(
                 f"a {kind} can't last {shown(word.token)} seconds",
-                expected=f"seconds from {least:g} to {most:,}",
+                expected=f"seconds from {low:g} to {high:,}",
             )
         return seconds
 
     def count_of(self, argument: Argument, token: _Token, message: str) -> float:
         """A whole number within the argument's range; `message` names another one as `{}`."""
-        fewest, most = argument.range
+        low, high = argument.range
         count = 0.0
         if token.type == "NAME":
             count = self.number(token)
         elif token.isdecimal() and len(token) < 10:
             count = int(token)
-        if count != int(count) or not fewest <= count <= most:
+        if count != int(count) or not low <= count <= high:
             word = self.word(token)
             raise word.error(
                 message.format(shown(word.token)),
-                expected=f"a whole number from {fewest} to {most}",
+                expected=f"a whole number from {low} to {high}",
             )
         return count if isinstance(count, Named) else int(count)
 

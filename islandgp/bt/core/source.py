@@ -6,7 +6,7 @@
     Expected a node (selector, ...) or an action (MoveToBlock, ...).
     Did you mean MoveToBlock?
 
-`diagnosis` and `builder` choose the texts of such messages.
+`diagnosis`, `unknown_names` and `builder` choose the texts of such messages.
 """
 
 from __future__ import annotations

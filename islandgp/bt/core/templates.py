@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from itertools import chain, repeat
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.diagnosis import unknown_key, unknown_node
 from islandgp.bt.core.kinds import COUNTED, TIMED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import Source, shown
+from islandgp.bt.core.unknown_names import unknown_key, unknown_node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -63,7 +63,7 @@ class Template:
 
     parameters: Mapping[str, Fitting]  # in order
     body: _Tree
-    whole: BuiltSubtree  # with open parameters
+    tree: BuiltSubtree  # with open parameters
 
 
 def in_words(fitting: Fitting) -> str:
@@ -80,20 +80,20 @@ def fitting_of(
     Raises:
         TreeError: nothing fits all places of a parameter.
     """
-    found = {str(parameter): ANYTHING for parameter in parameters}
+    fittings = {str(parameter): ANYTHING for parameter in parameters}
     for token, fitting in name_places(body, templates):
-        if token not in found:
+        if token not in fittings:
             continue
-        both = found[token] & fitting
-        if not both:
+        common = fittings[token] & fitting
+        if not common:
             raise source.error_at(
                 token,
                 f"parameter {shown(token)} is {in_words(fitting)} here, and"
-                f" {in_words(found[token])} in an earlier place",
+                f" {in_words(fittings[token])} in an earlier place",
                 expected="a separate parameter for each",
             )
-        found[str(token)] = both
-    return found
+        fittings[str(token)] = common
+    return fittings
 
 
 def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tuple[_Token, Fitting]]:
@@ -151,21 +151,21 @@ def check_name(
 
     Where a word of a key or an action would fit, the place of the parameter decides.
     """
-    name, words = str(word.token), vocabulary
+    name = str(word.token)
     known = {"number": name in scope.constants}
-    if words is not None:
-        known |= {"key": name in words.keys, "node": name in words.actions}
+    if vocabulary is not None:
+        known |= {"key": name in vocabulary.keys, "node": name in vocabulary.actions}
     (form, *others) = fitting
     if others or known.get(form, True):
         return
     if fitting == NODE and name in subtrees:
-        raise _unfit(word, fitting, words, guess=f"use {name}")
+        raise _unfit(word, fitting, vocabulary, guess=f"use {name}")
     if any(known.values()):
-        raise _unfit(word, fitting, words)
-    if fitting == KEY and words is not None:
-        raise unknown_key(word, words)
-    if fitting == NODE and words is not None:
-        raise unknown_node(word, subtrees, words)
+        raise _unfit(word, fitting, vocabulary)
+    if fitting == KEY and vocabulary is not None:
+        raise unknown_key(word, vocabulary)
+    if fitting == NODE and vocabulary is not None:
+        raise unknown_node(word, subtrees, vocabulary)
     raise scope.unknown_number(word)
 
 

@@ -113,8 +113,8 @@ class _Formatter:
     def _part(self, tree: Any) -> Iterator[str]:
         """The lines of a statement, a definition or the tree."""
         if tree.data == "subtree":
-            name, *more, body = tree.children
-            parameters = [token for each in more for token in each.children]
+            name, *parameter_lists, body = tree.children
+            parameters = [token for each in parameter_lists for token in each.children]
             parameter_list = f"({', '.join(parameters)})" if parameters else ""
             node = self._builder.written(body, parameters)
             yield from self._node(tree, node, "", f"subtree {name}{parameter_list} = ")
@@ -140,7 +140,7 @@ class _Formatter:
         if not node.children or (fits and not self._commented(brace, behind)):
             yield f"{start}{line}{_aside(last.behind)}"
             return
-        *lines, last_line = _broken(f"{start}{head(node)} {{", node)
+        *lines, last_line = _lines_of(f"{start}{head(node)} {{", node)
         yield from lines
         yield f"{last_line}{_aside(self._words[brace].behind)}"
         inside: list[str] = []
@@ -180,7 +180,7 @@ class _Formatter:
         return (*head_words[0].before, *moved), False
 
 
-def _broken(line: str, node: Node) -> Iterator[str]:
+def _lines_of(line: str, node: Node) -> Iterator[str]:
     """The line of a node's head; a long condition is broken before its `and`s or `or`s."""
     expr = node.guard.condition if node.guard else None
     if len(line) <= WIDTH or not isinstance(expr, Compound) or expr.word == "not":

@@ -55,75 +55,77 @@ class Occurrence(NamedTuple):
 
 def occurrences(text: str) -> Iterator[Occurrence]:
     """All names of subtrees, constants and parameters in a text, which may have errors."""
-    words = code_words(text)
+    tokens = code_words(text)
     owner, parameters, body_end = "", set[str](), -1
     of_uses: list[bool] = []  # of each open bracket, whether it follows a `use` and its name
     at = 0
-    while at < len(words):
-        word, previous = words[at], words[at - 1].text if at else ""
-        if word.text == "(":
-            of_uses.append(at > 1 and words[at - 2].text == "use")
-        elif word.text in (")", "{"):
-            of_uses = of_uses[:-1] if word.text == ")" else []
+    while at < len(tokens):
+        token, previous = tokens[at], tokens[at - 1].text if at else ""
+        if token.text == "(":
+            of_uses.append(at > 1 and tokens[at - 2].text == "use")
+        elif token.text in (")", "{"):
+            of_uses = of_uses[:-1] if token.text == ")" else []
         if at > body_end:
             owner, parameters = "", set()
-        if NAME.fullmatch(word.text) and previous in ("subtree", "constant"):
+        if NAME.fullmatch(token.text) and previous in ("subtree", "constant"):
             heading = at + 1
             if previous == "subtree":
-                owner, heading = word.text, _closed(words, at + 1)
-                inside = [w for w in words[at + 1 : heading] if NAME.fullmatch(w.text)]
+                owner, heading = token.text, _closing_index(tokens, at + 1)
+                inside = [w for w in tokens[at + 1 : heading] if NAME.fullmatch(w.text)]
                 parameters = {each.text for each in inside}
-                body_end = _body_end(words, heading + 1)
-            last = words[min(body_end if previous == "subtree" else at + 2, len(words) - 1)]
-            whole = Word("", words[at - 1].start, last.end)
-            yield Occurrence(Symbol(previous, word.text), word, whole)
+                body_end = _body_end(tokens, heading + 1)
+            last = tokens[min(body_end if previous == "subtree" else at + 2, len(tokens) - 1)]
+            whole = Word("", tokens[at - 1].start, last.end)
+            yield Occurrence(Symbol(previous, token.text), token, whole)
             if previous == "subtree":
                 for each in inside:
                     yield Occurrence(Symbol("parameter", each.text, owner), each)
                 at = heading
                 continue
-        elif previous == "use" and NAME.fullmatch(word.text):
-            yield Occurrence(Symbol("subtree", word.text), word)
-        elif NAME.fullmatch(word.text) and [each.text for each in words[at + 1 : at + 2]] != [":"]:
-            if word.text in parameters:
-                yield Occurrence(Symbol("parameter", word.text, owner), word)
-            elif previous == ":" or of_uses[-1:] == [True] or _is_number(words, at):
-                yield Occurrence(Symbol("constant", word.text), word)
+        elif previous == "use" and NAME.fullmatch(token.text):
+            yield Occurrence(Symbol("subtree", token.text), token)
+        elif NAME.fullmatch(token.text) and [each.text for each in tokens[at + 1 : at + 2]] != [
+            ":"
+        ]:
+            if token.text in parameters:
+                yield Occurrence(Symbol("parameter", token.text, owner), token)
+            elif previous == ":" or of_uses[-1:] == [True] or _is_number(tokens, at):
+                yield Occurrence(Symbol("constant", token.text), token)
         at += 1
 
 
-def _is_number(words: Sequence[Word], at: int) -> bool:
+def _is_number(tokens: Sequence[Word], at: int) -> bool:
     """True behind an operator, a count or a time, and as the value of a constant."""
-    if not at or words[at].text in RESERVED:
+    if not at or tokens[at].text in RESERVED:
         return False
-    named = at > 2 and words[at - 1].text == "=" and words[at - 3].text == "constant"
-    return named or words[at - 1].text in BEFORE_NUMBERS
+    named = at > 2 and tokens[at - 1].text == "=" and tokens[at - 3].text == "constant"
+    return named or tokens[at - 1].text in BEFORE_NUMBERS
 
 
-def _closed(words: Sequence[Word], at: int) -> int:
+def _closing_index(tokens: Sequence[Word], at: int) -> int:
     """The index behind the brackets that open there; `at` if none do."""
-    if at >= len(words) or words[at].text != "(":
+    if at >= len(tokens) or tokens[at].text != "(":
         return at
     level = 0
-    for i in range(at, len(words)):
-        level += (words[i].text == "(") - (words[i].text == ")")
+    for i in range(at, len(tokens)):
+        level += (tokens[i].text == "(") - (tokens[i].text == ")")
         if level == 0:
             return i + 1
-    return len(words)
+    return len(tokens)
 
 
-def _body_end(words: Sequence[Word], at: int) -> int:
+def _body_end(tokens: Sequence[Word], at: int) -> int:
     """The index of the last word of the node that begins there."""
-    if at >= len(words):
-        return len(words) - 1
-    if words[at].text not in INNER:  # an action or a use
-        return _closed(words, at + (2 if words[at].text == "use" else 1)) - 1
+    if at >= len(tokens):
+        return len(tokens) - 1
+    if tokens[at].text not in INNER:  # an action or a use
+        return _closing_index(tokens, at + (2 if tokens[at].text == "use" else 1)) - 1
     level = 0
-    for i in range(at, len(words)):
-        level += (words[i].text == "{") - (words[i].text == "}")
-        if words[i].text == "}" and level <= 0:
+    for i in range(at, len(tokens)):
+        level += (tokens[i].text == "{") - (tokens[i].text == "}")
+        if tokens[i].text == "}" and level <= 0:
             return i
-    return len(words) - 1
+    return len(tokens) - 1
 
 
 def symbol_at(text: str, offset: int) -> Occurrence | None:
@@ -175,12 +177,12 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
         raise TreeError(
             f"Expected letters, digits and _ that are not a keyword of the language, found {new!r}."
         )
-    if new != symbol.name and (taken := _taken(symbol, new, text, folder)):
-        raise TreeError(f"Expected a new name, found {new}, which already names a {taken}.")
+    if new != symbol.name and (conflict := _name_conflict(symbol, new, text, folder)):
+        raise TreeError(f"Expected a new name, found {new}, which already names a {conflict}.")
     return references(text, symbol)
 
 
-def _taken(symbol: Symbol, new: str, text: str, folder: Path) -> str:
+def _name_conflict(symbol: Symbol, new: str, text: str, folder: Path) -> str:
     """The kind of the symbol that has a name already; "" if none has."""
     kinds = ("subtree",) if symbol.kind == "subtree" else ("constant", "parameter")
     for source in (text, *mentioned(text, folder).values()):

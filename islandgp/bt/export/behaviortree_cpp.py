@@ -181,20 +181,20 @@ def to_xml(
     """
     unfit = {"cooldown"} if plain else {"cooldown", *NAV2}
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
-    used = sorted({node.action for node in walk(tree) if node.action})
-    if taken := BUILT_IN.intersection(used):
+    actions = sorted({node.action for node in walk(tree) if node.action})
+    if taken := BUILT_IN.intersection(actions):
         raise DomainError(
             f"Expected action names that are not nodes of BehaviorTree.CPP, found {min(taken)!r};"
             " rename the action in the domain."
         )
-    _check_ports(used, vocabulary)
-    whole = _with_ports(plan(tree, None if plain else differs), vocabulary)
-    custom_kinds = {part.kind for part in parts(whole)} & CUSTOM_NODES
-    identity = TREE_ID if TREE_ID not in used else f"{TREE_ID}Tree"
+    _check_ports(actions, vocabulary)
+    planned = _with_ports(plan(tree, None if plain else differs), vocabulary)
+    custom_kinds = {part.kind for part in parts(planned)} & CUSTOM_NODES
+    identity = TREE_ID if TREE_ID not in actions else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in keys_in(tree))
-    unfit = {*BUILT_IN, *used, *vocabulary.actions, identity}
-    root, subtrees = separated(whole, unfit, keep=shared)
+    unfit = {*BUILT_IN, *actions, *vocabulary.actions, identity}
+    root, subtrees = separated(planned, unfit, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
     if custom_kinds:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
@@ -206,9 +206,9 @@ def to_xml(
             "",
         ]
     lines.append("  <TreeNodesModel>")
-    for name in used:
-        words = _comment(vocabulary.action(name).meaning)
-        meaning = f"<!-- {words} -->" if words else ""
+    for name in actions:
+        comment = _comment(vocabulary.action(name).meaning)
+        meaning = f"<!-- {comment} -->" if comment else ""
         ports = vocabulary.action(name).arguments
         tag = "Condition" if vocabulary.action(name).condition else "Action"
         lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
@@ -258,8 +258,8 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
     """The condition with words of keys in quotes: they are texts of the blackboard."""
     for index, term in enumerate(terms(expr)):
         if isinstance(term.number, Named):
-            word = Named(f"'{term.number.name}'", term.number)
-            expr = with_term(expr, index, term._replace(number=word)) or expr
+            quoted = Named(f"'{term.number.name}'", term.number)
+            expr = with_term(expr, index, term._replace(number=quoted)) or expr
     return expr
 
 
@@ -276,25 +276,25 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
             yield f"{indent}<!-- {_comment(text)} -->"
     notes = {name: notes[name] for name in NOTES if name in notes}
     if isinstance(part.args, ActionArgs):
-        ports = {name: _word(value) for name, value in part.args.values}
-        yield f"{indent}<{part.args.name}{_written({**notes, **ports})}/>"
+        ports = {name: _value_text(value) for name, value in part.args.values}
+        yield f"{indent}<{part.args.name}{_text_of({**notes, **ports})}/>"
         return
     if part.kind == "subtree":
-        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_written(notes)}/>'
+        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_text_of(notes)}/>'
         return
     if part.kind == "check" and isinstance(part.args, GuardArgs):
         code = quoteattr(_script(part.args.condition))
-        yield f"{indent}<ScriptCondition code={code}{_written(notes)}/>"
+        yield f"{indent}<ScriptCondition code={code}{_text_of(notes)}/>"
         return
     tag = NODES[part.kind].tag
-    yield f"{indent}<{tag}{_attributes(part, step_s)}{_written(notes)}>"
+    yield f"{indent}<{tag}{_attributes(part, step_s)}{_text_of(notes)}>"
     for child in part.children:
         condition = child._replace(comments=(*repeated,)) if child.kind == "check" else child
         yield from _lines(condition, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
 
 
-def _written(attributes: Mapping[str, str]) -> str:
+def _text_of(attributes: Mapping[str, str]) -> str:
     return "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
 
 
@@ -324,10 +324,10 @@ def _attributes(part: TargetNode, step_s: float | None) -> str:
     if part.rest:
         return f' name="{REST}"'
     values = zip(NODES[part.kind].attributes, part.args, strict=False)
-    return "".join(f" {name}={quoteattr(_word(value))}" for name, value in values)
+    return "".join(f" {name}={quoteattr(_value_text(value))}" for name, value in values)
 
 
-def _word(value: object) -> str:
+def _value_text(value: object) -> str:
     if isinstance(value, Condition | Compound):
         return condition_text(value)
     return number_text(value) if isinstance(value, int | float) else str(value)
@@ -336,7 +336,7 @@ def _word(value: object) -> str:
 def _port(name: str, parameter: Parameter) -> str:
     sort = {"number": "double", "integer": "int", "flag": "bool"}.get(parameter.sort, "std::string")
     default = parameter.default
-    default_text = quoteattr(_FLAGS[str(default)] if sort == "bool" else _word(default))
+    default_text = quoteattr(_FLAGS[str(default)] if sort == "bool" else _value_text(default))
     return f'<input_port name="{name}" type="{sort}" default={default_text}/>'
 
 

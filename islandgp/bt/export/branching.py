@@ -63,8 +63,8 @@ def if_then_else(test: Test, children: Sequence[Node]) -> Node:
     """A tree of an IfThenElse without its first child."""
     if len(children) == 1:
         return only_if(test, children[0], "none")
-    then, otherwise = children
-    parts = (implies(test, then, "none"), implies(unless(test), otherwise, "none"))
+    success_branch, otherwise = children
+    parts = (implies(test, success_branch, "none"), implies(unless(test), otherwise, "none"))
     return Node("sequence", (), parts)
 
 
@@ -72,11 +72,11 @@ def while_do_else(test: Test, children: Sequence[Node]) -> Node:
     """A tree of a WhileDoElse without its first child."""
     if len(children) == 1:
         return only_if(test, children[0], "self")
-    then, otherwise = children
+    success_branch, otherwise = children
     if isinstance(test, Condition | Compound):  # the guards halt a branch before the other starts
-        branches = (guarded(test, then), guarded(negated(test), otherwise, "self"))
+        branches = (guarded(test, success_branch), guarded(negated(test), otherwise, "self"))
         return Node("selector", (), branches)
-    parts = (implies(test, then, "self"), implies(unless(test), otherwise, "self"))
+    parts = (implies(test, success_branch, "self"), implies(unless(test), otherwise, "self"))
     return Node("reactive_sequence", (), parts)
 
 

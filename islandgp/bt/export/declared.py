@@ -121,8 +121,8 @@ def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
             compares = term.operator in OPERATORS
             for key in term.keys:
                 numbers[key] = numbers.get(key, False) or compares
-    whole = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
-    return {key: whole if number else Key("") for key, number in sorted(numbers.items())}
+    integer_key = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
+    return {key: integer_key if number else Key("") for key, number in sorted(numbers.items())}
 
 
 def _scripts(element: Element) -> Iterator[str]:
@@ -225,8 +225,8 @@ class _Words(BaseModel):
 def _schema(text: str, name: str) -> Vocabulary:
     try:
         plain = read_json(text.removeprefix("\ufeff"))
-        words = plain.get("vocabulary", plain) if isinstance(plain, dict) else plain
-        declared = _Words.model_validate_json(json.dumps(words), strict=True)
+        declaration = plain.get("vocabulary", plain) if isinstance(plain, dict) else plain
+        declared = _Words.model_validate_json(json.dumps(declaration), strict=True)
         keys = {name: entry.key() for name, entry in declared.keys.items()}
         actions = {action: entry.action(keys) for action, entry in declared.actions.items()}
         return Vocabulary(declared.domain, actions, keys)

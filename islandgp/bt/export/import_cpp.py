@@ -130,12 +130,12 @@ def read_tree(
     importer = _Importer(name, read_xml(text, name=name), vocabulary, folder)
     root = importer.tree(tree)
     # The text of the tree is parsed, as only the parser checks a whole tree.
-    written = with_subtrees(commented(root, notes_of(importer.root)))
-    if len(written) > MAX_CHARACTERS:
+    tree_text = with_subtrees(commented(root, notes_of(importer.root)))
+    if len(tree_text) > MAX_CHARACTERS:
         importer.differs(importer.root, COMMENTS)
-        written = with_subtrees(root, comments=False)
-    checked = parse(written, vocabulary, name=f"{name}, as text")
-    return Imported(checked, tuple(sorted(importer.differences.values())), written)
+        tree_text = with_subtrees(root, comments=False)
+    checked = parse(tree_text, vocabulary, name=f"{name}, as text")
+    return Imported(checked, tuple(sorted(importer.differences.values())), tree_text)
 
 
 class _Importer(SubtreeReader):

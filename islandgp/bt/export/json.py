@@ -41,8 +41,8 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
 
 def to_json(tree: Node) -> str:
     """The text of a JSON file."""
-    whole = {"format": FORMAT, "version": VERSION, "tree": _plain(tree)}
-    return json.dumps(whole, indent=2) + "\n"
+    document = {"format": FORMAT, "version": VERSION, "tree": _plain(tree)}
+    return json.dumps(document, indent=2) + "\n"
 
 
 def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<json>") -> Node:
@@ -52,7 +52,7 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
         TreeError: it is not JSON, or not such a tree; the message has the place.
     """
     try:
-        whole = json.loads(text.removeprefix("\ufeff"))
+        document = json.loads(text.removeprefix("\ufeff"))
     except json.JSONDecodeError as error:
         raise TreeError(
             f"{name}:{error.lineno}:{error.colno}: not JSON: {error.msg}",
@@ -66,13 +66,13 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
         ) from None
     except RecursionError:
         raise TreeError(f"{name}: the tree is nested too deeply") from None
-    if not isinstance(whole, dict) or whole.get("format") != FORMAT:
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
         raise TreeError(f'{name}: expected an object with "format": "{FORMAT}"')
-    if whole.get("version") != VERSION:
+    if document.get("version") != VERSION:
         raise TreeError(
-            f'{name}: expected "version": {VERSION}, found {whole.get("version")!r:.40}'
+            f'{name}: expected "version": {VERSION}, found {document.get("version")!r:.40}'
         )
-    tree = _JsonReader(name).node(whole.get("tree"), "tree", 1)
+    tree = _JsonReader(name).node(document.get("tree"), "tree", 1)
     # The text of the tree is parsed, as only the parser checks a whole tree.
     return parse(to_text(tree), vocabulary, name=f"{name}, as text")
 
@@ -147,10 +147,10 @@ class _JsonReader:
         if extra:
             self._fail(at, f"unknown entry {min(extra)!r:.40} of {kind}")
         children = value.get("children", [])
-        least, most = KINDS[kind].children
-        if not isinstance(children, list) or not least <= len(children) <= most:
-            wanted = least if least == most else f"at least {least}"
-            self._fail(at, f"expected {wanted} children of {kind}")
+        fewest, most = KINDS[kind].children
+        if not isinstance(children, list) or not fewest <= len(children) <= most:
+            expected = fewest if fewest == most else f"at least {fewest}"
+            self._fail(at, f"expected {expected} children of {kind}")
         values = [self._value(value, argument, at) for argument in arguments]
         return Node(
             kind,
@@ -228,15 +228,15 @@ class _JsonReader:
             return int(entry) if entry == int(entry) and argument != "number" else float(entry)
         if argument == "text" and isinstance(entry, str) and is_text(entry):
             return entry
-        words = WORDS.get(argument)
-        if words is not None and entry not in words:
-            guess = closest(str(entry), words)
+        choices = WORDS.get(argument)
+        if choices is not None and entry not in choices:
+            guess = closest(str(entry), choices)
             hint = f"; did you mean {guess!r}?" if guess else ""
             self._fail(
-                at, f"expected {argument!r}: one of {' '.join(words)}, found {entry!r:.40}{hint}"
+                at, f"expected {argument!r}: one of {' '.join(choices)}, found {entry!r:.40}{hint}"
             )
         if not isinstance(entry, str) or (
-            words is None and (not NAME.fullmatch(entry) or entry in RESERVED)
+            choices is None and (not NAME.fullmatch(entry) or entry in RESERVED)
         ):
             self._fail(at, f"expected a word as {argument!r}, found {entry!r:.40}")
         return entry

@@ -185,7 +185,7 @@ def _observing(node: Node, differs: Differs) -> TargetNode:
 
 
 def separated(
-    whole: TargetNode, taken: Iterable[str], *, keep: bool = True
+    plan_root: TargetNode, reserved: Iterable[str], *, keep: bool = True
 ) -> tuple[TargetNode, dict[str, TargetNode]]:
     """A plan that refers to subtrees by name, and the subtrees, each before its users.
 
@@ -193,11 +193,11 @@ def separated(
     one of them, becomes several: `recharge_20`, `recharge_30`.
 
     Args:
-        whole: the plan with its subtrees in place.
-        taken: names that no subtree can have.
+        plan_root: the plan with its subtrees in place.
+        reserved: names that no subtree can have.
         keep: False: insert the subtrees in their places, without names.
     """
-    unfit = set(taken)
+    unfit = set(reserved)
     names: dict[tuple[str, TargetNode], str] = {}
 
     def visit(part: TargetNode) -> TargetNode:
@@ -215,7 +215,7 @@ def separated(
         use = UseArgs(names[name, children[0]])
         return TargetNode("subtree", use, comments=part.comments)
 
-    root = visit(whole)
+    root = visit(plan_root)
     return root, {name: body for (_, body), name in names.items()}
 
 
@@ -250,12 +250,12 @@ def subtree_of(part: TargetNode) -> str:
 
 def fresh_name(name: str, unfit: set[str]) -> str:
     """A valid name like `name` that is not in `unfit`: recharge_20_3 for `recharge(20, 3)`."""
-    word = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
-    word = word if word[:1].isalpha() or word[:1] == "_" else f"tree_{word}"
-    candidate, number = word, 1
+    prefix = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
+    prefix = prefix if prefix[:1].isalpha() or prefix[:1] == "_" else f"tree_{prefix}"
+    candidate, number = prefix, 1
     while candidate in unfit:
         number += 1
-        candidate = f"{word}_{number}"
+        candidate = f"{prefix}_{number}"
     return candidate
 
 

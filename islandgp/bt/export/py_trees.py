@@ -90,10 +90,12 @@ def to_python(
     """
     unfit = {"cooldown", *NAV2} if plain else NAV2
     check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
-    whole = _bound(plan(tree, None if plain else differs), vocabulary)
-    if any(part.kind == "cooldown_ticks" for part in parts(whole)):
-        whole = TargetNode("tick_counter", (), (whole,))
-    node_classes = _node_source() if any(part.kind in CUSTOM_NODES for part in parts(whole)) else ""
+    planned = _bound(plan(tree, None if plain else differs), vocabulary)
+    if any(part.kind == "cooldown_ticks" for part in parts(planned)):
+        planned = TargetNode("tick_counter", (), (planned,))
+    node_classes = (
+        _node_source() if any(part.kind in CUSTOM_NODES for part in parts(planned)) else ""
+    )
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     descriptions = {name: _described(key) for name, key in vocabulary.keys.items()}
     descriptions = descriptions or dict.fromkeys(keys_in(tree), "")
@@ -101,8 +103,8 @@ def to_python(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
     module = own_nodes("tree_module.txt")
-    taken = {*re.findall(r"\w+", module + _node_source()), *keyword.kwlist, *dir(builtins)}
-    root, subtrees = separated(whole, taken)
+    reserved = {*re.findall(r"\w+", module + _node_source()), *keyword.kwlist, *dir(builtins)}
+    root, subtrees = separated(planned, reserved)
     functions = [_SUBTREE.format(name=n, tree=_body(part, step_s)) for n, part in subtrees.items()]
     return module.format(
         text=_in_docstring(text),

@@ -47,16 +47,16 @@ def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     """The tree in colours, with an optional note after each node (in document order)."""
     from rich.text import Text
 
-    drawn = [
+    labels = [
         Text().append(before, "dim").append(label(node), kind_of(node).look.style)
         for before, node in branches(tree)
     ]
     if notes is not None:
-        width = max(line.cell_len for line in drawn) + 2
-        for line, note in zip(drawn, notes, strict=True):
+        width = max(line.cell_len for line in labels) + 2
+        for line, note in zip(labels, notes, strict=True):
             line.pad_right(width - line.cell_len)
             line.append(note)
-    return Text("\n").join(drawn)
+    return Text("\n").join(labels)
 
 
 ROW = 28.0  # px from leaf to leaf
@@ -82,9 +82,9 @@ def lay_out(tree: Node) -> tuple[list[Box], float, float]:
     rows, parents = _rows(tree)
     boxes: list[Box] = []
     for node, parent, row in zip(walk(tree), parents, rows, strict=True):
-        left = MARGIN if parent < 0 else boxes[parent].x + boxes[parent].width + GAP
+        x = MARGIN if parent < 0 else boxes[parent].x + boxes[parent].width + GAP
         width = PADDING + LETTER * len(label(node))
-        boxes.append(Box(node, parent, left, MARGIN + ROW * (row + 0.5), width))
+        boxes.append(Box(node, parent, x, MARGIN + ROW * (row + 0.5), width))
     right = max(box.x + box.width for box in boxes)
     return boxes, right + MARGIN, 2 * MARGIN + ROW * sum(not n.children for n in walk(tree))
 
@@ -185,8 +185,8 @@ def to_dot(tree: Node) -> str:
     ]
     for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
         look = kind_of(node).look
-        drawn = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
-        lines.append(f'  n{place} [label="{label(node)}", {drawn}]')
+        attributes = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
+        lines.append(f'  n{place} [label="{label(node)}", {attributes}]')
         if parent >= 0:
             lines.append(f"  n{parent} -> n{place}")
     return "\n".join([*lines, "}", ""])
@@ -202,8 +202,10 @@ def to_mermaid(tree: Node) -> str:
     """The text of a flowchart; nodes are n0, n1, ... in document order."""
     lines = ["flowchart TD"]
     for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
-        left, right = kind_of(node).look.mermaid
-        lines.append(f'  n{place}{left}"{label(node).translate(_ESCAPES)}"{right}:::{node.kind}')
+        opening, closing = kind_of(node).look.mermaid
+        lines.append(
+            f'  n{place}{opening}"{label(node).translate(_ESCAPES)}"{closing}:::{node.kind}'
+        )
         if parent >= 0:
             lines.append(f"  n{parent} --- n{place}")
     for name, kind in _kinds_in(tree):

@@ -41,9 +41,9 @@ class _Script:
 
     def _joined(self, level: int) -> ConditionExpr:
         condition = self._term(level)
-        while (word := self._peek()) in ("&&", "||"):
+        while (operator := self._peek()) in ("&&", "||"):
             self._take()
-            condition = combine({"&&": "and", "||": "or"}[word], [condition, self._term(level)])
+            condition = combine({"&&": "and", "||": "or"}[operator], [condition, self._term(level)])
         return condition
 
     def _term(self, level: int) -> ConditionExpr:
@@ -80,13 +80,13 @@ class _Script:
         return match
 
     def _single(self, name: str, operator: str, right: str) -> Condition:
-        key, word = _known(name, self._vocabulary), right.strip("'")
+        key, value = _known(name, self._vocabulary), right.strip("'")
         wrong = ValueError(f"{name} is {key.kind}, found {shown(self._code.strip())}")
         if not key.flag:
             if operator not in key.operators:
                 raise wrong
-            if word in key.words:
-                return Condition(name, operator, key.number_of(word))
+            if value in key.words:
+                return Condition(name, operator, key.number_of(value))
             if right in self._vocabulary.comparable(name):
                 return Condition(name, operator, 0.0, right)
             if key.words or not re.match("-?[0-9]", right):
@@ -94,8 +94,8 @@ class _Script:
             return Condition(name, operator, _number(right))
         if operator not in ("==", "!=") or right not in ("true", "false", "1", "0"):
             raise wrong
-        yes = (right in ("true", "1")) == (operator == "==")
-        return Condition(name, "is" if yes else "not", 0.0)
+        is_true = (right in ("true", "1")) == (operator == "==")
+        return Condition(name, "is" if is_true else "not", 0.0)
 
     def _fail(self) -> NoReturn:
         raise ValueError(

@@ -112,9 +112,9 @@ class SubtreeReader(ABC):
         self._open.pop()
         self._name = name
         if self._open:  # it is used, not the tree that is asked for
-            word = fresh_name(identity, self._names)
-            self._names.add(word)
-            node = as_subtree(node, word)
+            new_name = fresh_name(identity, self._names)
+            self._names.add(new_name)
+            node = as_subtree(node, new_name)
         self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self.asks)
         self._nodes, self.level, self._levels, self.asks, self.parents = outside
         return self._read[key]

@@ -53,8 +53,8 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in trees:
-                    again = f"the tree {shown(identity)} is defined twice; rename one"
-                    raise element.error(again, file)
+                    message = f"the tree {shown(identity)} is defined twice; rename one"
+                    raise element.error(message, file)
                 _check_texts(element, file)
                 trees[identity] = XmlTree(element, file)
             elif element.tag != "TreeNodesModel":
@@ -89,29 +89,29 @@ def _check_count(element: Element, file: str, count: int) -> None:
 
 def _included(element: Element, file: str, folder: Path | None, beside: Path | None) -> Path:
     """The file that an <include> names."""
-    written = element.attributes.get("path", "")
-    if folder is None or beside is None or not written or "\0" in written:
+    attribute = element.attributes.get("path", "")
+    if folder is None or beside is None or not attribute or "\0" in attribute:
         raise element.error("expected the path of a file beside this one", file)
     try:
-        path = (beside / written).resolve()
-        inside = not Path(written).is_absolute() and path.is_relative_to(folder.resolve())
+        path = (beside / attribute).resolve()
+        inside = not Path(attribute).is_absolute() and path.is_relative_to(folder.resolve())
     except (OSError, RuntimeError):
-        raise element.error(f"there is no file {shown(written)}", file) from None
+        raise element.error(f"there is no file {shown(attribute)}", file) from None
     if not inside:
-        raise element.error(f"{shown(written)} leads out of the folder of the tree", file)
+        raise element.error(f"{shown(attribute)} leads out of the folder of the tree", file)
     return path
 
 
 def _read(element: Element, file: str, path: Path, folder: Path | None) -> tuple[Element, str]:
     """The root of an included file, and the file's name in messages."""
-    written = element.attributes["path"]
+    attribute = element.attributes["path"]
     try:
         if not path.is_file():  # reading a pipe could block
-            raise element.error(f"there is no file {shown(written)}", file)
-        with path.open(encoding="utf-8") as opened:
-            text = opened.read(MAX_XML)
+            raise element.error(f"there is no file {shown(attribute)}", file)
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(MAX_XML)
     except (OSError, UnicodeDecodeError):
-        raise element.error(f"{shown(written)} cannot be read as UTF-8 text", file) from None
+        raise element.error(f"{shown(attribute)} cannot be read as UTF-8 text", file) from None
     assert folder is not None
     name = str(path.relative_to(folder.resolve()))
     return read_xml(text, name=name), name
