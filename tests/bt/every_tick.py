@@ -23,7 +23,7 @@ Ticked: TypeAlias = set[tuple[int, int]]  # (place of an action, index of a blac
 
 
 class Engine:
-    """A compiled tree whose state can be read and put back; actions return what a script says."""
+    """A compiled tree whose state can be read and restored; a script sets its results."""
 
     def __init__(self, tree: Node, vocabulary: Vocabulary) -> None:
         self.board = [0.0] * len(vocabulary.places)
@@ -47,23 +47,23 @@ class Engine:
         self._lists: list[list[Any]] = []
         self._find(self.tick, set())
 
-    def _find(self, value: Any, seen: set[int]) -> None:
+    def _find(self, value: Any, visited: set[int]) -> None:
         """Finds the cells and lists below a closure in which its state is."""
-        if id(value) in seen or value is self.board or value is self.calls:
+        if id(value) in visited or value is self.board or value is self.calls:
             return
-        seen.add(id(value))
+        visited.add(id(value))
         if isinstance(value, FunctionType):
             for cell in value.__closure__ or ():
                 if not isinstance(cell.cell_contents, int | float):  # nor True or False
-                    self._find(cell.cell_contents, seen)
-                elif id(cell) not in seen:
-                    seen.add(id(cell))
+                    self._find(cell.cell_contents, visited)
+                elif id(cell) not in visited:
+                    visited.add(id(cell))
                     self._cells.append(cell)
         elif isinstance(value, list) and all(isinstance(v, int | float | None) for v in value):
             self._lists.append(value)
         elif isinstance(value, list | tuple):
             for each in value:
-                self._find(each, seen)
+                self._find(each, visited)
 
     def state(self) -> State:
         """What the tree remembers."""
@@ -78,11 +78,11 @@ class Engine:
 
 
 def every_tick(
-    tree: Node, boards: Sequence[Sequence[float]], vocabulary: Vocabulary, most: int
+    tree: Node, boards: Sequence[Sequence[float]], vocabulary: Vocabulary, max_ticks: int
 ) -> Ticked | None:
     """On which of the blackboards each action is ticked, in any sequence of ticks of any length.
 
-    The actions return each of their statuses. None: that takes more than `most` ticks.
+    The actions return each of their statuses. None if that takes more than `max_ticks` ticks.
     """
     engine = Engine(tree, vocabulary)
     statuses = {
@@ -90,23 +90,23 @@ def every_tick(
         for place, node in enumerate(walk(tree))
         if node.action
     }
-    found: Ticked = set()
+    ticked: Ticked = set()
     first = engine.state()
-    seen, waiting, ticks = {first}, deque([first]), 0
+    states, waiting, ticks = {first}, deque([first]), 0
     while waiting:
         state = waiting.popleft()
         for index, board in enumerate(boards):
             scripts: list[list[int]] = [[]]
             while scripts:
                 ticks += 1
-                if ticks > most:
+                if ticks > max_ticks:
                     return None
                 scripts += _tick(engine, state, board, scripts.pop(), statuses)
-                found |= {(place, index) for place in engine.calls}
-                if (after := engine.state()) not in seen:
-                    seen.add(after)
+                ticked |= {(place, index) for place in engine.calls}
+                if (after := engine.state()) not in states:
+                    states.add(after)
                     waiting.append(after)
-    return found
+    return ticked
 
 
 def _tick(
@@ -143,24 +143,24 @@ def _tick(
 def all_boards(tree: Node, vocabulary: Vocabulary, *also: ConditionExpr) -> list[list[float]]:
     """Blackboards on which the guards of a tree, and these conditions, differ in all ways.
 
-    There is one of each kind: for each key that is asked, values at, between, below and above the
+    There is one of each kind: for each key that is read, values at, between, below and above the
     numbers that it is compared with, as far as they are in its range.
     """
-    asked = [*(guard_of(node).condition for node in walk(tree) if node.guard), *also]
+    expressions = [*(guard_of(node).condition for node in walk(tree) if node.guard), *also]
     numbers: dict[str, set[float]] = {}
-    for term in (term for each in asked for term in terms(each)):
+    for term in (term for each in expressions for term in terms(each)):
         numbers.setdefault(term.key, set()).add(term.number)
     values = [
         _values(key, sorted(numbers[name])) if name in numbers else [key.low]
         for name, key in vocabulary.keys.items()
     ]
     board = [0.0] * len(values)
-    holds = [condition(each, board, vocabulary.places) for each in asked]
-    found: dict[tuple[bool, ...], list[float]] = {}
+    holds = [condition(each, board, vocabulary.places) for each in expressions]
+    by_truth: dict[tuple[bool, ...], list[float]] = {}
     for each in product(*values):
         board[:] = each
-        found.setdefault(tuple(hold() for hold in holds), list(each))
-    return list(found.values())
+        by_truth.setdefault(tuple(hold() for hold in holds), list(each))
+    return list(by_truth.values())
 
 
 def _values(key: Key, numbers: Sequence[float]) -> list[float]:

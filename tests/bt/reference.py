@@ -1,8 +1,8 @@
 """A slow interpreter of trees, written from `docs/semantics.md` and nothing else.
 
 It walks the nodes and keeps their state in the open. A tick has two phases, as
-the table says it: first every guard that is active or observed is checked, from
-the root down in document order; then the tree is ticked. Where the engine
+in the table: first every guard that is active or observed is checked, from the
+root down in document order; then the tree is ticked. Where the engine
 keeps the last known truth of a guard, this one keeps the last blackboard.
 """
 
@@ -302,13 +302,13 @@ def judge(statuses: list[int], success: float, failure: float) -> int:
     return AGAIN if AGAIN in statuses else RUNNING
 
 
-def holds(asked: ConditionExpr, board: list[float], places: Mapping[str, int]) -> bool:
-    """What a condition says, from the table of docs/language.md."""
-    if not isinstance(asked, Condition):
-        inside = [holds(part, board, places) for part in asked.parts]
-        return {"and": all(inside), "or": any(inside), "not": not inside[0]}[asked.word]
-    value = board[places[asked.key]]
-    number = board[places[asked.other]] if asked.other else asked.number
+def holds(expr: ConditionExpr, board: list[float], places: Mapping[str, int]) -> bool:
+    """Whether a condition holds, from the table of docs/language.md."""
+    if not isinstance(expr, Condition):
+        inside = [holds(part, board, places) for part in expr.parts]
+        return {"and": all(inside), "or": any(inside), "not": not inside[0]}[expr.word]
+    value = board[places[expr.key]]
+    number = board[places[expr.other]] if expr.other else expr.number
     return {
         "<": value < number,
         "<=": value <= number,
@@ -318,7 +318,7 @@ def holds(asked: ConditionExpr, board: list[float], places: Mapping[str, int]) -
         "!=": value != number,
         "is": value != 0,
         "not": value == 0,
-    }[asked.operator]
+    }[expr.operator]
 
 
 def guards(branch: Live) -> Iterator[Live]:

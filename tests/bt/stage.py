@@ -21,18 +21,18 @@ _LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
 
 def short_tree(text: str) -> Node:
     """A tree from its short text."""
-    words = _ACTIONS | _KEYS
-    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text), VOCABULARY)
+    names = _ACTIONS | _KEYS
+    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text), VOCABULARY)
 
 
 def short_rule(text: str) -> Rule:
     """A rule from its short text."""
-    words = _ACTIONS | _KEYS
-    return read_rule(re.sub(r"\b[A-Gpqx]\b", lambda word: words[word[0]], text), VOCABULARY)
+    names = _ACTIONS | _KEYS
+    return read_rule(re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text), VOCABULARY)
 
 
 class Stage:
-    """A compiled tree whose actions do what their script says.
+    """A compiled tree whose actions follow a script.
 
     A script has a letter a call, F, S or R; the last letter goes on for ever,
     and an action without a script is always RUNNING.

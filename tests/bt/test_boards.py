@@ -41,17 +41,17 @@ def island(text: str) -> ConditionExpr:
 )
 def test_sets_of_whole_numbers(text: str, holds: list[int]) -> None:
     """Nothing lies between two whole numbers; each number that a condition allows is in its set."""
-    words = Vocabulary("d", {}, {"n": integer("how many", 0, 9, most=9)})
-    sets = BoardSets(words.keys)
-    found = sets.of(parse_condition(text, words))
-    assert [n for n in range(10) if sets.has(found, [n])] == holds
-    assert (found == NO_BOARD) == (not holds)
-    assert (sets.pick(found) in [[n] for n in holds]) == bool(holds)
+    vocabulary = Vocabulary("d", {}, {"n": integer("how many", 0, 9, most=9)})
+    sets = BoardSets(vocabulary.keys)
+    allowed = sets.of(parse_condition(text, vocabulary))
+    assert [n for n in range(10) if sets.has(allowed, [n])] == holds
+    assert (allowed == NO_BOARD) == (not holds)
+    assert (sets.pick(allowed) in [[n] for n in holds]) == bool(holds)
 
 
 @settings(deadline=None)
 @given(conditions(few_numbers()), conditions(few_numbers()), few_boards())
-def test_sets_hold_what_conditions_say(
+def test_sets_hold_where_their_conditions_do(
     one: ConditionExpr, other: ConditionExpr, board: list[float]
 ) -> None:
     """A blackboard is in the set of a condition where that holds; and, or, not likewise."""
@@ -74,14 +74,14 @@ def test_equal_sets_are_one(one: ConditionExpr, other: ConditionExpr, near: list
     assert sets.both(a, b) == sets.of(combine("and", [other, one]))
     assert sets.both(a, sets.of(opposite(one))) == NO_BOARD
     assert sets.either(a, sets.of(opposite(one))) == ANY_BOARD
-    found = sets.pick(sets.both(a, b), near)
-    if found is None:
+    board = sets.pick(sets.both(a, b), near)
+    if board is None:
         assert sets.both(a, b) == NO_BOARD
     else:
-        for value, key in zip(found, VOCABULARY.keys.values(), strict=True):
+        for value, key in zip(board, VOCABULARY.keys.values(), strict=True):
             assert key.low <= value <= (inf if key.most is None else key.most)
-        assert condition(one, found, PLACES)()
-        assert condition(other, found, PLACES)()
+        assert condition(one, board, PLACES)()
+        assert condition(other, board, PLACES)()
 
 
 @pytest.mark.parametrize(
@@ -148,13 +148,13 @@ def test_too_much_work_gives_a_larger_set(steps: int) -> None:
         combine("and", [Condition(f"x{i}", "<", 1.0), Condition(f"x{i + 6}", "<", 1.0)])
         for i in range(6)
     ]
-    asked = combine("or", pairs)
+    expr = combine("or", pairs)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(boards, "MAX_STEPS", steps)
         sets = BoardSets(keys)
-        found, other = sets.of(asked), sets.of(opposite(asked))
+        positive, negative = sets.of(expr), sets.of(opposite(expr))
         assert not sets.exact
     low, high = [0.0] * 12, [5.0] * 12
-    assert sets.has(found, low)
-    assert sets.has(other, high)
-    assert BoardSets(keys).of(asked) > ANY_BOARD
+    assert sets.has(positive, low)
+    assert sets.has(negative, high)
+    assert BoardSets(keys).of(expr) > ANY_BOARD

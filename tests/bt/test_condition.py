@@ -36,7 +36,7 @@ from tests.profiles import examples
 from tests.strategies import conditions, few_boards, few_numbers
 
 PLACES = VOCABULARY.places
-ASKED = conditions(few_numbers(), pairs=True)
+EXPRESSIONS = conditions(few_numbers(), pairs=True)
 P, Q = Condition("foundGarbage", "is", 0.0), Condition("isHumanoidWantToClear", "is", 0.0)
 LOW = Condition("batteryLevel", "<", 2.0)
 
@@ -44,9 +44,9 @@ VALUES = [0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5]
 """One of each stretch of the numbers of `few_numbers`, and these numbers."""
 
 
-def boards(*asked: ConditionExpr) -> list[list[float]]:
-    """All blackboards that conditions can tell apart."""
-    keys = {key for each in asked for term in terms(each) for key in term.keys}
+def boards(*expressions: ConditionExpr) -> list[list[float]]:
+    """All blackboards on which the conditions can differ."""
+    keys = {key for each in expressions for term in terms(each) for key in term.keys}
     each_key = [
         ([0.0, 1.0] if key.flag else VALUES) if name in keys else [0.0]
         for name, key in VOCABULARY.keys.items()
@@ -55,19 +55,19 @@ def boards(*asked: ConditionExpr) -> list[list[float]]:
 
 
 @examples(max_examples=300)
-@given(asked=ASKED, board=few_boards())
-def test_one_closure_says_what_the_interpreter_says(
-    asked: ConditionExpr, board: list[float]
+@given(expr=EXPRESSIONS, board=few_boards())
+def test_a_compiled_condition_equals_the_interpreter(
+    expr: ConditionExpr, board: list[float]
 ) -> None:
-    """Also after the board has changed, and for what is opposite, denied and spread."""
-    other = list(board)
-    compiled = condition(asked, other, PLACES)
-    assert compiled() is holds(asked, board, PLACES)
-    assert condition(to_nnf(asked), board, PLACES)() is compiled()
-    for against in (opposite(asked), negate(asked)):
-        assert condition(against, board, PLACES)() is not compiled()
-    other[:] = [1 - value for value in board]
-    assert compiled() is holds(asked, other, PLACES)
+    """Also after the board has changed, and for opposite, negated and normal forms."""
+    other_board = list(board)
+    compiled = condition(expr, other_board, PLACES)
+    assert compiled() is holds(expr, board, PLACES)
+    assert condition(to_nnf(expr), board, PLACES)() is compiled()
+    for opposed in (opposite(expr), negate(expr)):
+        assert condition(opposed, board, PLACES)() is not compiled()
+    other_board[:] = [1 - value for value in board]
+    assert compiled() is holds(expr, other_board, PLACES)
 
 
 def test_a_single_condition_stays_what_it_was() -> None:
@@ -80,35 +80,37 @@ def test_a_single_condition_stays_what_it_was() -> None:
 
 
 @examples(max_examples=150, deadline=None)
-@given(first=ASKED, second=ASKED)
+@given(first=EXPRESSIONS, second=EXPRESSIONS)
 def test_what_follows(first: ConditionExpr, second: ConditionExpr) -> None:
     """What one condition implies or excludes, it does on every blackboard, and it is all found."""
-    found = [(holds(first, b, PLACES), holds(second, b, PLACES)) for b in boards(first, second)]
-    followed = not any(a and not b for a, b in found)
+    truths = [(holds(first, b, PLACES), holds(second, b, PLACES)) for b in boards(first, second)]
+    followed = not any(a and not b for a, b in truths)
     assert not implies((first,), second) or followed
-    assert not excludes((first,), second) or not any(a and b for a, b in found)
-    asked = [[*terms(each)] for each in (first, second)]
-    if max(map(len, asked)) < 4 and not any(term.other for each in asked for term in each):
+    assert not excludes((first,), second) or not any(a and b for a, b in truths)
+    term_lists = [[*terms(each)] for each in (first, second)]
+    if max(map(len, term_lists)) < 4 and not any(
+        term.other for each in term_lists for term in each
+    ):
         assert implies((first,), second) == followed
 
 
 def test_a_not_in_an_or_denies() -> None:
     """`foundGarbage or not lap < 3` holds where lap is 5: the `not` is no word to pass over."""
     known = parse_condition("not foundGarbage and lap >= 5", VOCABULARY)
-    asked = parse_condition("foundGarbage or not lap < 3", VOCABULARY)
-    assert not excludes((known,), asked)
-    assert implies((known,), asked)
+    expr = parse_condition("foundGarbage or not lap < 3", VOCABULARY)
+    assert not excludes((known,), expr)
+    assert implies((known,), expr)
 
 
 @examples(max_examples=150, deadline=None)
-@given(asked=ASKED, known=ASKED)
-def test_shorter(asked: ConditionExpr, known: ConditionExpr) -> None:
+@given(expr=EXPRESSIONS, known=EXPRESSIONS)
+def test_shorter(expr: ConditionExpr, known: ConditionExpr) -> None:
     """A shorter condition is the same where what is known holds, and shortening it ends there."""
-    found = shortened(asked, (known,))
-    assert shortened(found, (known,)) == found
-    for board in boards(asked, known):
+    shorter = shortened(expr, (known,))
+    assert shortened(shorter, (known,)) == shorter
+    for board in boards(expr, known):
         if holds(known, board, PLACES):
-            assert holds(found, board, PLACES) == holds(asked, board, PLACES)
+            assert holds(shorter, board, PLACES) == holds(expr, board, PLACES)
 
 
 @pytest.mark.parametrize(
@@ -128,20 +130,20 @@ def test_shorter(asked: ConditionExpr, known: ConditionExpr) -> None:
     ],
 )
 def test_shorter_examples(text: str, short: str) -> None:
-    """Double negation, De Morgan, what is said twice, and what decides nothing."""
-    asked = parse_condition(text, VOCABULARY)
-    assert condition_text(shortened(asked, ())) == short
+    """Double negation, De Morgan, repeated terms, and terms that decide nothing."""
+    expr = parse_condition(text, VOCABULARY)
+    assert condition_text(shortened(expr, ())) == short
 
 
 @examples(max_examples=200)
-@given(asked=conditions(pairs=True))
-def test_ways_out_and_back(asked: ConditionExpr) -> None:
+@given(expr=conditions(pairs=True))
+def test_ways_out_and_back(expr: ConditionExpr) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""
-    tree = guarded(asked, leaf("PatrolWaypoint"))
+    tree = guarded(expr, leaf("PatrolWaypoint"))
     assert parse(to_text(tree), VOCABULARY) == tree
     assert from_json(to_json(tree)) == tree
-    assert parse_condition(condition_text(asked), VOCABULARY) == asked
-    assert read_condition(_script(asked), VOCABULARY) == asked
+    assert parse_condition(condition_text(expr), VOCABULARY) == expr
+    assert read_condition(_script(expr), VOCABULARY) == expr
 
 
 def test_scripts_bind_equally() -> None:
@@ -156,10 +158,10 @@ def test_scripts_bind_equally() -> None:
 
 def test_terms_change_places() -> None:
     """A single condition of a joined one can be replaced and taken out."""
-    asked = combine("or", [P, negate(combine("and", [Q, LOW]))])
-    assert with_term(asked, 2, P) == combine("or", [P, negate(combine("and", [Q, P]))])
-    assert with_term(asked, 1, None) == combine("or", [P, Compound("not", (LOW,))])
-    assert with_term(asked, 0, None) == negate(combine("and", [Q, LOW]))
+    joined = combine("or", [P, negate(combine("and", [Q, LOW]))])
+    assert with_term(joined, 2, P) == combine("or", [P, negate(combine("and", [Q, P]))])
+    assert with_term(joined, 1, None) == combine("or", [P, Compound("not", (LOW,))])
+    assert with_term(joined, 0, None) == negate(combine("and", [Q, LOW]))
     assert with_term(P, 0, None) is None
 
 
@@ -168,16 +170,16 @@ def test_evolution_joins_conditions_where_it_may() -> None:
     gp = composed().gp
     limits = Limits(gp.max_depth, gp.max_nodes)
     usual = TreeSpace(gp.trees, VOCABULARY, limits)
-    how = gp.trees.model_copy(update={"conditions": ConditionSettings(joined=0.5, terms=4)})
-    space = TreeSpace(how, VOCABULARY, limits)
+    joining = gp.trees.model_copy(update={"conditions": ConditionSettings(joined=0.5, terms=4)})
+    space = TreeSpace(joining, VOCABULARY, limits)
     sizes: set[int] = set()
     for seed in range(300):
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, space)
         for _ in range(5):
             tree, _ = mutate(rng, tree, rate=1.0, space=space, settings=gp.mutation)
-        asked = [guard_of(node).condition for node in walk(tree) if node.guard]
-        sizes.update(len(list(terms(each))) for each in asked)
+        expressions = [guard_of(node).condition for node in walk(tree) if node.guard]
+        sizes.update(len(list(terms(each))) for each in expressions)
         assert parse(to_text(tree), VOCABULARY) == tree
         plain = random_tree(np.random.default_rng(seed), usual)
         assert all(isinstance(n.args[0], Condition) for n in walk(plain) if n.guard)

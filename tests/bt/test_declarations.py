@@ -17,14 +17,14 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import UnknownNameError
 from islandgp.resources import resource
 
-OTHER_WORDS = {
+OTHER_KEYWORDS = {
     "domain", "include", "constant", "subtree", "use", "and", "or", "not", "abort", "success",
     "failure",
 }  # fmt: skip
 NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 
-def grammar_words() -> set[str]:
+def grammar_keywords() -> set[str]:
     grammar = Lark((resource("grammar") / "bt.lark").read_text(encoding="utf-8"), parser="lalr")
     patterns = (terminal.pattern for terminal in grammar.terminals)
     return {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
@@ -33,7 +33,7 @@ def grammar_words() -> set[str]:
 def test_grammar_has_the_words_of_the_tables() -> None:
     """The grammar's words are the node kinds, the abort rules, the policies, and eleven more."""
     kinds = set(KINDS) - {"action"}
-    assert grammar_words() == kinds | set(ABORTS) | set(POLICIES) | OTHER_WORDS
+    assert grammar_keywords() == kinds | set(ABORTS) | set(POLICIES) | OTHER_KEYWORDS
 
 
 def test_grammar_lists_no_names() -> None:
@@ -44,15 +44,15 @@ def test_grammar_lists_no_names() -> None:
 
 
 def test_reserved_words_are_those_of_the_grammar() -> None:
-    """A vocabulary refuses exactly the words that a tree could not say as names."""
-    assert grammar_words() == RESERVED
+    """A vocabulary refuses exactly the words that cannot be names in a tree."""
+    assert grammar_keywords() == RESERVED
 
 
-def test_operators_can_be_said() -> None:
+def test_operators_are_in_the_grammar() -> None:
     """Every operator of the table is one of the grammar, and the other way round."""
     for operator in OPERATORS:
-        asked = parse(f"when lap {operator} 1 {{ PatrolWaypoint }}").args[0]
-        assert asked == Condition("lap", operator, 1.0)
+        expr = parse(f"when lap {operator} 1 {{ PatrolWaypoint }}").args[0]
+        assert expr == Condition("lap", operator, 1.0)
     pattern = re.search(
         r"^OPERATOR: /(.*)/$", (resource("grammar") / "bt.lark").read_text(encoding="utf-8"), re.M
     )
@@ -63,13 +63,13 @@ def test_operators_can_be_said() -> None:
 
 def test_a_new_action_and_a_new_key_are_an_entry_each() -> None:
     """What a vocabulary declares can be parsed and printed at once, with no other change."""
-    words = Vocabulary(
+    vocabulary = Vocabulary(
         "island",
         {**VOCABULARY.actions, "Wave": Action("waves")},
         {**VOCABULARY.keys, "wind": number("wind force", 0, 12)},
     )
     text = "sequence {\n  Wave\n  when wind > 7 { PatrolWaypoint }\n}\n"
-    assert to_text(parse(text, words)) == text
+    assert to_text(parse(text, vocabulary)) == text
     with pytest.raises(UnknownNameError, match="Wave"):
         parse(text, VOCABULARY)
 

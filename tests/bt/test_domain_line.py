@@ -59,8 +59,8 @@ def test_another_domain_is_refused() -> None:
     )
 
 
-def test_another_domain_is_told_before_its_words() -> None:
-    """The names of another domain are no mistakes of their own."""
+def test_another_domain_is_reported_before_its_names() -> None:
+    """The names of another domain are not reported as unknown."""
     with pytest.raises(DomainError, match="is for the domain 'maze'"):
         parse("domain maze when wall { Turn }", VOCABULARY)
 
@@ -117,11 +117,11 @@ GAPS = st.sampled_from(["", "# x\n", "\n\n", "\n# x\n\n# y\n"])
 def test_fmt_of_any_tree(node: Node, above: str, below: str, behind: str) -> None:
     """The domain, the tree and each comment are there afterwards, and stay as they are."""
     text = f"{above}domain island {behind}\n{below}{to_text(node)}"
-    found = format_text(text)
-    assert domain_of(found) == "island"
-    assert parse(found) == parse(text)
-    assert found.count("#") == text.count("#")
-    assert format_text(found) == found
+    formatted = format_text(text)
+    assert domain_of(formatted) == "island"
+    assert parse(formatted) == parse(text)
+    assert formatted.count("#") == text.count("#")
+    assert format_text(formatted) == formatted
 
 
 @pytest.mark.parametrize("text", [" " * 99_999, "#" * 99_999, "# \n" * 33_000, "\n" * 99_999])

@@ -30,7 +30,7 @@ def test_root_restarts() -> None:
 
 
 def test_action_fresh() -> None:
-    """An action is told fresh=True when it starts and fresh=False while it goes on."""
+    """An action gets fresh=True when it starts and fresh=False while it continues."""
     stage = Stage("A", A="RRFRS")
     assert [stage.tick() for _ in range(5)] == [
         ("A!", RUNNING),
@@ -117,7 +117,7 @@ def test_parallel_failures_first() -> None:
     ],
 )
 def test_parallel_policies(policies: str, a: str, b: str, expected: int) -> None:
-    """`success` and `failure` tell whether one child decides, or all; default: all and one."""
+    """`success` and `failure` set whether one child decides, or all; default: all and one."""
     assert Stage(f"parallel {policies} {{ A B }}", A=a, B=b).tick()[1] == expected
 
 
@@ -145,7 +145,7 @@ def test_inverter(child: str, expected: int) -> None:
 
 
 def test_repeater_one_a_tick() -> None:
-    """One repetition a tick; between two of them it says that it has something to do again."""
+    """One repetition  a tick; between two of them the status is AGAIN."""
     stage = Stage("repeater 3 { A }", A="SRSS")
     assert stage.tick() == ("A!", AGAIN)
     assert stage.tick() == ("A!", RUNNING)
@@ -154,7 +154,7 @@ def test_repeater_one_a_tick() -> None:
 
 
 def test_retry_one_a_tick() -> None:
-    """One try a tick; between two of them it says that it has something to do again."""
+    """One try  a tick; between two of them the status is AGAIN."""
     stage = Stage("retry 3 { A }", A="FRFF")
     assert stage.tick() == ("A!", AGAIN)
     assert stage.tick() == ("A!", RUNNING)
@@ -178,7 +178,7 @@ def test_forced_ends() -> None:
 
 @pytest.mark.parametrize("policy", ["success 2", "success 2 failure 2"])
 def test_parallel_counts(policy: str) -> None:
-    """A number says how many children decide; it is never more than there are."""
+    """A number sets how many children decide; it is never more than there are."""
     assert Stage(f"parallel {policy} {{ A B C }}", A="S", B="S").tick()[1] == SUCCESS
     failed = Stage(f"parallel {policy} {{ A B C }}", A="F").tick()[1]
     assert failed == (RUNNING if "failure 2" in policy else FAILURE)
@@ -395,7 +395,7 @@ def test_comparisons(operator: str, true_at: str) -> None:
 
 
 def test_conditions_are_complete() -> None:
-    """Every operator of the language can be asked, and no other."""
+    """Every operator of the language compiles, and no other."""
     for operator in (*OPERATORS, *FLAG_OPERATORS):
         assert condition(Condition("lap", operator, 0.0), [0.0] * 5, PLACES)() in (
             True,
@@ -567,9 +567,9 @@ def test_outer_guard_wins() -> None:
     assert stage.tick() == ("C!", RUNNING)
     assert stage.tick(p=1, q=1) == ("A!", RUNNING)
 
-    own = Stage("selector { when p { selector { when q { A } B } } C }", "p")
-    assert own.tick() == ("B!", RUNNING)
-    assert own.tick(p=0, q=1) == ("C!", RUNNING)
+    nested = Stage("selector { when p { selector { when q { A } B } } C }", "p")
+    assert nested.tick() == ("B!", RUNNING)
+    assert nested.tick(p=0, q=1) == ("C!", RUNNING)
 
 
 def test_abort_resets() -> None:
@@ -590,7 +590,7 @@ def test_abort_resets() -> None:
 
 
 def test_watch_sees_every_node() -> None:
-    """A watch is told of each node that was ticked, by its place in the text, children first."""
+    """A watch is called for each node that was ticked, by its place in the text, children first."""
     stage = Stage("selector { when p { A } sequence { B C } }", B="S")
     stage.tick()
     assert stage.events == [
@@ -612,7 +612,7 @@ def test_watch_changes_nothing() -> None:
 
 
 def test_equal_leaves_are_two() -> None:
-    """Leaves with the same action run apart: each is told for itself whether it is fresh."""
+    """Leaves with the same action run apart: each has its own `fresh`."""
     stage = Stage("sequence { A A }", A="RSRS")
     assert [stage.tick()[0] for _ in range(3)] == ["A!", "A A!", "A"]
 

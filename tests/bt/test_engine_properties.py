@@ -51,40 +51,42 @@ class Actions:
         return calls
 
 
-def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
-    """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
+def with_unique_names(node: Node, numbers: Iterator[int]) -> Node:
+    """The tree with a unique name for each leaf, so that calls identify leaves."""
     if node.action:
         return leaf(f"leaf {next(numbers)}")
-    return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
+    return node._replace(
+        children=tuple(with_unique_names(child, numbers) for child in node.children)
+    )
 
 
 @examples(max_examples=600, deadline=None)
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
 def test_engine_is_the_reference(tree: Node, boards: list[list[float]], results: list[int]) -> None:
-    """The compiled tree calls the same actions and tells a watch the same as the reference."""
-    tree = with_own_names(tree, iter(range(100)))
+    """The compiled tree calls the same actions and reports the same events as the reference."""
+    tree = with_unique_names(tree, iter(range(100)))
     board = list(boards[0])
-    seen: list[tuple[int, int]] = []
-    expected_seen: list[tuple[int, int]] = []
+    events: list[tuple[int, int]] = []
+    expected_events: list[tuple[int, int]] = []
     actions, expected_actions = Actions(tree, results), Actions(tree, results)
     tick = compile_tree(
-        tree, actions.table, board, PLACES, watch=lambda *event: seen.append(event), step_s=1.0
+        tree, actions.table, board, PLACES, watch=lambda *event: events.append(event), step_s=1.0
     )
     reference = Reference(
         tree,
         expected_actions.table,
         board,
         PLACES,
-        watch=lambda *event: expected_seen.append(event),
+        watch=lambda *event: expected_events.append(event),
     )
     for values in boards:
         board[:] = values
         assert tick() == reference.tick()
         assert actions.take() == expected_actions.take()
         # The reference aborts before it ticks, the engine on the way.
-        assert sorted(seen) == sorted(expected_seen)
-        seen.clear()
-        expected_seen.clear()
+        assert sorted(events) == sorted(expected_events)
+        events.clear()
+        expected_events.clear()
 
 
 @examples(max_examples=600, deadline=None)
@@ -96,10 +98,10 @@ def test_quiet_ticks_change_nothing(
 
     So a caller may leave such ticks out, which the island does.
     """
-    tree = with_own_names(tree, iter(range(100)))
+    tree = with_unique_names(tree, iter(range(100)))
     board, other_board = list(boards[0]), list(boards[0])
-    asked = [guard_of(node).condition for node in walk(tree) if node.guard]
-    guards = [condition(each, board, PLACES) for each in asked]
+    expressions = [guard_of(node).condition for node in walk(tree) if node.guard]
+    guards = [condition(each, board, PLACES) for each in expressions]
     actions, other_actions = Actions(tree, results), Actions(tree, results)
     tick = compile_tree(tree, actions.table, board, PLACES, step_s=1.0)
     other_tick = compile_tree(tree, other_actions.table, other_board, PLACES, step_s=1.0)

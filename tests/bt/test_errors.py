@@ -1,4 +1,4 @@
-"""What the language says about a text that is not a tree."""
+"""Errors of the language for a text that is not a tree."""
 
 from __future__ import annotations
 
@@ -93,20 +93,20 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("text", "line", "column", "words"), WRONG, ids=[w[0] for w in WRONG])
-def test_wrong_text(text: str, line: int, column: int, words: list[str]) -> None:
-    """Each mistake is found where it is, and the message says what would do."""
+@pytest.mark.parametrize(("text", "line", "column", "phrases"), WRONG, ids=[w[0] for w in WRONG])
+def test_wrong_text(text: str, line: int, column: int, phrases: list[str]) -> None:
+    """Each mistake is reported at its place, with what is valid there."""
     with pytest.raises(TreeError) as excinfo:
         parse(text, VOCABULARY, name="my.bt")
     message = str(excinfo.value)
     assert (excinfo.value.line, excinfo.value.column) == (line, column)
     assert message.startswith(f"my.bt:{line}:{column}: ")
-    for word in words:
-        assert word in message
+    for phrase in phrases:
+        assert phrase in message
 
 
 def test_whole_message() -> None:
-    """A message has the place, the line with a caret, what would do, and a guess."""
+    """A message has the place, the line with a caret, what is valid, and a guess."""
     with pytest.raises(UnknownNameError) as excinfo:
         parse(
             "selector {\n  when batery < 25 { PatrolWaypoint }\n}", VOCABULARY, name="trees/mine.bt"
@@ -126,9 +126,9 @@ def test_long_line() -> None:
     """Of a very long line the message shows the part around the caret."""
     with pytest.raises(TreeError) as excinfo:
         parse("selector { " + "PatrolWaypoint " * 100 + "Patrl }", VOCABULARY)
-    shown, caret = str(excinfo.value).splitlines()[1:3]
-    assert len(shown) < 110
-    assert shown[caret.index("^") :].startswith("Patrl")
+    excerpt, caret = str(excinfo.value).splitlines()[1:3]
+    assert len(excerpt) < 110
+    assert excerpt[caret.index("^") :].startswith("Patrl")
 
 
 def test_kinds_of_errors() -> None:

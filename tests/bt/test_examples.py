@@ -53,7 +53,7 @@ def test_single_behaviours_are_as_small_as_the_paper_asks(behaviour: str) -> Non
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_example(path: Path) -> None:
-    """It parses, keeps the paper's limits, and is as large as its comment says."""
+    """It parses, keeps the paper's limits, and is as large as its comment states."""
     text = path.read_text(encoding="utf-8")
     parsed = parse(text, VOCABULARY, name=path.name)
     check_limits(parsed, PAPER)
@@ -77,8 +77,8 @@ def test_diverse_shows_everything() -> None:
     """The diverse tree has every kind of node and asks for every key."""
     nodes = list(walk(parse(tree("diverse"))))
     assert {node.kind for node in nodes} == {name for name, kind in KINDS.items() if kind.paper}
-    asked = [guard_of(node).condition for node in nodes if node.guard]
-    assert {term.key for each in asked for term in terms(each)} == set(VOCABULARY.keys)
+    conditions = [guard_of(node).condition for node in nodes if node.guard]
+    assert {term.key for each in conditions for term in terms(each)} == set(VOCABULARY.keys)
 
 
 def test_charging_is_not_cut_short() -> None:

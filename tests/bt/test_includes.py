@@ -54,7 +54,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_what_a_file_means(folder: Path) -> None:
-    """Numbers stand in place of names; a parameter hides a constant of its name."""
+    """Numbers replace names; a parameter hides a constant of its name."""
     tree = parse(MAIN, VOCABULARY, folder=folder)
     assert tree == parse(MEANT, VOCABULARY)
     placed = parse_placed(MAIN, VOCABULARY, folder=folder)
@@ -77,14 +77,14 @@ def test_fmt_keeps_them(folder: Path) -> None:
 
 
 def test_warnings_of_included_subtrees(folder: Path) -> None:
-    """They are told where the subtree is used, with the numbers of that use."""
+    """They are reported where the subtree is used, with the numbers of that use."""
     text = MAIN.replace("  PatrolWaypoint\n", "  use never\n  PatrolWaypoint\n")
-    found = [w for w in warnings(text, VOCABULARY, folder=folder) if "never run" in w.message]
-    assert [(w.line, w.column) for w in found] == [(12, 3)]
-    assert "lap < 1 can't hold" in found[0].message
+    never_run = [w for w in warnings(text, VOCABULARY, folder=folder) if "never run" in w.message]
+    assert [(w.line, w.column) for w in never_run] == [(12, 3)]
+    assert "lap < 1 can't hold" in never_run[0].message
     doubtful = "subtree s(x) = when lap < x { SeekCharger } sequence { use s(3) use s(0) }"
-    found = [w for w in warnings(doubtful, VOCABULARY) if "never run" in w.message]
-    assert [(w.line, w.column) for w in found] == [(1, 31)]
+    never_run = [w for w in warnings(doubtful, VOCABULARY) if "never run" in w.message]
+    assert [(w.line, w.column) for w in never_run] == [(1, 31)]
 
 
 WRONG = {
@@ -134,10 +134,10 @@ def test_wrong(text: str, folder: Path) -> None:
     (inner / "large.bt").write_text("#" * 100_000)
     (inner / "other.bt").write_text("domain sea")
     os.mkfifo(inner / "pipe.bt")
-    place, words = WRONG[text]
+    place, message = WRONG[text]
     with pytest.raises(IslandError) as excinfo:
         parse(text.replace(" A", " PatrolWaypoint"), VOCABULARY, name="t.bt", folder=inner)
-    assert words in str(excinfo.value)
+    assert message in str(excinfo.value)
     assert f"{place}:" in str(excinfo.value)
 
 

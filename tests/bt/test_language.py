@@ -79,7 +79,7 @@ selector {
 
 
 def test_canonical_text() -> None:
-    """The canonical form, as a whole: nodes that read well on one line stand on one."""
+    """The canonical form, as a whole: nodes that read well on one line are on one."""
     assert to_text(parse(CANONICAL)) == CANONICAL
 
 
@@ -155,7 +155,7 @@ def test_numbers(value: float, text: str) -> None:
     ],
 )
 def test_each_kind_of_node(text: str, node: Node | None) -> None:
-    """Each form of the language gives its node; None stands for an error."""
+    """Each form of the language gives its node; None is an error."""
     if node is None:
         with pytest.raises(TreeError):
             parse(text)
@@ -164,7 +164,7 @@ def test_each_kind_of_node(text: str, node: Node | None) -> None:
 
 
 def test_subtrees_are_expanded() -> None:
-    """A `use` stands for the whole subtree; one that is not used costs nothing."""
+    """A `use` expands to the whole subtree; one that is not used costs nothing."""
     tree = parse(
         "subtree pick = sequence { MoveToGarbage PickupGarbage }\n"
         "subtree twice = selector { use pick use pick }\n"
@@ -239,7 +239,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE.keys())
 def test_hostile_text(text: str) -> None:
-    """Whatever the text is, the answer is a short and clear error, at once."""
+    """For any text the answer is a short and clear error, at once."""
     parse("PatrolWaypoint")
     start = time.process_time()
     with pytest.raises(TreeError) as excinfo:
@@ -254,74 +254,74 @@ def test_hostile_text_of_any_domain(text: str) -> None:
     """Without a vocabulary a long name is a name; everything else is refused as fast."""
     parse("PatrolWaypoint")
     start = time.process_time()
-    found = tree_or_error(text, None)
+    node = tree_or_error(text, None)
     assert time.process_time() - start < 1
-    if isinstance(found, TreeError):
-        assert len(str(found)) < 1_000
+    if isinstance(node, TreeError):
+        assert len(str(node)) < 1_000
     else:
-        assert actions(found) == [text.split()[-1]]
+        assert actions(node) == [text.split()[-1]]
 
 
 @examples(max_examples=300, deadline=None)
 @given(st.text(max_size=60))
 def test_any_text(text: str) -> None:
     """No text makes the parser raise anything but a TreeError."""
-    for words in (VOCABULARY, None):
-        node = tree_or_error(text, words)
-        assert isinstance(node, TreeError) or parse(to_text(node), words) == node
+    for vocabulary in (VOCABULARY, None):
+        node = tree_or_error(text, vocabulary)
+        assert isinstance(node, TreeError) or parse(to_text(node), vocabulary) == node
 
 
-WORDS = (
+TOKENS = (
     "domain selector sequence parallel inverter repeater when use subtree not abort self { } = <"
     " 3 x island"
 )
-any_word = st.sampled_from([*WORDS.split(), *VOCABULARY.actions, "lap", "foundGarbage"])
+any_word = st.sampled_from([*TOKENS.split(), *VOCABULARY.actions, "lap", "foundGarbage"])
 
 
 @st.composite
 def nearly_trees(draw: st.DrawFn) -> list[str]:
     """The words of a tree, of which one has been taken away, doubled or replaced."""
-    found = to_text(draw(nodes())).split()
-    at = draw(st.integers(0, len(found) - 1))
-    found[at : at + 1] = draw(st.sampled_from(([], [found[at]] * 2, [draw(any_word)])))
-    return found
+    tokens = to_text(draw(nodes())).split()
+    at = draw(st.integers(0, len(tokens) - 1))
+    tokens[at : at + 1] = draw(st.sampled_from(([], [tokens[at]] * 2, [draw(any_word)])))
+    return tokens
 
 
-def tree_or_error(text: str, words: Vocabulary | None = VOCABULARY) -> Node | TreeError:
-    """What a text is."""
+def tree_or_error(text: str, vocabulary: Vocabulary | None = VOCABULARY) -> Node | TreeError:
+    """The tree of a text, or its error."""
     try:
-        return parse(text, words)
+        return parse(text, vocabulary)
     except TreeError as error:
         return error
 
 
 def actions(node: Node) -> list[str]:
     """The names of the actions, from left to right."""
-    own = [node.action] if node.kind == "action" else []
-    return [*own, *(name for child in node.children for name in actions(child))]
+    names = [node.action] if node.kind == "action" else []
+    return [*names, *(name for child in node.children for name in actions(child))]
 
 
 @examples(max_examples=100, deadline=None)
 @given(st.lists(any_word) | nearly_trees())
-def test_any_words(words: list[str]) -> None:
+def test_any_words(tokens: list[str]) -> None:
     """The language's own words are a tree of their actions, in order, or an error at a place."""
-    text = " ".join(words)
-    found = tree_or_error(text)
-    if isinstance(found, TreeError):
-        assert found.line == 1
-        assert 1 <= found.column <= len(text) + 1
+    text = " ".join(tokens)
+    node = tree_or_error(text)
+    if isinstance(node, TreeError):
+        assert node.line == 1
+        assert 1 <= node.column <= len(text) + 1
         return
-    assert parse(to_text(found)) == found
-    if not {"use", "subtree"} & set(words):
-        assert actions(found) == [word for word in words if word in VOCABULARY.actions]
+    assert parse(to_text(node)) == node
+    if not {"use", "subtree"} & set(tokens):
+        assert actions(node) == [token for token in tokens if token in VOCABULARY.actions]
 
 
 @examples(max_examples=100, deadline=None)
 @given(nodes())
 def test_the_words_of_a_tree_are_the_tree(node: Node) -> None:
     """One to a line or all in one."""
-    words = to_text(node).split()
-    assert parse("\n".join(words)) == parse(" ".join(words)) == node
+    tokens = to_text(node).split()
+    assert parse("\n".join(tokens)) == parse(" ".join(tokens)) == node
 
 
 @pytest.mark.process

@@ -1,4 +1,4 @@
-"""A tree as a machine goes as the engine does, and what is proven in one walk is true."""
+"""A machine of a tree runs as the engine does, and what one walk proves is true."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ MOST_TICKS = 4_000
 
 
 def machine_of(tree: Node) -> Machine:
-    """A machine with the island's words, that may do any work."""
+    """A machine with the island's vocabulary and no practical limit of steps."""
     machine = Machine(tree, VOCABULARY, BoardSets(VOCABULARY.keys))
     machine.steps_left = 10**9
     return machine
@@ -41,15 +41,15 @@ def machine_of(tree: Node) -> Machine:
 
 def states(machine: Machine, boards: list[list[float]]) -> Iterator[Memory | None]:
     """All that the root can remember."""
-    seen: set[Memory | None] = {None}
+    reached: set[Memory | None] = {None}
     waiting: deque[Memory | None] = deque([None])
     while waiting:
         memory = waiting.popleft()
         yield memory
         for board in boards:
             for move in moves(machine, memory, board):
-                if move.memory not in seen:
-                    seen.add(move.memory)
+                if move.memory not in reached:
+                    reached.add(move.memory)
                     waiting.append(move.memory)
 
 
@@ -136,7 +136,7 @@ def test_ticks_that_reach_an_action(tree: Node) -> None:
     for memory, board in product(islice(states(machine, boards), 8), boards):
         every = list(moves(machine, memory, board))
         for place in machine.statuses:
-            for target, wanted in (
+            for target, expected in (
                 (
                     machine.target(place, stays_running=False),
                     [m for m in every if place in dict(m.calls)],
@@ -146,9 +146,9 @@ def test_ticks_that_reach_an_action(tree: Node) -> None:
                     [m for m in every if place in running(machine, 0, m.memory)],
                 ),
             ):
-                found = list(moves(machine, memory, board, target))
-                assert {move.calls for move in found} == {move.calls for move in wanted}
-                assert machine.sets.has(machine.reach(memory, target), board) == bool(wanted)
+                reaching = list(moves(machine, memory, board, target))
+                assert {move.calls for move in reaching} == {move.calls for move in expected}
+                assert machine.sets.has(machine.reach(memory, target), board) == bool(expected)
 
 
 def never_on(text: str, action: str, condition: str) -> bool:

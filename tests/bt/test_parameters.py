@@ -30,7 +30,7 @@ ARGUMENTS = {
     "tries": whole("how often", 1, 5),
     "loud": switch("with the horn"),
 }
-WORDS = Vocabulary(
+BOT = Vocabulary(
     "bot",
     {"MoveTo": Action("goes there", arguments=ARGUMENTS), "Stop": Action("stops")},
     {"near": flag("at the goal"), "range": number("m", 0, 5)},
@@ -45,13 +45,13 @@ SPACE = TreeSpace(
         operators={"<": 1, ">": 1},
         aborts={"both": 1},
     ),
-    WORDS,
+    BOT,
     Limits(8, 50),
 )
 
 
 def read(text: str) -> Node:
-    return parse(text, WORDS)
+    return parse(text, BOT)
 
 
 def test_written_in_the_declared_order_without_defaults() -> None:
@@ -63,7 +63,7 @@ def test_written_in_the_declared_order_without_defaults() -> None:
 
 
 def test_constants_and_parameters_are_values() -> None:
-    """A number may be a constant or a parameter of a subtree, whatever its range."""
+    """A number may be a constant or a parameter  of a subtree, for any range."""
     text = """
     constant slow = 0.2
     subtree go(v) = MoveTo(speed: v)
@@ -96,7 +96,7 @@ def test_constants_and_parameters_are_values() -> None:
     ],
 )
 def test_wrong_arguments(text: str, message: str) -> None:
-    """Each mistake has its place, and what is right there."""
+    """Each mistake is reported with its place and what is valid there."""
     with pytest.raises(TreeError) as error:
         read(text)
     assert message in str(error.value)
@@ -140,10 +140,10 @@ def test_wrong_declarations(argument: Any, message: str) -> None:
 def test_random_trees_keep_their_ranges(seed: int, operator: str) -> None:
     """What evolution draws and moves can be written, read and sent as JSON."""
     rng = np.random.default_rng(seed)
-    how = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.5)
-    tree, _ = mutate(rng, random_tree(rng, SPACE), rate=1.0, space=SPACE, settings=how)
+    settings = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.5)
+    tree, _ = mutate(rng, random_tree(rng, SPACE), rate=1.0, space=SPACE, settings=settings)
     assert read(to_text(tree)) == tree == parse(to_text(tree))
-    assert from_json(to_json(tree), WORDS) == tree
+    assert from_json(to_json(tree), BOT) == tree
     for node in walk(tree):
         if isinstance(node.args, ActionArgs):
             assert all(fits(ARGUMENTS[key], value) for key, value in node.args.values)
@@ -152,32 +152,32 @@ def test_random_trees_keep_their_ranges(seed: int, operator: str) -> None:
 def test_numbers_leave_any_grid_and_spread_by_their_logarithm() -> None:
     """A third of the values of a logarithmic argument lies in each third of its decades."""
     rng = np.random.default_rng(1)
-    found: dict[str, list[float]] = {"speed": [], "gain": []}
+    values_of: dict[str, list[float]] = {"speed": [], "gain": []}
     for _ in range(1000):
         for node in walk(random_tree(rng, SPACE)):
             if isinstance(node.args, ActionArgs):
                 for key, value in node.args.values:
-                    if key in found:
-                        found[key].append(float(value))
-    assert len(set(found["speed"])) > 300
-    low = sum(value < 0.0464 for value in found["gain"]) / len(found["gain"])
+                    if key in values_of:
+                        values_of[key].append(float(value))
+    assert len(set(values_of["speed"])) > 300
+    low = sum(value < 0.0464 for value in values_of["gain"]) / len(values_of["gain"])
     assert 0.25 < low < 0.42
 
 
 def test_leaves_get_their_arguments() -> None:
     """The engine asks for one tick a leaf; flags become True or False, whole numbers int."""
-    seen: list[dict[str, object]] = []
+    arguments: list[dict[str, object]] = []
 
     def tick_of(args: ActionArgs) -> object:
-        seen.append(dict(bound(args, ARGUMENTS)))
+        arguments.append(dict(bound(args, ARGUMENTS)))
         return lambda _fresh: SUCCESS
 
     tree = read("sequence { MoveTo(speed: 0.7, loud: yes, tries: 2) MoveTo }")
-    assert compile_tree(tree, tick_of, [0.0, 0.0], WORDS.places)() == SUCCESS  # type: ignore[arg-type]
-    assert seen[0]["speed"] == 0.7
-    assert seen[0]["loud"] is True
-    assert type(seen[0]["tries"]) is int
-    assert seen[1]["goal"] == "dock"
+    assert compile_tree(tree, tick_of, [0.0, 0.0], BOT.places)() == SUCCESS  # type: ignore[arg-type]
+    assert arguments[0]["speed"] == 0.7
+    assert arguments[0]["loud"] is True
+    assert type(arguments[0]["tries"]) is int
+    assert arguments[1]["goal"] == "dock"
 
 
 def test_format_and_tune_know_arguments() -> None:
@@ -186,9 +186,9 @@ def test_format_and_tune_know_arguments() -> None:
     assert format_text(text) == (
         "constant v = 0.75\n\nsequence {\n  # fast\n  MoveTo(speed: v, loud: yes)\n  Stop\n}\n"
     )
-    found = numbers_of(text, WORDS)
-    assert [(each.value, each.purposes) for each in found] == [(0.75, {"MoveTo.speed"})]
-    assert with_numbers(text, found, [0.25]).startswith("constant v = 0.25\n")
+    numbers = numbers_of(text, BOT)
+    assert [(each.value, each.purposes) for each in numbers] == [(0.75, {"MoveTo.speed"})]
+    assert with_numbers(text, numbers, [0.25]).startswith("constant v = 0.25\n")
 
 
 STEPS = {
@@ -203,14 +203,14 @@ STEPS = {
 @pytest.mark.parametrize("name", STEPS)
 def test_evolved_arguments_keep_their_steps(name: str, operator: str) -> None:
     """Random and changed numbers are the least one and a multiple of the step."""
-    words = Vocabulary("arm", {"Turn": Action("", arguments={name: STEPS[name]})}, {})
-    space = TreeSpace(SPACE.settings, words, SPACE.limits)
-    how = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.2)
+    vocabulary = Vocabulary("arm", {"Turn": Action("", arguments={name: STEPS[name]})}, {})
+    space = TreeSpace(SPACE.settings, vocabulary, SPACE.limits)
+    settings = MutationSettings(operators={operator: 1}, subtree_depth=2, number_sd=0.2)
     rng = np.random.default_rng(0)
     tree = random_tree(rng, space)
     values: set[float] = set()
     for _ in range(60):
-        tree = mutate(rng, tree, rate=1, space=space, settings=how)[0]
+        tree = mutate(rng, tree, rate=1, space=space, settings=settings)[0]
         leaves = [node.args for node in walk(tree) if isinstance(node.args, ActionArgs)]
         values |= {float(value) for args in leaves for _, value in args.values}
     parameter = STEPS[name]

@@ -44,7 +44,7 @@ def test_stale_copy_in_a_checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("checkout", [True, False])
 def test_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, checkout: bool) -> None:
-    """A folder that is not there is a broken installation, and the message says so."""
+    """A missing folder is reported as a broken installation."""
     package = make(tmp_path, checkout=checkout, inside=False, beside=False)
     monkeypatch.setattr(resources, "_PACKAGE", package)
     with pytest.raises(IslandError, match="install islandgp again"):

@@ -1,4 +1,4 @@
-"""Rules of guards: proofs and refutations are exact, bounded, and said in a line."""
+"""Rules of guards: proofs and refutations are exact, bounded, and reported in a line."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ MOST_TICKS = 4_000
 ALL_ROUNDER = str(resource("grammar") / "examples" / "all_rounder.bt")
 
 
-def check(tree: Node, action: str, asked: ConditionExpr, steps: int = 10**6) -> RuleResult:
-    """What is found of a rule."""
-    return check_rule(tree, Rule("a rule", action, asked), VOCABULARY, steps)
+def check(tree: Node, action: str, expr: ConditionExpr, steps: int = 10**6) -> RuleResult:
+    """The result of checking a rule."""
+    return check_rule(tree, Rule("a rule", action, expr), VOCABULARY, steps)
 
 
-def holds(asked: ConditionExpr, board: list[float]) -> bool:
+def holds(expr: ConditionExpr, board: list[float]) -> bool:
     """Whether a condition holds on a blackboard."""
-    return condition(asked, board, VOCABULARY.places)()
+    return condition(expr, board, VOCABULARY.places)()
 
 
-def compare(tree: Node, action: str, asked: ConditionExpr) -> None:
+def compare(tree: Node, action: str, expr: ConditionExpr) -> None:
     """Fails where a result is not that of all sequences of ticks on the real engine."""
-    boards = all_boards(tree, VOCABULARY, asked)
+    boards = all_boards(tree, VOCABULARY, expr)
     ticked = every_tick(tree, boards, VOCABULARY, MOST_TICKS)
     assume(ticked is not None)
     assert ticked is not None
-    mine = {p for p, node in enumerate(walk(tree)) if node == leaf(action)}
-    broken = {place for place, at in ticked if place in mine and holds(asked, boards[at])}
-    found = check(tree, action, asked)
-    assert found.result == ("refuted" if broken else "proven")
-    if found.result == "refuted":
-        assert found.place in broken
-        last = found.ticks[-1]
-        assert found.place in dict(last.statuses)  # as the engine did it
+    leaves = {p for p, node in enumerate(walk(tree)) if node == leaf(action)}
+    broken = {place for place, at in ticked if place in leaves and holds(expr, boards[at])}
+    rule_result = check(tree, action, expr)
+    assert rule_result.result == ("refuted" if broken else "proven")
+    if rule_result.result == "refuted":
+        assert rule_result.place in broken
+        last = rule_result.ticks[-1]
+        assert rule_result.place in dict(last.statuses)  # as the engine did it
         board = [last.board.get(key, 0.0) for key in VOCABULARY.keys]
-        assert holds(asked, board)
+        assert holds(expr, board)
 
 
 SMALL = nodes(few_numbers(), max_leaves=5, max_repeats=2, timed=False, reactive=False, nav2=False)
@@ -64,25 +64,25 @@ ACTIONS = st.sampled_from(list(VOCABULARY.actions))
 @examples(max_examples=80, deadline=None)
 @given(SMALL, st.data(), conditions(few_numbers()))
 def test_results_are_those_of_all_ticks(
-    tree: Node, data: st.DataObject, asked: ConditionExpr
+    tree: Node, data: st.DataObject, expr: ConditionExpr
 ) -> None:
     """A rule is refuted if, and only if, some sequence of ticks of the engine breaks it."""
     names = sorted({node.action for node in walk(tree) if node.action})
-    compare(tree, data.draw(st.sampled_from(names)), asked)
+    compare(tree, data.draw(st.sampled_from(names)), expr)
 
 
 @examples(max_examples=80, deadline=None)
 @given(nodes(few_numbers(), max_leaves=5, max_repeats=2), ACTIONS, conditions(few_numbers()))
-def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, asked: ConditionExpr) -> None:
+def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, expr: ConditionExpr) -> None:
     """Of a tree with a clock or a reactive composite, what is proven is not broken by any tick."""
     # These count outside of cells.
     assume(not any(node.kind in ("cooldown", "every") for node in walk(tree)))
-    boards = all_boards(tree, VOCABULARY, asked)
+    boards = all_boards(tree, VOCABULARY, expr)
     ticked = every_tick(tree, boards, VOCABULARY, MOST_TICKS)
     assume(ticked is not None)
-    mine = {p for p, node in enumerate(walk(tree)) if node == leaf(action)}
-    broken = any(place in mine and holds(asked, boards[at]) for place, at in ticked or ())
-    assert check(tree, action, asked).result != ("proven" if broken else "refuted")
+    leaves = {p for p, node in enumerate(walk(tree)) if node == leaf(action)}
+    broken = any(place in leaves and holds(expr, boards[at]) for place, at in ticked or ())
+    assert check(tree, action, expr).result != ("proven" if broken else "refuted")
 
 
 @pytest.mark.slow
@@ -92,9 +92,9 @@ def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, asked: Cond
     ACTIONS,
     conditions(few_numbers()),
 )
-def test_results_of_many_trees(tree: Node, action: str, asked: ConditionExpr) -> None:
+def test_results_of_many_trees(tree: Node, action: str, expr: ConditionExpr) -> None:
     """The same for more and larger trees, and for actions that may be missing."""
-    compare(tree, action, asked)
+    compare(tree, action, expr)
 
 
 PROVEN = [
@@ -117,22 +117,22 @@ REFUTED = [
 @pytest.mark.parametrize(("text", "rule"), PROVEN)
 def test_proofs(text: str, rule: str) -> None:
     """What follows from guards, ranges of keys, and actions that are not there."""
-    found = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
-    assert (found.result, found.ticks) == ("proven", ())
+    proof = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
+    assert (proof.result, proof.ticks) == ("proven", ())
 
 
 @pytest.mark.parametrize(("text", "rule", "ticks"), REFUTED)
 def test_refutations(text: str, rule: str, ticks: int) -> None:
     """With as few ticks as break the rule."""
-    found = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
-    assert (found.result, len(found.ticks)) == ("refuted", ticks)
+    refutation = check_rule(short_tree(text), short_rule(rule), VOCABULARY)
+    assert (refutation.result, len(refutation.ticks)) == ("refuted", ticks)
 
 
 def test_steps_bound_the_work() -> None:
-    """A rule that takes more is not known, and that is said."""
+    """A rule that takes more is reported as unknown."""
     hard = short_tree("when p abort none { selector { inverter { A } sequence { D A } } }")
-    found = check_rule(hard, short_rule("never A while not p"), VOCABULARY, steps=1)
-    assert (found.result, "--steps" in found.why) == ("unknown", True)
+    rule_result = check_rule(hard, short_rule("never A while not p"), VOCABULARY, steps=1)
+    assert (rule_result.result, "--steps" in rule_result.why) == ("unknown", True)
 
 
 WRONG = [
@@ -157,9 +157,9 @@ def test_wrong_rules(text: str, message: str) -> None:
     assert "\n" not in str(error.value)
 
 
-def verify_tree(*words: str) -> tuple[int, str]:
+def verify_tree(*arguments: str) -> tuple[int, str]:
     """Exit code and output of the command."""
-    result = CliRunner().invoke(islandgp, ["verify-tree", *words])
+    result = CliRunner().invoke(islandgp, ["verify-tree", *arguments])
     assert result.exception is None or isinstance(result.exception, SystemExit | TreeError)
     return result.exit_code, result.output
 
@@ -199,7 +199,7 @@ def test_the_command_as_json(tmp_path: Path) -> None:
 def test_the_page_shows_what_the_commands_print(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The example of docs/language.md, run as it stands."""
+    """The example of docs/language.md, run unchanged."""
     page = (ROOT / "docs/language.md").read_text(encoding="utf-8")
     ((kind, shell), (_, expected)) = re.findall(
         r"^```(sh|text) rules\n(.*?)^```", page, re.MULTILINE | re.DOTALL
@@ -208,5 +208,5 @@ def test_the_page_shows_what_the_commands_print(
     monkeypatch.chdir(tmp_path)
     first, *others = map(shlex.split, shell.splitlines())
     Path(first[-1]).write_text(CliRunner().invoke(islandgp, first[1:-2]).output, encoding="utf-8")
-    found = [CliRunner().invoke(islandgp, words[1:]).output for words in others]
-    assert "".join(found) == expected
+    outputs = [CliRunner().invoke(islandgp, command[1:]).output for command in others]
+    assert "".join(outputs) == expected

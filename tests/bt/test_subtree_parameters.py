@@ -36,7 +36,7 @@ MOVE = {
     "topic": text("of ROS"),
 }
 MODES = ("docking", "driving")
-WORDS = Vocabulary(
+BOT = Vocabulary(
     "bot",
     {"MoveTo": Action("goes", arguments=MOVE), "Charge": Action("charges"), "Grasp": Action("")},
     {
@@ -49,7 +49,7 @@ WORDS = Vocabulary(
 )
 FILE = (FOLDER / "parameters.bt").read_text(encoding="utf-8")
 LIBRARY = FILE[: FILE.index("selector {\n  use guarded")]
-MEANT = """selector {
+EXPANDED = """selector {
   when battery < reserve abort lower { Charge }
   sequence {
     when battery < 20 abort lower { retry 2 { timeout 2.5 { MoveTo(goal: bin) } } }
@@ -68,9 +68,9 @@ MEANT = """selector {
 
 def test_a_file_of_all_kinds() -> None:
     """Each use is what it would be without the subtree; its nodes have places in the file."""
-    tree = parse(FILE, WORDS)
-    assert tree == parse(MEANT, WORDS)
-    placed = parse_placed(FILE, WORDS)
+    tree = parse(FILE, BOT)
+    assert tree == parse(EXPANDED, BOT)
+    placed = parse_placed(FILE, BOT)
     assert len(placed.places) == size(tree)
     lines = FILE.splitlines()
     for node, place in zip(walk(tree), placed.places, strict=True):
@@ -87,7 +87,7 @@ def test_fmt_keeps_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("body", "meant"),
+    ("body", "expanded"),
     [
         ("subtree s(t) = MoveTo(topic: t) use s(\"/a b\")", 'MoveTo(topic: "/a b")'),
         ("subtree s(low) = use guarded(battery, low, Charge) use s(3)", "3"),
@@ -101,9 +101,9 @@ def test_fmt_keeps_it() -> None:
         ("subtree s(n) = parallel success n { Charge Grasp } use s(2)", "success 2"),
     ],
 )  # fmt: skip
-def test_names_belong_to_their_place(body: str, meant: str) -> None:
+def test_names_belong_to_their_place(body: str, expanded: str) -> None:
     """A parameter hides a constant or an action; an argument means what it means where it is."""
-    assert meant in to_text(parse(f"{LIBRARY}{body}", WORDS))
+    assert expanded in to_text(parse(f"{LIBRARY}{body}", BOT))
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_names_belong_to_their_place(body: str, meant: str) -> None:
 def test_a_wrong_argument_is_named_where_it_is_passed(body: str, column: int, message: str) -> None:
     """The message has the argument's place, its parameter, and what fits."""
     with pytest.raises(TreeError) as error:
-        parse(f"{LIBRARY}{body}", WORDS, name="t.bt")
+        parse(f"{LIBRARY}{body}", BOT, name="t.bt")
     assert message in str(error.value)
     assert (error.value.line, error.value.column) == (LIBRARY.count("\n") + 1, column)
 
@@ -156,8 +156,8 @@ def test_a_wrong_argument_is_named_where_it_is_passed(body: str, column: int, me
 def test_all_wrong_arguments_are_reported() -> None:
     """Each at its place."""
     body = "sequence { use fetch(doc, 1) use guarded(batery, 1, Grasp) use fetch(bi, 1) }"
-    found = tree_errors(f"{LIBRARY}{body}", WORDS, name="t.bt", folder=None)
-    assert [error.column for error in found] == [22, 42, 70]
+    errors = tree_errors(f"{LIBRARY}{body}", BOT, name="t.bt", folder=None)
+    assert [error.column for error in errors] == [22, 42, 70]
 
 
 def test_unused_parameters_and_constants() -> None:
@@ -168,18 +168,18 @@ def test_unused_parameters_and_constants() -> None:
     subtree s(key, work, nothing) = when key { work }
     use s(near, use go(bin), Charge)
     """
-    found = [(w.code, w.line, w.column) for w in warnings(text, WORDS)]
-    assert found == [("unused-constant", 2, 14), ("unused-parameter", 4, 26)]
+    places = [(w.code, w.line, w.column) for w in warnings(text, BOT)]
+    assert places == [("unused-constant", 2, 14), ("unused-parameter", 4, 26)]
 
 
 def test_a_guard_that_one_use_needs_is_not_redundant() -> None:
     """A shared subtree is judged by all its uses, with the keys that they pass."""
     shared = "subtree s(key, work) = when key > 5 { work }\n"
     one = f"{shared}when battery > 5 {{ use s(battery, Charge) }}"
-    assert [w.code for w in warnings(one, WORDS)] == ["needless-guard"]
+    assert [w.code for w in warnings(one, BOT)] == ["needless-guard"]
     uses = "use s(battery, Charge) use s(reserve, Grasp)"
     two = f"{shared}when battery > 5 {{ sequence {{ {uses} }} }}"
-    assert warnings(two, WORDS) == []
+    assert warnings(two, BOT) == []
 
 
 def test_tune_knows_what_numbers_are_compared_with() -> None:
@@ -189,24 +189,24 @@ def test_tune_knows_what_numbers_are_compared_with() -> None:
     subtree outer(key, level) = use g(key, level, use g(battery, 7, Charge))
     sequence { use outer(reserve, 11) use g(battery, least, MoveTo(speed: 0.25)) }
     """
-    found = numbers_of(text, WORDS)
-    assert [(each.value, {*each.purposes}) for each in found] == [
+    numbers = numbers_of(text, BOT)
+    assert [(each.value, {*each.purposes}) for each in numbers] == [
         (10.0, {"battery"}),
         (1.0, {"battery", "reserve"}),
         (7.0, {"battery"}),
         (11.0, {"reserve"}),
         (0.25, {"MoveTo.speed"}),
     ]
-    assert with_numbers(text, found, [each.value for each in found]) == text
+    assert with_numbers(text, numbers, [each.value for each in numbers]) == text
 
 
 def test_subtrees_of_an_export_are_those_of_the_arguments() -> None:
     """A SubTree for each set of arguments, with a name of theirs; reading it gives them back."""
-    xml = behaviortree_cpp.to_xml(parse(FILE, WORDS, marked=True), WORDS, step_s=0.1)
+    xml = behaviortree_cpp.to_xml(parse(FILE, BOT, marked=True), BOT, step_s=0.1)
     assert '<BehaviorTree ID="guarded_battery_reserve_Charge">' in xml
     assert '<BehaviorTree ID="fetch_dock_0_3">' in xml
-    again = parse(read_tree(xml, WORDS).text, WORDS, marked=True)
-    assert behaviortree_cpp.to_xml(again, WORDS, step_s=0.1) == xml
+    again = parse(read_tree(xml, BOT).text, BOT, marked=True)
+    assert behaviortree_cpp.to_xml(again, BOT, step_s=0.1) == xml
 
 
 @st.composite
@@ -255,13 +255,13 @@ def lifted(draw: st.DrawFn) -> tuple[Node, str]:
 @given(lifted())
 def test_a_use_equals_writing_it_out(case: tuple[Node, str]) -> None:
     """With or without a vocabulary, and `fmt` changes nothing of it."""
-    tree, written = case
-    assert parse(written, VOCABULARY) == tree
-    assert to_text(parse(written)) == to_text(tree)
-    tidy = format_text(written)
+    tree, text = case
+    assert parse(text, VOCABULARY) == tree
+    assert to_text(parse(text)) == to_text(tree)
+    tidy = format_text(text)
     assert format_text(tidy) == tidy
     assert parse(tidy, VOCABULARY) == tree
-    marked = parse(written, VOCABULARY, marked=True)
+    marked = parse(text, VOCABULARY, marked=True)
     assert marked == tree
 
 
@@ -307,16 +307,16 @@ def test_hostile_arguments(name: str) -> None:
 def test_the_deepest_arguments() -> None:
     """Ninety uses in each other below ninety levels are within the limits."""
     nested = f"{'i(use ' * 89}i(SeekCharger){')' * 89}"
-    written = f"subtree i(x) = x {'inverter { ' * 90}use {nested}{' }' * 90}"
-    assert size(parse(written, VOCABULARY)) == 91
-    assert format_text(written).count("use") == 90
+    text = f"subtree i(x) = x {'inverter { ' * 90}use {nested}{' }' * 90}"
+    assert size(parse(text, VOCABULARY)) == 91
+    assert format_text(text).count("use") == 90
 
 
 def test_a_program_binds_what_is_passed(tmp_path: Path) -> None:
     """Functions get the arguments of the actions that a tree passes to its subtrees."""
     file = tmp_path / "robot.bt"
     file.write_text(FILE, encoding="utf-8")
-    tree = islandgp.load_tree(file, WORDS)
+    tree = islandgp.load_tree(file, BOT)
     assert tree.actions() == ("Charge", "MoveTo", "Grasp")
     calls: list[dict[str, object]] = []
 
@@ -335,8 +335,8 @@ def test_a_program_binds_what_is_passed(tmp_path: Path) -> None:
 def test_parameters_of_included_subtrees(tmp_path: Path) -> None:
     """What is passed has its place in the including file, and errors too."""
     (tmp_path / "lib.bt").write_text(LIBRARY, encoding="utf-8")
-    written = 'include "lib.bt"\nuse guarded(battery, low, use fetch(dock, {}))\n'
-    tree = parse(written.format("0.3"), WORDS, folder=tmp_path)
-    assert tree == parse(f"{LIBRARY}{written.format('0.3').splitlines()[1]}", WORDS)
+    template = 'include "lib.bt"\nuse guarded(battery, low, use fetch(dock, {}))\n'
+    tree = parse(template.format("0.3"), BOT, folder=tmp_path)
+    assert tree == parse(f"{LIBRARY}{template.format('0.3').splitlines()[1]}", BOT)
     with pytest.raises(TreeError, match=r"t\.bt:2:43: '3' is not a value of speed"):
-        parse(written.format("3"), WORDS, name="t.bt", folder=tmp_path)
+        parse(template.format("3"), BOT, name="t.bt", folder=tmp_path)

@@ -1,4 +1,4 @@
-"""Vocabularies: which are refused, and what the language says with one and without."""
+"""Vocabularies: which are refused, and how the language uses one."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ MAZE = Vocabulary(
 
 
 @pytest.mark.parametrize("word", sorted(RESERVED))
-@pytest.mark.parametrize("what", ["domain", "action", "key"])
-def test_words_of_the_language_are_refused(word: str, what: str) -> None:
-    """A domain, an action or a key that is called like a word could not be said."""
+@pytest.mark.parametrize("role", ["domain", "action", "key"])
+def test_words_of_the_language_are_refused(word: str, role: str) -> None:
+    """A domain, an action or a key cannot have a keyword as its name."""
     with pytest.raises(DomainError, match=f"found '{word}'.*rename it"):
         Vocabulary(
-            word if what == "domain" else "maze",
-            {word: Action("")} if what == "action" else {},
-            {word: flag("")} if what == "key" else {},
+            word if role == "domain" else "maze",
+            {word: Action("")} if role == "action" else {},
+            {word: flag("")} if role == "key" else {},
         )
 
 
@@ -111,7 +111,7 @@ def test_words_are_a_list(words: Any) -> None:
 
 @pytest.mark.parametrize("before", ["Fly", "Step", "wall"])
 def test_an_action_comes_after_other_actions(before: str) -> None:
-    """A name in `after` that is no other action is refused."""
+    """A name in `after` must be another action."""
     with pytest.raises(DomainError, match=f"`after` of the action Step, found '{before}'"):
         Vocabulary("maze", {"Step": Action("", after=(before,))}, {"wall": flag("")})
 
@@ -129,7 +129,7 @@ def test_what_always_holds() -> None:
     )
 
 
-def test_an_action_may_do_anything_unless_it_says_more() -> None:
+def test_an_undeclared_action_may_do_anything() -> None:
     """Of an undeclared action nothing is known, as of one that declares a meaning alone."""
     assert MAZE.action("Fly") is UNKNOWN
     assert MAZE.action("Step").statuses == UNKNOWN.statuses == {FAILURE, SUCCESS, RUNNING}
@@ -170,10 +170,10 @@ def test_an_entry_of_another_type_is_refused() -> None:
 def test_whole_numbers() -> None:
     """An integer key is compared with whole numbers only, has no noise, and evolves on them."""
     key = integer("how many", 0, 9, most=9)
-    words = Vocabulary("d", {"Go": Action("goes")}, {"n": key})
-    assert parse("when n < 3 { Go }", words).guard is not None
+    vocabulary = Vocabulary("d", {"Go": Action("goes")}, {"n": key})
+    assert parse("when n < 3 { Go }", vocabulary).guard is not None
     with pytest.raises(TreeError, match=r"n is a whole number and can't be compared with '2\.5'"):
-        parse("when n < 2.5 { Go }", words)
+        parse("when n < 2.5 { Go }", vocabulary)
     assert fine(3.4, key) == 3.0
     with pytest.raises(DomainError, match="Expected whole numbers as low, high, step and most"):
         Vocabulary("d", {}, {"n": replace(key, high=2.5)})

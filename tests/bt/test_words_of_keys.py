@@ -130,7 +130,7 @@ def test_a_constant_hides_a_key() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "found"),
+    ("text", "code"),
     [
         ("when mode == idle { when mode == docking { Dock } }", "unreachable"),
         ("when mode == idle { when mode != docking { Dock } }", "needless-guard"),
@@ -142,10 +142,10 @@ def test_a_constant_hides_a_key() -> None:
         ("when mode == before { when mode == idle { Dock } }", ""),
     ],
 )
-def test_check_and_simplify(text: str, found: str) -> None:
+def test_check_and_simplify(text: str, code: str) -> None:
     """A word excludes the others; of two keys, their difference is followed and nothing else."""
-    assert [each.code for each in warnings(text, BOT)] == [found] * bool(found)
-    assert (simplify(read(text), BOT).tree == read(text)) == (found in ("", "unreachable"))
+    assert [each.code for each in warnings(text, BOT)] == [code] * bool(code)
+    assert (simplify(read(text), BOT).tree == read(text)) == (code in ("", "unreachable"))
 
 
 @pytest.mark.parametrize(
@@ -167,19 +167,21 @@ def test_evolution_draws_and_moves_them() -> None:
     rng = np.random.default_rng(3)
     weights = {"depth": (2, 3), "leaf": 0.2, "children": (2, 3), "repeats": 3}
     choices = {"kinds": {"selector": 1, "when": 2}, "operators": {"<": 1}, "aborts": {"both": 1}}
-    seen = set()
+    terms = set()
     for pairs in (0.0, 0.5):
-        how = ConditionSettings(joined=0.3, pairs=pairs)
-        settings = TreeSettings.model_validate({**weights, **choices, "conditions": how})
+        condition_settings = ConditionSettings(joined=0.3, pairs=pairs)
+        settings = TreeSettings.model_validate(
+            {**weights, **choices, "conditions": condition_settings}
+        )
         space = TreeSpace(settings, BOT, Limits(8, 50))
         for _ in range(60):
             operator = {str(rng.choice([*MUTATIONS])): 1.0}
             mutation = MutationSettings(operators=operator, subtree_depth=2, number_sd=0.5)
             tree, _ = mutate(rng, random_tree(rng, space), rate=1.0, space=space, settings=mutation)
             assert to_text(read(to_text(tree))) == to_text(tree)
-            seen |= {(pairs, term.key, bool(term.other)) for term in asked_in(tree)}
-    assert not any(other for pairs, _, other in seen if not pairs)
-    assert {(0.0, "mode", False), (0.5, "mode", True), (0.5, "charge", True)} <= seen
+            terms |= {(pairs, term.key, bool(term.other)) for term in asked_in(tree)}
+    assert not any(other for pairs, _, other in terms if not pairs)
+    assert {(0.0, "mode", False), (0.5, "mode", True), (0.5, "charge", True)} <= terms
 
 
 class Mode(StrEnum):
@@ -205,7 +207,7 @@ def test_a_program_gives_words(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "completions"),
     [
         ("when mode ", {"==", "!="}),
         ("when mode == ", {*MODES, "before"}),
@@ -213,9 +215,9 @@ def test_a_program_gives_words(tmp_path: Path) -> None:
         ("constant low = 5 when charge < ", {"reserve", "items", "low"}),
     ],
 )
-def test_completion(text: str, words: set[str]) -> None:
+def test_completion(text: str, completions: set[str]) -> None:
     """Words and keys that can be compared, and the operators that words have."""
-    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= words
+    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= completions
 
 
 @dataclass
@@ -231,15 +233,15 @@ def test_conditions_of_actions() -> None:
         Condition("mode", "==", KEYS["mode"].number_of("docking")),
         Condition("charge", "<", 0, "reserve"),
     )
-    words = Vocabulary("bot", {"Dock": Action("", to_start=needs)}, KEYS)
+    vocabulary = Vocabulary("bot", {"Dock": Action("", to_start=needs)}, KEYS)
     text = "when mode == idle { Dock }"
-    assert "it needs mode == docking" in str(warnings(text, words)[0])
-    schema = SimpleSchema(words)
+    assert "it needs mode == docking" in str(warnings(text, vocabulary)[0])
+    schema = SimpleSchema(vocabulary)
     again = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
-    assert again == words
+    assert again == vocabulary
     with pytest.raises(DomainError, match="at least one word"):
         declared('{"domain": "b", "actions": {}, "keys": {"k": {"words": []}}}', "", name="b.json")
     assert to_text(guarded(again.actions["Dock"].to_start[0], leaf("Dock"))) == (
         "when mode == docking { Dock }\n"
     )
-    assert parse_condition("mode == docking and charge < reserve", words).parts == needs  # type: ignore[union-attr]
+    assert parse_condition("mode == docking and charge < reserve", vocabulary).parts == needs  # type: ignore[union-attr]

@@ -43,9 +43,9 @@ class NumpyDay(Day):
         """See `Day`, with an event that has an amount."""
         log = self.log
         self.log = lambda event: log(event, np.float32(1.5))  # type: ignore[assignment, arg-type, return-value]
-        done = super().Unload()
+        unloaded = super().Unload()
         self.log = log
-        return np.bool_(done)  # type: ignore[return-value]
+        return np.bool_(unloaded)  # type: ignore[return-value]
 
 
 class NumpyCourier(Stepped):

@@ -9,12 +9,12 @@ import pytest
 
 from islandgp.evolution import single_behaviours
 from islandgp.running.app import main
-from tests.domains.test_outside import OWN, here
+from tests.domains.test_outside import OWN, example
 from tests.running.commands import TINY
 
-__all__ = ["here"]
+__all__ = ["example"]
 
-WORDS = (
+SHORT_RUN = (
     *OWN,
     *TINY,
     "gp.generations=2",
@@ -34,45 +34,45 @@ def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def stages(*worlds: str) -> str:
     """A curriculum with a stage for each world."""
-    found = (
+    entries = (
         f"{{epochs:[{n},{n}],multipliers:{{}},world:{world}}}" for n, world in enumerate(worlds, 1)
     )
-    return f"curriculum.stages=[{','.join(found)}]"
+    return f"curriculum.stages=[{','.join(entries)}]"
 
 
 def library(here: Path) -> dict[str, str]:
     """The trees of the only library that is kept."""
     (file,) = (here / "runs/.libraries").glob("*.json")
-    found: dict[str, str] = json.loads(file.read_text())["trees"]
-    return found
+    trees: dict[str, str] = json.loads(file.read_text())["trees"]
+    return trees
 
 
-def missing(said: str) -> list[str]:
+def missing(output: str) -> list[str]:
     """The lines on behaviours without a tree."""
-    return [line for line in said.splitlines() if "found no tree for" in line]
+    return [line for line in output.splitlines() if "found no tree for" in line]
 
 
 @pytest.mark.slow
 def test_what_the_first_stage_switches_off_is_found_in_a_later_one(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Where every skill fails in the first stage, the trees for them are of the second one."""
     monkeypatch.setattr(single_behaviours, "ROUNDS", 8)  # in four, nothing is placed
-    assert main([*WORDS, stages("{failure:1,lost:1}", "{failure:0}")]) == 0
-    said = capsys.readouterr().err
-    assert list(library(here)) == list(BEHAVIOURS)
-    assert "islandgp: in the world of stage 2: localising, driving, picking, placing\n" in said
-    lines = [line.partition(" (")[0] for line in said.splitlines() if line.endswith(" of 4)")]
+    assert main([*SHORT_RUN, stages("{failure:1,lost:1}", "{failure:0}")]) == 0
+    errors = capsys.readouterr().err
+    assert list(library(example)) == list(BEHAVIOURS)
+    assert "islandgp: in the world of stage 2: localising, driving, picking, placing\n" in errors
+    lines = [line.partition(" (")[0] for line in errors.splitlines() if line.endswith(" of 4)")]
     assert lines[:4] == [f"islandgp: {name}: no tree found" for name in BEHAVIOURS]
     assert not [line for line in lines[4:] if "no tree" in line]
 
 
-@pytest.mark.usefixtures("here", "short_search")
+@pytest.mark.usefixtures("example", "short_search")
 def test_stages_with_one_world_are_searched_once(capsys: pytest.CaptureFixture[str]) -> None:
     """A world that was searched shows nothing new in another stage."""
-    assert main([*WORDS, stages("{ticks:12}", "{ticks:12}", "{ticks:13}", "{ticks:12}")]) == 0
-    said = capsys.readouterr().err
-    assert [line for line in said.splitlines() if "in the world of" in line] == [
+    assert main([*SHORT_RUN, stages("{ticks:12}", "{ticks:12}", "{ticks:13}", "{ticks:12}")]) == 0
+    errors = capsys.readouterr().err
+    assert [line for line in errors.splitlines() if "in the world of" in line] == [
         "islandgp: in the world of stage 3: placing"
     ]
 
@@ -80,68 +80,70 @@ def test_stages_with_one_world_are_searched_once(capsys: pytest.CaptureFixture[s
 @pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
 def test_what_is_missing_is_reported_once_in_every_run(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    example: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By the run that searches, by one that uses what is kept, and by each run of a sweep.
 
     Somebody edits the kept file: one line with its path and the behaviour, exit code 2.
     """
-    assert main([*WORDS, IMPOSSIBLE, "gp.founders=true"]) == 0
+    assert main([*SHORT_RUN, IMPOSSIBLE, "gp.founders=true"]) == 0
     line = missing(capsys.readouterr().err)
     assert line == [
         "islandgp: library: found no tree for placing in any stage; supervisors inject none for"
         " that. Write a tree for each behaviour, and name their folder in library.folder"
     ]
-    assert list(library(here)) == ["localising", "driving", "picking"]
-    assert main([*WORDS, IMPOSSIBLE, "gp.founders=true", "seed=1", "progress=off"]) == 0
-    said = capsys.readouterr().err
-    assert missing(said) == line
-    assert "searching" not in said
-    assert main([*WORDS, IMPOSSIBLE, "seed=2,3", "-m"]) == 0
+    assert list(library(example)) == ["localising", "driving", "picking"]
+    assert main([*SHORT_RUN, IMPOSSIBLE, "gp.founders=true", "seed=1", "progress=off"]) == 0
+    errors = capsys.readouterr().err
+    assert missing(errors) == line
+    assert "searching" not in errors
+    assert main([*SHORT_RUN, IMPOSSIBLE, "seed=2,3", "-m"]) == 0
     assert missing(capsys.readouterr().err) == line * 2
-    (file,) = (here / "runs/.libraries").glob("*.json")
-    trees = {**library(here), "driving": "sequence { MoveToPik }"}
+    (file,) = (example / "runs/.libraries").glob("*.json")
+    trees = {**library(example), "driving": "sequence { MoveToPik }"}
     file.write_text(json.dumps({"episodes": 1, "trees": trees}))
-    assert main([*WORDS, IMPOSSIBLE, "seed=4"]) == 2
-    said = capsys.readouterr().err
-    assert f"{file.relative_to(here)}: driving:1:12: unknown action 'MoveToPik'" in said
-    assert "Traceback" not in said
+    assert main([*SHORT_RUN, IMPOSSIBLE, "seed=4"]) == 2
+    errors = capsys.readouterr().err
+    assert f"{file.relative_to(example)}: driving:1:12: unknown action 'MoveToPik'" in errors
+    assert "Traceback" not in errors
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
-def test_the_search_counts_in_the_budget(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_search_counts_in_the_budget(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of the run that searches, and of a later one; a budget that it leaves nothing of is refused.
 
     A run that uses no library pays nothing for it.
     """
-    assert main([*WORDS, "progress=off"]) == 0
-    (file,) = (here / "runs/.libraries").glob("*.json")
+    assert main([*SHORT_RUN, "progress=off"]) == 0
+    (file,) = (example / "runs/.libraries").glob("*.json")
     episodes = json.loads(file.read_text())["episodes"]
     assert episodes > 100
 
-    def spent(*words: str) -> int:
-        assert main([*WORDS, *words, "progress=off"]) == 0
-        (costs,) = here.glob(f"runs/{words[0].removeprefix('name=')}/*/costs.jsonl")
+    def episodes_of(*overrides: str) -> int:
+        assert main([*SHORT_RUN, *overrides, "progress=off"]) == 0
+        (costs,) = example.glob(f"runs/{overrides[0].removeprefix('name=')}/*/costs.jsonl")
         return sum(json.loads(line)["episodes"] for line in costs.read_text().splitlines())
 
-    assert episodes < spent("name=expert", f"budget.episodes={episodes + 20}") <= episodes + 20
-    assert spent("name=none", "budget.episodes=20", "supervisor=baseline") <= 20
+    assert (
+        episodes < episodes_of("name=expert", f"budget.episodes={episodes + 20}") <= episodes + 20
+    )
+    assert episodes_of("name=none", "budget.episodes=20", "supervisor=baseline") <= 20
     capsys.readouterr()
-    assert main([*WORDS, f"budget.episodes={episodes}", "name=small"]) == 2
-    said = capsys.readouterr().err
-    assert f"the search for the library ({episodes:,}), one generation" in said
-    assert "Traceback" not in said
-    assert not list(here.glob("runs/small/*/generations.jsonl"))
+    assert main([*SHORT_RUN, f"budget.episodes={episodes}", "name=small"]) == 2
+    errors = capsys.readouterr().err
+    assert f"the search for the library ({episodes:,}), one generation" in errors
+    assert "Traceback" not in errors
+    assert not list(example.glob("runs/small/*/generations.jsonl"))
 
 
-@pytest.mark.usefixtures("here", "short_search")
+@pytest.mark.usefixtures("example", "short_search")
 @pytest.mark.parametrize("supervisor", ["expert", "untargeted", "editor"])
 def test_a_run_goes_on_where_no_behaviour_is_found(
     capsys: pytest.CaptureFixture[str], supervisor: str
 ) -> None:
-    """In a world too hard for random trees, the supervisor sets rates alone, and a line says so."""
+    """If a world is too hard for random trees, the supervisor sets only rates, with a message."""
     hard = ("world.failure=1", "world.lost=1", "world.ticks=2", "search=paper")
-    assert main([*WORDS, f"supervisor={supervisor}", *hard]) == 0
+    assert main([*SHORT_RUN, f"supervisor={supervisor}", *hard]) == 0
     (line,) = missing(capsys.readouterr().err)
     assert line.startswith(f"islandgp: library: found no tree for {', '.join(BEHAVIOURS)} in any")

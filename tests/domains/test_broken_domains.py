@@ -1,4 +1,4 @@
-"""Faults in a domain of one's own: each is reported once, with its file and line.
+"""Faults in a user's domain: each is reported once, with its file and line.
 
 The domain is that of the tutorial with one piece of its text replaced.
 """
@@ -29,13 +29,13 @@ from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.testing.domain_suite import DomainSuite, run_suite
 from tests.composed import plain
-from tests.domains.test_outside import OWN, here
+from tests.domains.test_outside import OWN, example
 from tests.domains.test_tutorial import EXAMPLE
 from tests.profiles import sweep
 from tests.running.commands import ROOT, TINY
 from tests.trees.shell import Cli, shell
 
-__all__ = ["here"]
+__all__ = ["example"]
 
 TUCK = "        self.arm_tucked = True\n        return True"
 """What the action `Tuck` does."""
@@ -49,7 +49,7 @@ Broken = Callable[[str, str], ModuleType]
 def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Broken:
     """Makes a module of the tutorial's domain with one piece of its text replaced."""
 
-    def made(old: str, new: str) -> ModuleType:
+    def load(old: str, new: str) -> ModuleType:
         text = (EXAMPLE / "pick_place.py").read_text(encoding="utf-8")
         assert old in text
         file = tmp_path / "broken_domain.py"
@@ -62,7 +62,7 @@ def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Broken:
         spec.loader.exec_module(module)
         return module
 
-    return made
+    return load
 
 
 def problem(module: ModuleType) -> Problem:
@@ -75,12 +75,12 @@ def problem(module: ModuleType) -> Problem:
     return Problem.of(factory, world, rewards, Curriculum(**config["curriculum"]))
 
 
-def suite(module: ModuleType, *, timeout: float = 20, grown: int = 60) -> DomainSuite:
+def suite(module: ModuleType, *, timeout: float = 20, number: int = 60) -> DomainSuite:
     """The contract's tests for it, with a few trees."""
 
     class Suite(DomainSuite):
         random_trees = 4
-        grown_trees = grown
+        grown_trees = number
         episode_timeout = timeout
 
         def make_domain(self) -> Domain:
@@ -166,14 +166,14 @@ def test_a_fault_of_an_episode_is_reported_once(
 ) -> None:
     """By the first promise, with the line of the domain's file and the smallest tree."""
     module = broken(old, new)
-    found = faults(suite(module))
-    assert list(found) == ["every episode runs"]
-    (said,) = found["every episode runs"]
-    assert said.startswith(f"{fault}, in {module.__file__}, line ")
-    number = int(re.findall(r", line (\d+)", said)[0])
+    broken_promises = faults(suite(module))
+    assert list(broken_promises) == ["every episode runs"]
+    (message,) = broken_promises["every episode runs"]
+    assert message.startswith(f"{fault}, in {module.__file__}, line ")
+    number = int(re.findall(r", line (\d+)", message)[0])
     text = Path(str(module.__file__)).read_text(encoding="utf-8").splitlines()[number - 1]
     assert line in text
-    assert re.search(r" \(world seed \d+, tree .+\)$", said)
+    assert re.search(r" \(world seed \d+, tree .+\)$", message)
 
 
 PROMISES = [
@@ -202,7 +202,7 @@ def test_a_promise_that_is_broken_is_reported(
     broken: Broken, old: str, new: str, promise: str, fault: str
 ) -> None:
     """All episodes run, and one promise does not hold."""
-    assert faults(suite(broken(old, new), grown=20)) == {promise: [fault]}
+    assert faults(suite(broken(old, new), number=20)) == {promise: [fault]}
 
 
 DECLARATIONS = [
@@ -267,12 +267,12 @@ HANGS = {
 
 
 @sweep("how", HANGS, quick=2)
-def test_an_action_that_does_not_return_is_named(broken: Broken, how: str) -> None:
+def test_an_action_that_does_not_return_is_named(broken: Broken, case: str) -> None:
     """The suite ends after the first episode that takes too long, with the action and the line."""
-    code, who = HANGS[how]
+    code, function = HANGS[case]
     module = broken(TUCK, code)
-    (said,) = faults(suite(module, timeout=0.2))["every episode runs"]
-    assert f"found {who} still running after 0.2 s, in {module.__file__}, line " in said
+    (message,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    assert f"found {function} still running after 0.2 s, in {module.__file__}, line " in message
 
 
 def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
@@ -297,8 +297,8 @@ def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
 def test_other_code_that_does_not_return_is_named(broken: Broken) -> None:
     """By its function."""
     module = broken("    def sense(self):\n", "    def sense(self):\n        while True: pass\n")
-    (said,) = faults(suite(module, timeout=0.2))["every episode runs"]
-    assert f"found the function sense still running after 0.2 s, in {module.__file__}" in said
+    (message,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    assert f"found the function sense still running after 0.2 s, in {module.__file__}" in message
 
 
 def test_serial_runs_are_bounded(broken: Broken) -> None:
@@ -325,26 +325,26 @@ def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     return shell(monkeypatch, capsys)
 
 
-def edit(here: Path, old: str, new: str) -> None:
+def edit(folder: Path, old: str, new: str) -> None:
     """Replaces a piece of the domain's text."""
-    file = here / "pick_place.py"
+    file = folder / "pick_place.py"
     text = file.read_text(encoding="utf-8")
     assert old in text
     file.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
-def check(islandgp: Cli, *words: str) -> tuple[int, str]:
+def check(islandgp: Cli, *arguments: str) -> tuple[int, str]:
     """Exit code and output of `islandgp domain --check`, without the promises that are kept."""
-    said = islandgp("domain", *words, "--check", "--config-dir", "conf")
-    assert said.err == ""
-    return said.code, "\n".join(line for line in said.out.splitlines() if line[:2] != "ok")
+    result = islandgp("domain", *arguments, "--check", "--config-dir", "conf")
+    assert result.err == ""
+    return result.code, "\n".join(line for line in result.out.splitlines() if line[:2] != "ok")
 
 
 @pytest.mark.slow
-def test_a_sound_domain_reaches_all(here: Path, islandgp: Cli) -> None:
+def test_a_sound_domain_reaches_all(example: Path, islandgp: Cli) -> None:
     """With the tree beside its module or without it: nothing is listed."""
     assert check(islandgp, "pick_place", "--strict") == (0, "")
-    (here / "carry.bt").unlink()
+    (example / "carry.bt").unlink()
     assert check(islandgp, "pick_place", "--strict") == (0, "")
 
 
@@ -358,26 +358,26 @@ def test_a_sound_domain_reaches_all(here: Path, islandgp: Cli) -> None:
     ], quick=1,
 )  # fmt: skip
 def test_what_no_tree_reaches_is_listed(
-    here: Path, islandgp: Cli, old: str, new: str, words: tuple[str, ...], line: str
+    example: Path, islandgp: Cli, old: str, new: str, options: tuple[str, ...], line: str
 ) -> None:
     """The exit code is that of the promises, unless --strict asks for more."""
-    edit(here, old, new)
-    code, out = check(islandgp, "pick_place", *words)
-    assert code == len(words)
+    edit(example, old, new)
+    code, out = check(islandgp, "pick_place", *options)
+    assert code == len(options)
     assert "Not reached by any of " in out
     assert line in out
 
 
 @pytest.mark.slow
-def test_a_tree_file_reaches_what_others_do_not(here: Path, islandgp: Cli) -> None:
+def test_a_tree_file_reaches_what_others_do_not(example: Path, islandgp: Cli) -> None:
     """Here a fault behind seven actions of a kind; the file names the domain itself."""
-    edit(here, TUCK, f"        self.tucks = getattr(self, 'tucks', 0) + 1\n{TUCK}")
+    edit(example, TUCK, f"        self.tucks = getattr(self, 'tucks', 0) + 1\n{TUCK}")
     count = "        before, self.tucks = getattr(self, 'tucks', 0), 0\n        1 / (before != 7)\n"
-    edit(here, "    def Pick(self):\n", f"    def Pick(self):\n{count}")
+    edit(example, "    def Pick(self):\n", f"    def Pick(self):\n{count}")
     assert check(islandgp, "pick_place") == (0, "")
-    (here / "mine").mkdir()
+    (example / "mine").mkdir()
     tree = "sequence { repeater 7 { Tuck } Pick }"
-    (here / "mine/seven.bt").write_text(f"domain pick_place\n{tree}\n")
+    (example / "mine/seven.bt").write_text(f"domain pick_place\n{tree}\n")
     code, out = check(islandgp, "mine/seven.bt")
     assert code == 1
     assert "Expected no error, found ZeroDivisionError: division by zero, in " in out
@@ -385,27 +385,27 @@ def test_a_tree_file_reaches_what_others_do_not(here: Path, islandgp: Cli) -> No
 
 
 @pytest.mark.slow
-def test_trees_of_the_library_are_run(here: Path, islandgp: Cli) -> None:
+def test_trees_of_the_library_are_run(example: Path, islandgp: Cli) -> None:
     """One that cannot be read is left out in a line."""
-    (here / "trees").mkdir()
-    (here / "trees/all.bt").write_text((here / "carry.bt").read_text())
-    (here / "carry.bt").write_text("domain pick_place\nMoveToPik\n")
-    file = here / "conf/domain/pick_place.yaml"
+    (example / "trees").mkdir()
+    (example / "trees/all.bt").write_text((example / "carry.bt").read_text())
+    (example / "carry.bt").write_text("domain pick_place\nMoveToPik\n")
+    file = example / "conf/domain/pick_place.yaml"
     each = "localising: [all], driving: [all], picking: [all], placing: [al]"
-    own = f"{{folder: trees, trees: {{{each}}}}}"
-    text = file.read_text(encoding="utf-8").replace("{folder: null}", own)
+    library = f"{{folder: trees, trees: {{{each}}}}}"
+    text = file.read_text(encoding="utf-8").replace("{folder: null}", library)
     file.write_text(text, encoding="utf-8")
     code, out = check(islandgp, "pick_place")
     assert code == 0
     first, second = out.splitlines()
     assert first.startswith("left out: library: expected a tree in ")
-    assert second.startswith(f"left out: {here}/carry.bt:2:1: unknown action 'MoveToPik'")
+    assert second.startswith(f"left out: {example}/carry.bt:2:1: unknown action 'MoveToPik'")
 
 
 @pytest.mark.slow
-def test_what_a_domain_prints_is_told_once(here: Path, islandgp: Cli) -> None:
+def test_what_a_domain_prints_is_reported_once(example: Path, islandgp: Cli) -> None:
     """Episodes are many: a print in one of them would hide the rest."""
-    edit(here, TUCK, f"        print('tucked')\n{TUCK}")
+    edit(example, TUCK, f"        print('tucked')\n{TUCK}")
     assert check(islandgp, "pick_place") == (
         0, "\nIts code prints while episodes run, e.g. 'tucked'",
     )  # fmt: skip
@@ -416,49 +416,51 @@ def test_what_a_domain_prints_is_told_once(here: Path, islandgp: Cli) -> None:
     [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)],
     quick=2,
 )
-def test_commands_are_bounded(here: Path, islandgp: Cli, words: tuple[str, ...]) -> None:
+def test_commands_are_bounded(example: Path, islandgp: Cli, arguments: tuple[str, ...]) -> None:
     """One line that names the action, exit code 2, and nothing written.
 
     On a busy machine the limit may be reached before the action starts: a longer one follows.
     """
-    edit(here, TUCK, "        while True: pass")
-    command, *others = words
+    edit(example, TUCK, "        while True: pass")
+    command, *others = arguments
     for seconds in ("0.5", "4", "30"):
-        said = islandgp(command, "carry.bt", "--config-dir", "conf", "--timeout", seconds, *others)
-        assert said.code == 2
-        assert said.err.count("\n") == 1
-        if f"the action Tuck still running after {seconds} s, in " in said.err:
+        result = islandgp(
+            command, "carry.bt", "--config-dir", "conf", "--timeout", seconds, *others
+        )
+        assert result.code == 2
+        assert result.err.count("\n") == 1
+        if f"the action Tuck still running after {seconds} s, in " in result.err:
             break
-    assert "the action Tuck still running after " in said.err
-    assert "--timeout" in said.err
-    assert not (here / "replay.html").exists()
+    assert "the action Tuck still running after " in result.err
+    assert "--timeout" in result.err
+    assert not (example / "replay.html").exists()
 
 
-def test_an_import_that_fails_names_its_line(here: Path, islandgp: Cli) -> None:
+def test_an_import_that_fails_names_its_line(example: Path, islandgp: Cli) -> None:
     """What the domain's module imports is not there: exit code 2."""
-    edit(here, "import numpy as np\n", "import numpyy as np\n")
-    said = islandgp("domain", "pick_place", "--config-dir", "conf")
-    assert said.code == 2
-    place = f"No module named 'numpyy', in {here}/pick_place.py, line 7)"
-    assert f"pick_place:PickPlace failed (ModuleNotFoundError: {place}" in said.err
+    edit(example, "import numpy as np\n", "import numpyy as np\n")
+    result = islandgp("domain", "pick_place", "--config-dir", "conf")
+    assert result.code == 2
+    place = f"No module named 'numpyy', in {example}/pick_place.py, line 7)"
+    assert f"pick_place:PickPlace failed (ModuleNotFoundError: {place}" in result.err
 
 
 @pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGALRM")
-def test_a_serial_run_that_hangs_ends(here: Path) -> None:
+def test_a_serial_run_that_hangs_ends(example: Path) -> None:
     """Exit code 2, and the action's name; also where it catches everything, for ever."""
-    words = (*OWN, *TINY, "evaluator=serial", "evaluator.policy.episode_timeout=0.5")
+    overrides = (*OWN, *TINY, "evaluator=serial", "evaluator.policy.episode_timeout=0.5")
     forever = "        while True:\n            try: sum(range(9))\n            except: pass"
-    edit(here, TUCK, forever)
-    done = subprocess.run(
-        [sys.executable, "-m", "islandgp", *words, "gp.validation=0"],
-        cwd=here,
+    edit(example, TUCK, forever)
+    process = subprocess.run(
+        [sys.executable, "-m", "islandgp", *overrides, "gp.validation=0"],
+        cwd=example,
         env={"PYTHONPATH": str(ROOT), "PATH": ""},
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
     )
-    assert done.returncode == 2
-    assert "still running after 0.5 s, in " in done.stderr
+    assert process.returncode == 2
+    assert "still running after 0.5 s, in " in process.stderr

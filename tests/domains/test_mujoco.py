@@ -67,8 +67,8 @@ def test_the_tree_by_hand_swims() -> None:
 def test_a_page_has_frames_if_a_backend_renders(islandgp: Cli, tmp_path: Path) -> None:
     """`MUJOCO_GL` is set to the backend that was found."""
     page = tmp_path / "page.html"
-    said = islandgp("replay", SWIMMER, "-o", page, "--set", "world.ticks=20")
-    assert said.code == 0, said.err
+    result = islandgp("replay", SWIMMER, "-o", page, "--set", "world.ticks=20")
+    assert result.code == 0, result.err
     assert ('"frames":["iVBOR' in page.read_text(encoding="utf-8")) == rendering.choose_backend()
     assert ("MUJOCO_GL" in os.environ) == rendering.choose_backend()
 
@@ -115,14 +115,14 @@ def test_a_page_without_a_backend_has_no_frames(
 
 
 @pytest.mark.parametrize(
-    ("fault", "backend", "told"),
+    ("fault", "backend", "remedy"),
     [
         ('MuJoCo is not installed, run `pip install "gymnasium[mujoco]"`', "", "islandgp[mujoco]"),
         ("'NoneType' object has no attribute 'glGetError'", "osmesa", "MUJOCO_GL=osmesa here"),
     ],
 )
 def test_why_mujoco_cannot_be_imported(
-    monkeypatch: pytest.MonkeyPatch, fault: str, backend: str, told: str
+    monkeypatch: pytest.MonkeyPatch, fault: str, backend: str, remedy: str
 ) -> None:
     """One line with the remedy."""
 
@@ -137,4 +137,4 @@ def test_why_mujoco_cannot_be_imported(
     domain = Gymnasium(world, RewardTable(events={}))
     with pytest.raises(ConfigError) as excinfo:
         domain.environment(render=False)
-    assert told in str(excinfo.value)
+    assert remedy in str(excinfo.value)

@@ -134,42 +134,42 @@ def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
 def gallery_commands() -> list[list[str]]:
     """The commands of docs/domains.md on these domains, but pip's."""
     blocks = re.findall(r"^```sh\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
-    found = [shlex.split(line) for block in blocks for line in block.splitlines()]
-    return [words for words in found if words[0] != "pip"]
+    commands = [shlex.split(line) for block in blocks for line in block.splitlines()]
+    return [command for command in commands if command[0] != "pip"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "words",
+    "command",
     [
         # The suite runs on these domains above.
-        pytest.param(words, marks=pytest.mark.slow if "--check" in words else ())
-        for words in gallery_commands()
+        pytest.param(command, marks=pytest.mark.slow if "--check" in command else ())
+        for command in gallery_commands()
     ],
     ids=" ".join,
 )
 def test_the_gallery_s_commands(
-    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: list[str]
 ) -> None:
-    """Each does what it says; runs are shortened. The page's file is in the folder."""
-    if any("swimmer" in word for word in words):
+    """Each succeeds; runs are shortened. The page's file is in the folder."""
+    if any("swimmer" in word for word in command):
         pytest.importorskip("mujoco", reason="extra `mujoco` is not installed")
     monkeypatch.chdir(tmp_path)
     for name, text in re.findall(r"^```yaml (\S+)\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
-    if words[0] == "islandgp":
-        quick = ("--set", SHORT[0]) if words[1] == "domain" else ()
-        assert islandgp(*words[1:], *quick).code == 0
+    if command[0] == "islandgp":
+        quick = ("--set", SHORT[0]) if command[1] == "domain" else ()
+        assert islandgp(*command[1:], *quick).code == 0
         return
-    config_dir = tmp_path / "conf" if "--config-dir" in words else None
-    words = [word for word in words if word not in ("--config-dir", "conf")]
-    own = [word for word in words[3:] if not word.startswith("gp.generations")]
+    config_dir = tmp_path / "conf" if "--config-dir" in command else None
+    command = [word for word in command if word not in ("--config-dir", "conf")]
+    overrides = [word for word in command[3:] if not word.startswith("gp.generations")]
     quick = [*TINY, "gp.generations=2", "gp.validation=0", "tracking=off", "evaluator=serial"]
-    if any(word.startswith(("supervisor=", "experiment=random")) for word in own):
+    if any(word.startswith(("supervisor=", "experiment=random")) for word in overrides):
         quick.remove("supervisor=baseline")
-    found = run(*own, *quick, config_dir=config_dir).runs
-    assert list(found["status"]) == ["FINISHED"]
+    runs = run(*overrides, *quick, config_dir=config_dir).runs
+    assert list(runs["status"]) == ["FINISHED"]
 
 
 def steps_of(world: str, *overrides: str) -> list[Step]:
@@ -183,10 +183,10 @@ def steps_of(world: str, *overrides: str) -> list[Step]:
 
 @every_world
 def test_a_run_goes_on_from_any_generation(world: str) -> None:
-    """What is evolved from a state that was kept is what would have been."""
+    """Evolution from a saved state gives the same records."""
     settings = composed(f"domain={world}", *TINY)
-    whole = steps_of(world)
-    state = whole[1].state
+    steps = steps_of(world)
+    state = steps[1].state
     assert state is not None
     rest = evolve(
         settings.plan(settings.make_domain()),
@@ -195,7 +195,7 @@ def test_a_run_goes_on_from_any_generation(world: str) -> None:
         Serial(settings.problem()),
         start=state,
     )
-    assert [step.record for step in rest] == [step.record for step in whole[2:]]
+    assert [step.record for step in rest] == [step.record for step in steps[2:]]
 
 
 def begun(home: Path) -> bool:
@@ -208,18 +208,18 @@ def begun(home: Path) -> bool:
 @pytest.mark.slow
 def test_one_worker_and_four_give_the_same_records(tmp_path: Path, world: str) -> None:
     """So does a run that was killed and started again."""
-    words = (f"domain={world}", *TINY, "gp.generations=30", "tracking=off", "progress=off")
+    overrides = (f"domain={world}", *TINY, "gp.generations=30", "tracking=off", "progress=off")
     records = []
     for workers in (1, 4):
         home = tmp_path / str(workers)
         home.mkdir()
-        command = (*words, f"evaluator.policy.workers={workers}")
+        command = (*overrides, f"evaluator.policy.workers={workers}")
         if workers == 4:
             process = start(home, *command)
             wait_until(lambda: begun(home), process)  # noqa: B023 -- called at once
             kill_group(process)
-        code, said = finish(start(home, *command))
-        assert code == 0, said
+        code, output = finish(start(home, *command))
+        assert code == 0, output
         (file,) = home.rglob("generations.jsonl")
         records.append(file.read_bytes())
     assert records[0] == records[1]
@@ -235,8 +235,8 @@ def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mo
         command = (*sweep, f"supervisor={arm}", "seed=range(3)", "-m")
         assert finish(start(tmp_path, *command))[0] == 0
     arms = [word for arm in ("fixed", "baseline") for word in ("--arm", f"{arm}=supervisor={arm}")]
-    said = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "--no-mlflow", "-o", "out")
-    assert said.code == 0, said.err
+    result = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "--no-mlflow", "-o", "out")
+    assert result.code == 0, result.err
     assert (tmp_path / "out" / "index.html").is_file()
 
 
@@ -253,7 +253,7 @@ def test_processes_run_an_environment() -> None:
 
 
 @pytest.mark.parametrize("world", ["minigrid", "cartpole"])
-def test_threads_have_environments_of_their_own(world: str) -> None:
+def test_each_thread_has_its_environments(world: str) -> None:
     """A supervisor may run episodes in a thread while the evaluator runs others."""
 
     def env() -> Any:
@@ -262,10 +262,10 @@ def test_threads_have_environments_of_their_own(world: str) -> None:
         return gymnasium_environment("CartPole-v1", "{}", False)
 
     with ThreadPoolExecutor(1) as other:
-        there = other.submit(env).result()
-        assert other.submit(env).result() is there
+        other_env = other.submit(env).result()
+        assert other.submit(env).result() is other_env
     assert env() is env()
-    assert env() is not there
+    assert env() is not other_env
 
 
 def test_actions_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -279,8 +279,8 @@ def test_actions_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_random_search_inherits_nothing() -> None:
     """Each individual of each generation is a new random tree, and none is mutated."""
     steps = steps_of("cartpole", "experiment=random_search", "supervisor=fixed")
-    found = {(i.origin, i.mutation) for step in steps for i in step.record.individuals}
-    assert found == {("random", "")}
+    origins = {(i.origin, i.mutation) for step in steps for i in step.record.individuals}
+    assert origins == {("random", "")}
     trees = [i.tree for step in steps for i in step.record.individuals]
     assert len(set(trees)) > len(trees) // 2
 
@@ -295,14 +295,14 @@ class _Silent:
 
 
 def _in_view(env: Any) -> set[tuple[int, int]]:
-    """What MiniGrid itself says is visible, as places around the robot."""
+    """The cells that MiniGrid itself reports as visible."""
     _, visible = env.gen_obs_grid()
-    found = set()
+    cells = set()
     for across, ahead in zip(*np.nonzero(visible), strict=True):
         x, y = env.agent_pos + env.dir_vec * (6 - ahead) + env.right_vec * (across - 3)
         if 0 <= x < env.width and 0 <= y < env.height:
-            found.add((int(x), int(y)))
-    return found
+            cells.add((int(x), int(y)))
+    return cells
 
 
 @pytest.mark.parametrize("level", ["DoorKey-8x8", "MultiRoom-N6", "KeyCorridorS3R3"])
@@ -312,13 +312,13 @@ def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
     from islandgp.domains.minigrid.robot import GridRobot
 
     robot = GridRobot(Levels(levels=(level,), ticks=200), 3, _Silent())  # type: ignore[arg-type]
-    rng, seen = np.random.default_rng(0), _in_view(robot.env)
+    rng, cells = np.random.default_rng(0), _in_view(robot.env)
     for _ in range(120):
         robot.wish = int(rng.choice([0, 1, 2, 2, 2, 3, 4, 5]))
         if robot.step():
             break
-        seen |= _in_view(robot.env)
-        assert robot.memory.seen == sum(robot.memory.at(x, y) for x, y in seen)
+        cells |= _in_view(robot.env)
+        assert robot.memory.boards == sum(robot.memory.at(x, y) for x, y in cells)
 
 
 @pytest.mark.parametrize(
@@ -347,7 +347,7 @@ def test_two_skills_at_once_do_no_harm() -> None:
     assert endings <= {("time",), ("solved",)}
 
 
-def test_a_thing_is_told_once() -> None:
+def test_a_thing_is_rewarded_once() -> None:
     """Picking a key up again and again earns no more points than once."""
     domain = composed("domain=minigrid", "world.levels=[DoorKey-8x8]").make_domain()
     tree = parse("sequence { GoToKey PickUp Drop }", domain.schema.vocabulary)
@@ -368,11 +368,11 @@ def test_the_return_is_the_fitness() -> None:
 
     domain = composed("domain=cartpole").make_domain()
     outcome = domain.run_episode(parse("PushRight", domain.schema.vocabulary), 5, {})
-    env, done, total = gymnasium.make("CartPole-v1"), False, 0.0
+    env, ended, total = gymnasium.make("CartPole-v1"), False, 0.0
     env.reset(seed=5)
-    while not done:
+    while not ended:
         _, reward, terminated, truncated, _ = env.step(1)
-        total, done = total + float(reward), terminated or truncated
+        total, ended = total + float(reward), terminated or truncated
     assert outcome.counters["return"] == outcome.fitness == total
     assert outcome.endings == ("terminated",)
 
@@ -381,13 +381,13 @@ class _Boards:
     """Keeps the blackboard of each tick, and which actions earn points."""
 
     def __init__(self) -> None:
-        self.seen: list[tuple[float, ...]] = []
+        self.boards: list[tuple[float, ...]] = []
         self.earners: set[str] = set()
 
     def node(self, place: int, status: int) -> None: ...
 
     def tick(self, board: Sequence[float], _scene: Scene | None) -> None:
-        self.seen.append(tuple(board))
+        self.boards.append(tuple(board))
 
     def credit(self, _component: str, _points: float, _event: str, action: str) -> None:
         self.earners.add(action)
@@ -413,13 +413,13 @@ def test_points_are_credited_to_the_action_that_was_chosen(tree: str, earner: st
 
 
 def test_values_beyond_the_range_are_cut() -> None:
-    """A key keeps what its range says, whatever the environment observes."""
+    """A key stays in its range for any observation."""
     config = plain("domain=cartpole")
     config["world"]["observations"]["speed"]["range"] = [-0.3, 0.3]
     domain = read_settings(config).make_domain()
     boards = _Boards()
     domain.run_episode(parse("PushRight", domain.schema.vocabulary), 0, {}, boards)
-    speeds = [board[domain.schema.vocabulary.places["speed"]] for board in boards.seen]
+    speeds = [board[domain.schema.vocabulary.places["speed"]] for board in boards.boards]
     assert max(speeds) == 0.3
     assert len({speed for speed in speeds if -0.3 < speed < 0.3}) > 1
 
@@ -427,27 +427,27 @@ def test_values_beyond_the_range_are_cut() -> None:
 def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
     """The sum is that of the keys' values in each tick, and is cut to its own range."""
     config = plain("domain=cartpole")
-    seen = config["world"]["observations"]
-    parts = [*seen][:3]
+    observations = config["world"]["observations"]
+    parts = [*observations][:3]
     for name in parts:
-        seen[name]["range"] = [-1e3, 1e3]
+        observations[name]["range"] = [-1e3, 1e3]
     weights = dict(zip(parts, (0.5, -2, 1), strict=True))
-    seen["mixed"] = {"sum": weights, "range": [-1e3, 1e3], "meaning": "a sum"}
-    seen["least"] = {"sum": weights, "range": [-0.01, 1e3], "meaning": "a sum that is cut"}
+    observations["mixed"] = {"sum": weights, "range": [-1e3, 1e3], "meaning": "a sum"}
+    observations["least"] = {"sum": weights, "range": [-0.01, 1e3], "meaning": "a sum that is cut"}
     domain = read_settings(config).make_domain()
-    boards, words = _Boards(), domain.schema.vocabulary
-    domain.run_episode(parse("PushRight", words), 0, {}, boards)
-    at = words.places
-    sums = [board[at["mixed"]] for board in boards.seen]
+    boards, vocabulary = _Boards(), domain.schema.vocabulary
+    domain.run_episode(parse("PushRight", vocabulary), 0, {}, boards)
+    at = vocabulary.places
+    sums = [board[at["mixed"]] for board in boards.boards]
     assert sums == pytest.approx(
-        [sum(weights[name] * board[at[name]] for name in weights) for board in boards.seen]
+        [sum(weights[name] * board[at[name]] for name in weights) for board in boards.boards]
     )
-    assert [board[at["least"]] for board in boards.seen] == [max(-0.01, each) for each in sums]
+    assert [board[at["least"]] for board in boards.boards] == [max(-0.01, each) for each in sums]
     assert min(sums) < -0.01 < max(sums)
 
 
 @pytest.mark.parametrize(
-    ("words", "line"),
+    ("overrides", "line"),
     [
         (
             ("domain=lunarlander", "+world.observations.lean.at=3"),
@@ -480,16 +480,16 @@ def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
         (("domain=minigrid", "world.levels=[]"), "world.levels=[]"),
     ],
 )
-def test_what_is_not_there_is_told_in_a_line(words: tuple[str, ...], line: str) -> None:
+def test_a_wrong_name_is_one_line(overrides: tuple[str, ...], line: str) -> None:
     """Key, what was expected and found."""
     with pytest.raises(IslandError) as excinfo:
-        composed(*words)
+        composed(*overrides)
     assert str(excinfo.value).startswith(line)
     assert "\n" not in str(excinfo.value)
 
 
 @pytest.mark.parametrize(("world", "module"), [("minigrid", "minigrid"), ("cartpole", "gymnasium")])
-def test_a_missing_extra_is_told_with_its_remedy(
+def test_a_missing_extra_names_its_remedy(
     monkeypatch: pytest.MonkeyPatch, world: str, module: str
 ) -> None:
     """Where the package is not installed."""
@@ -499,7 +499,7 @@ def test_a_missing_extra_is_told_with_its_remedy(
         composed.__wrapped__(f"domain={world}", "seed=1")
 
 
-def test_stages_play_their_own_levels() -> None:
+def test_each_stage_has_its_levels() -> None:
     """The curriculum of MiniGrid begins with levels that need two skills."""
     problem = composed("domain=minigrid").problem()
     played = [problem.at(stage).world.levels for stage in range(3)]  # type: ignore[attr-defined]

@@ -24,12 +24,12 @@ from tests.running.commands import TINY
 from tests.trees.shell import shell
 
 OWN = ("--config-dir", "conf", "domain=pick_place", "tracking=off")
-WORDS = (*OWN, *TINY, "gp.validation=0", "evaluator=serial")
+SHORT_RUN = (*OWN, *TINY, "gp.validation=0", "evaluator=serial")
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A copy of the tutorial's example, in which the command is given."""
+def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The working folder: a copy of the tutorial's example."""
     shutil.copytree(EXAMPLE, tmp_path, dirs_exist_ok=True)
     known = sys.modules.pop("pick_place", None)  # that of another test
     monkeypatch.chdir(tmp_path)
@@ -41,24 +41,24 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_a_domain_without_actions_is_refused(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By a run, by `domain --check`, and wherever a schema is made: one line, exit code 2."""
-    domain = here / "pick_place.py"
+    domain = example / "pick_place.py"
     text = domain.read_text(encoding="utf-8")
     head, _, rest = text.partition("        actions={")
     text = f"{head}        actions={{}},\n        keys={{{rest.partition('keys={')[2]}"
     domain.write_text(text, encoding="utf-8")
-    assert main([*WORDS]) == 2
+    assert main([*SHORT_RUN]) == 2
     expected = "Expected at least one action in the domain pick_place, found none;"
-    said = capsys.readouterr().err
-    assert said.startswith(f"islandgp: {expected}")
-    assert said.count("\n") == 1
+    errors = capsys.readouterr().err
+    assert errors.startswith(f"islandgp: {expected}")
+    assert errors.count("\n") == 1
     islandgp = shell(monkeypatch, capsys)
-    found = islandgp("domain", "pick_place", "--check", "--config-dir", "conf")
-    assert (found.code, found.out) == (2, "")
-    assert expected in found.err
-    assert "Traceback" not in found.err
+    result = islandgp("domain", "pick_place", "--check", "--config-dir", "conf")
+    assert (result.code, result.out) == (2, "")
+    assert expected in result.err
+    assert "Traceback" not in result.err
 
 
 @pytest.mark.parametrize("missing", ["action", "component"])
@@ -66,43 +66,45 @@ def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
     """Actions for the leaves of trees, and components for their fitness."""
     from tests.domains.test_ticking import SCHEMA
 
-    words = EMPTY_VOCABULARY if missing == "action" else SCHEMA.vocabulary
+    vocabulary = EMPTY_VOCABULARY if missing == "action" else SCHEMA.vocabulary
     components = {} if missing == "component" else SCHEMA.components
-    with pytest.raises(DomainError, match=f"at least one {missing} in the domain {words.domain}"):
-        Schema(words, components, SCHEMA.events, "Counts.")
+    with pytest.raises(
+        DomainError, match=f"at least one {missing} in the domain {vocabulary.domain}"
+    ):
+        Schema(vocabulary, components, SCHEMA.events, "Counts.")
 
 
 @pytest.mark.slow
-def test_smoke_is_for_any_domain(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_smoke_is_for_any_domain(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`experiment=smoke` sets nothing that only the island has."""
-    words = (*OWN, "experiment=smoke", "supervisor=fixed", "evaluator=serial", "progress=off")
-    assert main(words) == 0
+    arguments = (*OWN, "experiment=smoke", "supervisor=fixed", "evaluator=serial", "progress=off")
+    assert main(arguments) == 0
     assert "Best robot" in capsys.readouterr().out
-    assert list((here / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))
+    assert list((example / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))
 
 
 def test_another_reward_is_put_on_top_of_the_domains_file(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    example: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`+rewards=NAME` changes the rows that it names; without the + a line says so."""
-    (here / "conf/rewards").mkdir()
+    """`+rewards=NAME` changes the rows that it names; without the + the error names it."""
+    (example / "conf/rewards").mkdir()
     rows = "events: {picked: {base: 12.5}, tick: {over: 0.5}}\n"
-    (here / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
-    assert main([*WORDS, "rewards=own"]) == 2
-    said = capsys.readouterr().err
+    (example / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
+    assert main([*SHORT_RUN, "rewards=own"]) == 2
+    errors = capsys.readouterr().err
     expected = "islandgp: rewards: expected a group that the chosen files have an option of"
-    assert said.startswith(expected)
-    assert "write +rewards=OPTION" in said
-    assert main([*WORDS, "+rewards=own", "--cfg", "job"]) == 0
+    assert errors.startswith(expected)
+    assert "write +rewards=OPTION" in errors
+    assert main([*SHORT_RUN, "+rewards=own", "--cfg", "job"]) == 0
     rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
     assert rewards["events"]["picked"] == {"component": "progress", "base": 12.5}
     assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
 
 
-def test_a_tier_put_on_top_says_its_place(here: Path) -> None:
+def test_an_added_tier_has_its_place(example: Path) -> None:
     """`better_than` names the tier that comes next; without it a new tier is the last."""
-    (here / "conf/classes").mkdir()
-    file = here / "conf/classes/own.yaml"
+    (example / "conf/classes").mkdir()
+    file = example / "conf/classes/own.yaml"
     for place, order in ((", better_than: placed_one", [0, 2, 1]), ("", [0, 1, 2])):
         file.write_text(f"tiers: {{two: {{at_least: {{placed: 2}}{place}}}}}", encoding="utf-8")
         tiers = [*only_job(["domain=pick_place", "+classes=own"], "conf").settings.classes.tiers]
@@ -111,13 +113,13 @@ def test_a_tier_put_on_top_says_its_place(here: Path) -> None:
 
 @pytest.mark.parametrize("group", ["domain", "experiment"])
 def test_a_file_without_its_package_is_one_line(
-    here: Path, capsys: pytest.CaptureFixture[str], group: str
+    example: Path, capsys: pytest.CaptureFixture[str], group: str
 ) -> None:
     """It names the file and the line to add, in place of a line for each key that it misplaces."""
-    file = here / f"conf/{group}/pick_place.yaml"
+    file = example / f"conf/{group}/pick_place.yaml"
     file.parent.mkdir(exist_ok=True)
-    own = here / "conf/domain/pick_place.yaml"
-    head, _, text = own.read_text(encoding="utf-8").partition("\n")
+    shipped = example / "conf/domain/pick_place.yaml"
+    head, _, text = shipped.read_text(encoding="utf-8").partition("\n")
     assert head == "# @package _global_"
     file.write_text(text, encoding="utf-8")
     assert main([*OWN, *([] if group == "domain" else ["experiment=pick_place"])]) == 2
@@ -127,14 +129,14 @@ def test_a_file_without_its_package_is_one_line(
     )
 
 
-def test_a_counter_may_be_measured(here: Path) -> None:
+def test_a_counter_may_be_measured(example: Path) -> None:
     """The page's second domain measures a distance, and its ticks take half a second."""
     page = (ROOT / "docs/own_domain.md").read_text(encoding="utf-8")
     code = page.partition("```python\nfrom dataclasses")[2].partition("```")[0]
-    (here / "measured.py").write_text(f"from dataclasses{code}", encoding="utf-8")
+    (example / "measured.py").write_text(f"from dataclasses{code}", encoding="utf-8")
     settings = only_job(["domain=pick_place", "domain.factory=measured:Measured"], "conf").settings
     domain = settings.make_domain()
-    text = (here / "carry.bt").read_text(encoding="utf-8")
+    text = (example / "carry.bt").read_text(encoding="utf-8")
     outcome = domain.run_episode(parse(text, domain.schema.vocabulary), 0, {})
     assert outcome.counters["driven"] == 6.0 * outcome.counters["moved"] > 0
     assert outcome.seconds == 0.5 * outcome.counters["tick"]
@@ -142,54 +144,54 @@ def test_a_counter_may_be_measured(here: Path) -> None:
 
 
 def test_a_domains_file_is_printed(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """`islandgp domain NAME --yaml`: a file to begin with, also where there is only a wheel."""
     islandgp = shell(monkeypatch, capsys)
     shipped = (resource("conf") / "domain/cartpole.yaml").read_text(encoding="utf-8")
     assert islandgp("domain", "cartpole", "--yaml").out == shipped
-    own = (here / "conf/domain/pick_place.yaml").read_text(encoding="utf-8")
-    assert islandgp("domain", "pick_place", "--yaml", "--config-dir", "conf").out == own
-    wrong = islandgp("domain", "cartpol", "--yaml")
-    assert (wrong.code, wrong.out) == (2, "")
-    assert "did you mean cartpole?" in wrong.err
+    text = (example / "conf/domain/pick_place.yaml").read_text(encoding="utf-8")
+    assert islandgp("domain", "pick_place", "--yaml", "--config-dir", "conf").out == text
+    refused = islandgp("domain", "cartpol", "--yaml")
+    assert (refused.code, refused.out) == (2, "")
+    assert "did you mean cartpole?" in refused.err
 
 
 def test_a_domain_s_file_may_set_how_its_robots_evolve(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    example: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its values of `gp` and `allocation` come after the defaults, and before the command line."""
-    file = here / "conf/domain/pick_place.yaml"
-    own = "\ngp: {population: 12, generations: 7}\nallocation: {elites: 1}\n"
-    file.write_text(file.read_text(encoding="utf-8") + own, encoding="utf-8")
+    file = example / "conf/domain/pick_place.yaml"
+    settings = "\ngp: {population: 12, generations: 7}\nallocation: {elites: 1}\n"
+    file.write_text(file.read_text(encoding="utf-8") + settings, encoding="utf-8")
     assert main([*OWN, "gp.generations=9", "--cfg", "job"]) == 0
-    found = yaml.safe_load(capsys.readouterr().out)
-    assert (found["gp"]["population"], found["gp"]["generations"]) == (12, 9)
-    assert found["allocation"]["elites"] == 1
+    config = yaml.safe_load(capsys.readouterr().out)
+    assert (config["gp"]["population"], config["gp"]["generations"]) == (12, 9)
+    assert config["allocation"]["elites"] == 1
 
 
 @pytest.mark.slow
 def test_a_run_goes_on_with_the_code_of_its_domain_only(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A changed module is refused like a changed configuration; resume=force and =never take it."""
     with monkeypatch.context() as patch:
         patch.setattr("islandgp.running.run.best_robot", _stop)
-        assert main(WORDS) == 2
-    domain = here / "pick_place.py"
+        assert main(SHORT_RUN) == 2
+    domain = example / "pick_place.py"
     before = domain.read_bytes()
     domain.write_bytes(before + b"\n# changed\n")
     capsys.readouterr()
-    assert main(WORDS) == 2
-    said = capsys.readouterr().err
-    assert "found it changed:\n  domain.factory: the code of pick_place:PickPlace\n" in said
-    assert "Traceback" not in said
-    assert main([*WORDS, "resume=force"]) == 0
-    assert main(WORDS) == 0  # it is that code's run now
+    assert main(SHORT_RUN) == 2
+    errors = capsys.readouterr().err
+    assert "found it changed:\n  domain.factory: the code of pick_place:PickPlace\n" in errors
+    assert "Traceback" not in errors
+    assert main([*SHORT_RUN, "resume=force"]) == 0
+    assert main(SHORT_RUN) == 0  # it is that code's run now
     domain.write_bytes(before)
-    assert main(WORDS) == 2
+    assert main(SHORT_RUN) == 2
     assert "Expected the configuration of the finished run" in capsys.readouterr().err
-    assert main([*WORDS, "resume=never"]) == 0
+    assert main([*SHORT_RUN, "resume=never"]) == 0
 
 
 def _stop(*_: object) -> None:
@@ -206,14 +208,14 @@ def _stop(*_: object) -> None:
     quick=1,
 )
 def test_the_fault_of_an_operator_is_its_authors(
-    here: Path, body: str, expected: str, capsys: pytest.CaptureFixture[str]
+    example: Path, body: str, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A mutation from outside that fails is named, and what the run has is kept."""
     sys.modules.pop("wrong", None)
     plugin._user_function.cache_clear()
-    (here / "wrong.py").write_text(f"def hoist(rng, tree, space, how):\n    {body}\n")
-    (here / "conf/gp").mkdir()
+    (example / "wrong.py").write_text(f"def hoist(rng, tree, space, how):\n    {body}\n")
+    (example / "conf/gp").mkdir()
     text = 'defaults: [paper, _self_]\nmutation: {operators: {"wrong:hoist": 2.5}}\n'
-    (here / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
-    assert main([*WORDS, "search=paper", "gp=own"]) == 2
-    assert f"islandgp: {expected.format(here / 'wrong.py')}" in capsys.readouterr().err
+    (example / "conf/gp/own.yaml").write_text(text, encoding="utf-8")
+    assert main([*SHORT_RUN, "search=paper", "gp=own"]) == 2
+    assert f"islandgp: {expected.format(example / 'wrong.py')}" in capsys.readouterr().err

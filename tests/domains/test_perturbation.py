@@ -50,16 +50,16 @@ def test_sensors_without_faults() -> None:
 def test_noise() -> None:
     """Only keys that declare it have some; it is as large as asked for, and stays in the range."""
     see = sensors(1, 0)
-    seen = np.array([see([1, 5, 0.5]) for _ in range(4000)])
-    assert (seen[:, 0] == 1).all()
-    assert (seen[:, 2] == 0.5).all()
-    assert seen[:, 1].min() >= 0
-    assert seen[:, 1].max() <= 10
-    assert seen[:, 1].std() == pytest.approx(2, rel=0.1)
+    values = np.array([see([1, 5, 0.5]) for _ in range(4000)])
+    assert (values[:, 0] == 1).all()
+    assert (values[:, 2] == 0.5).all()
+    assert values[:, 1].min() >= 0
+    assert values[:, 1].max() <= 10
+    assert values[:, 1].std() == pytest.approx(2, rel=0.1)
     again = sensors(1, 0)
-    assert [again([1, 5, 0.5]) for _ in range(3)] == seen[:3].tolist()
+    assert [again([1, 5, 0.5]) for _ in range(3)] == values[:3].tolist()
     other = sensors(1, 0, seed=2)
-    assert other([1, 5, 0.5]) != seen[0].tolist()
+    assert other([1, 5, 0.5]) != values[0].tolist()
 
 
 def test_delay() -> None:
@@ -67,9 +67,9 @@ def test_delay() -> None:
     delays = set()
     for seed in range(30):
         see = sensors(0, 2, seed)
-        seen = [see([0, x, 0])[1] for x in range(6)]
-        delay = seen.count(0) - 1
-        assert seen == [max(0, x - delay) for x in range(6)]
+        values = [see([0, x, 0])[1] for x in range(6)]
+        delay = values.count(0) - 1
+        assert values == [max(0, x - delay) for x in range(6)]
         delays.add(delay)
     assert delays == {0, 1, 2}
 
@@ -82,50 +82,50 @@ RANGES = Perturbation.model_validate(
 def test_settings_are_drawn_from_their_ranges() -> None:
     """Whole ones stay whole; a world's draw is a function of its seed."""
     world = composed().world.model_dump()
-    drawn = [RANGES.changes(world, seed) for seed in range(200)]
-    charges = [one["robot"]["charge_below"] for one in drawn]
-    counts = [one["humanoids"]["count"] for one in drawn]
+    draws = [RANGES.changes(world, seed) for seed in range(200)]
+    charges = [one["robot"]["charge_below"] for one in draws]
+    counts = [one["humanoids"]["count"] for one in draws]
     assert 30 <= min(charges) < 31
     assert 59 < max(charges) <= 60
     assert set(counts) == set(range(5, 21))
     assert all(isinstance(count, int) for count in counts)
-    assert drawn == [RANGES.changes(world, seed) for seed in range(200)]
+    assert draws == [RANGES.changes(world, seed) for seed in range(200)]
     assert RANGES.in_words() == "robot.charge_below 30 to 60, humanoids.count 5 to 20, noise 1"
 
 
 def problem(*overrides: str, **perturb: Any) -> Problem:
     """The island with a perturbation, in short episodes."""
     settings = composed(SHORT, *overrides)
-    how = Perturbation.model_validate(perturb)
+    perturbation = Perturbation.model_validate(perturb)
     factory = settings.domain.factory
-    return Problem.of(factory, settings.world, settings.rewards, settings.curriculum, how)
+    return Problem.of(factory, settings.world, settings.rewards, settings.curriculum, perturbation)
 
 
-def outcomes(where: Problem, seeds: list[int]) -> list[Any]:
+def outcomes(island: Problem, seeds: list[int]) -> list[Any]:
     """What the all-rounder achieves."""
     text = to_text(ALL_ROUNDER)
-    return Serial(where).evaluate([Job(text, 3, seed) for seed in seeds])
+    return Serial(island).evaluate([Job(text, 3, seed) for seed in seeds])
 
 
 def test_a_range_without_width_is_that_world() -> None:
     """So a perturbed world is the configured one with other settings, in each stage."""
-    where = problem(world={"robot": {"speed": [8, 8]}})
-    assert outcomes(where, [1, 2]) == outcomes(
+    perturbed = problem(world={"robot": {"speed": [8, 8]}})
+    assert outcomes(perturbed, [1, 2]) == outcomes(
         composed(SHORT, "world.robot.speed=8").problem(), [1, 2]
     )
 
 
 def test_faultless_sensors_change_nothing() -> None:
     """An island whose tree is ticked on a copy of the blackboard gives the same to the bit."""
-    where, there = composed(SHORT).problem(), problem(noise=1e-300)
-    assert outcomes(there, [3, 4]) == outcomes(where, [3, 4])
+    plain_island, perturbed = composed(SHORT).problem(), problem(noise=1e-300)
+    assert outcomes(perturbed, [3, 4]) == outcomes(plain_island, [3, 4])
 
 
 def test_outcomes_do_not_depend_on_the_order() -> None:
     """Nor on what ran before: a worker may get any episode."""
-    how: dict[str, Any] = {"world": {"robot.speed": [8, 12]}, "noise": 3, "delay": 20}
-    forth = outcomes(problem(**how), [1, 2, 3])
-    back = outcomes(problem(**how), [3, 2, 1, 3])
+    perturbation: dict[str, Any] = {"world": {"robot.speed": [8, 12]}, "noise": 3, "delay": 20}
+    forth = outcomes(problem(**perturbation), [1, 2, 3])
+    back = outcomes(problem(**perturbation), [3, 2, 1, 3])
     assert back == [*forth[::-1], forth[2]]
     assert forth != outcomes(composed(SHORT).problem(), [1, 2, 3])
 
@@ -133,12 +133,12 @@ def test_outcomes_do_not_depend_on_the_order() -> None:
 def test_training() -> None:
     """`perturb.training` decides where a run's episodes are; a report can ask for either."""
     for training in (False, True):
-        words = f"perturb={{world: {{robot.speed: [8, 12]}}, training: {training}}}"
-        settings = composed(SHORT, words)
+        override = f"perturb={{world: {{robot.speed: [8, 12]}}, training: {training}}}"
+        settings = composed(SHORT, override)
         assert (settings.problem().perturbed is not None) is training
         assert settings.problem(perturbed=True).perturbed is not None
         assert settings.problem(perturbed=False).perturbed is None
-        config = plain(SHORT, words)
+        config = plain(SHORT, override)
         assert (Problem.recorded(config).perturbed is not None) is training
         assert Problem.recorded(config, perturbed=True).perturbed is not None
     assert composed().problem().perturbed is None
@@ -146,10 +146,10 @@ def test_training() -> None:
 
 
 def test_a_world_that_cannot_be_is_reported() -> None:
-    """An episode in it ends with the domain's reason, whatever the ends of the ranges were."""
-    where = problem(world={"obstacles.gap": [60, 60]})
+    """An episode in it ends with the domain's reason, for any ends of the ranges."""
+    impossible = problem(world={"obstacles.gap": [60, 60]})
     with pytest.raises(EvaluationError, match=r"world\.obstacles: expected room for"):
-        simulate(where, Job(to_text(ALL_ROUNDER), 0, 1))
+        simulate(impossible, Job(to_text(ALL_ROUNDER), 0, 1))
 
 
 WRONG = [
@@ -180,12 +180,12 @@ def test_wrong_perturbations(perturb: Any, line: str) -> None:
 
 def test_a_domain_that_declares_nothing() -> None:
     """Its worlds may have ranges, and no noise or delay."""
-    words = Vocabulary("quiet", {"Wait": Action("waits")}, {"x": number("", 0, 1)})
-    schema = Schema(words, {"points": ""}, {}, "")
+    vocabulary = Vocabulary("quiet", {"Wait": Action("waits")}, {"x": number("", 0, 1)})
+    schema = Schema(vocabulary, {"points": ""}, {}, "")
     settings: Settings = composed()
-    how = Perturbation(noise=1, delay=1)
-    found = list(how.faults(object, settings.world, settings.rewards, schema))
-    assert [line.partition(":")[0] for line in found] == [
+    perturbation = Perturbation(noise=1, delay=1)
+    faults = list(perturbation.faults(object, settings.world, settings.rewards, schema))
+    assert [line.partition(":")[0] for line in faults] == [
         "perturb.noise",
         "perturb.delay",
         "perturb",
@@ -197,9 +197,9 @@ def test_wrong_declarations(noise: float, message: str) -> None:
     """Of noise, and of a delay."""
     with pytest.raises(DomainError, match=message):
         Vocabulary("odd", {"Wait": Action("")}, {"x": number("", 0, 1, noise=noise)})
-    words = Vocabulary("odd", {"Wait": Action("")}, {})
+    vocabulary = Vocabulary("odd", {"Wait": Action("")}, {})
     with pytest.raises(DomainError, match="Expected a delay of 0 to"):
-        Schema(words, {"points": ""}, {}, "", delay=-1)
+        Schema(vocabulary, {"points": ""}, {}, "", delay=-1)
 
 
 def test_cartpole_declares_sensors() -> None:
@@ -221,9 +221,9 @@ def test_play_as_json(tmp_path: Path) -> None:
     """Of one tree the fitness in each perturbed world, of several mean and worst."""
     file = tmp_path / "a tree.bt"
     file.write_text(to_text(ALL_ROUNDER), encoding="utf-8")
-    words = ["--seeds", "2", "--json", "--set", SHORT, "--set", "perturb={noise: 3, delay: 20}"]
-    one = CliRunner().invoke(islandgp, ["play", str(file), *words])
-    two = CliRunner().invoke(islandgp, ["play", str(file), str(file), *words])
+    options = ["--seeds", "2", "--json", "--set", SHORT, "--set", "perturb={noise: 3, delay: 20}"]
+    one = CliRunner().invoke(islandgp, ["play", str(file), *options])
+    two = CliRunner().invoke(islandgp, ["play", str(file), str(file), *options])
     points = [row["perturbed"] for row in json.loads(one.output)]
     assert len(points) == 2
     for row in json.loads(two.output):
@@ -243,7 +243,7 @@ def test_the_page_s_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     Path("all_rounder.bt").write_text(to_text(ALL_ROUNDER), encoding="utf-8")
     lines = shell.splitlines()
     assert len(lines) == 2
-    for words in map(shlex.split, lines):
-        result = CliRunner().invoke(islandgp, [*words[1:], "--seeds", "2", "--set", SHORT])
+    for command in map(shlex.split, lines):
+        result = CliRunner().invoke(islandgp, [*command[1:], "--seeds", "2", "--set", SHORT])
         assert result.exit_code == 0, result.output
         assert "With robot.charge_below 30 to 60" in result.output or "noise 2" in result.output

@@ -25,25 +25,25 @@ def of(observed: Any, actions: Any) -> Spaces:
 
 
 def test_a_dict_is_read_by_key_and_place() -> None:
-    """Its numbers stand in the order of its keys; `key.place` names one of them."""
-    whole = spaces.Dict(
+    """Its numbers are in the order of its keys; `key.place` names one of them."""
+    space = spaces.Dict(
         {
             "arm": spaces.Box(-1, 1, (2,)),
             "cell": spaces.Discrete(5),
             "inner": spaces.Dict({"lights": spaces.MultiBinary(2)}),
         }
     )
-    found = of(whole, spaces.Discrete(2))
-    seen = {
+    flattened = of(space, spaces.Discrete(2))
+    observation = {
         "arm": np.array([0.25, -0.5], np.float32),
         "cell": np.int64(3),
         "inner": {"lights": np.array([0, 1], np.int8)},
     }
-    assert found.read(seen) == [0.25, -0.5, 3, 0, 1]
-    assert found.places["arm.1"] == 1
-    assert found.places["cell"] == 2
-    assert found.places["inner.lights.1"] == 4
-    assert found.places[4] == 4
+    assert flattened.read(observation) == [0.25, -0.5, 3, 0, 1]
+    assert flattened.places["arm.1"] == 1
+    assert flattened.places["cell"] == 2
+    assert flattened.places["inner.lights.1"] == 4
+    assert flattened.places[4] == 4
 
 
 @pytest.mark.parametrize(
@@ -68,8 +68,8 @@ def test_actions_are_made_of_the_space_s_type() -> None:
     """A Box gets an array of its type; zeros are cut to its bounds."""
     box = of(spaces.Discrete(2), spaces.Box(np.float32([-1, 0.5]), np.float32([1, 2])))
     assert box.none == (0.0, 0.5)
-    made = box.act([0.25, 1.5])
-    assert (made.tolist(), made.dtype) == ([0.25, 1.5], np.float32)
+    action = box.act([0.25, 1.5])
+    assert (action.tolist(), action.dtype) == ([0.25, 1.5], np.float32)
     several = of(spaces.Discrete(2), spaces.MultiDiscrete([3, 2]))
     assert several.act((2, 1)).tolist() == [2, 1]
     assert several.fault((3, 0)) != ""
@@ -97,10 +97,10 @@ def test_choices_that_do_not_begin_at_0(
     actions: Any, none: Any, fits: Any, wrong: Any, message: str
 ) -> None:
     """The configuration has the environment's own numbers; without a choice it is the first."""
-    found = of(spaces.Discrete(2), actions)
-    assert found.none == none
-    assert found.fault(fits) == ""
-    assert found.fault(wrong) == message
+    flattened = of(spaces.Discrete(2), actions)
+    assert flattened.none == none
+    assert flattened.fault(fits) == ""
+    assert flattened.fault(wrong) == message
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_other_spaces_are_refused(observed: Any, actions: Any, message: str) -> 
 
 
 @pytest.mark.parametrize(
-    ("words", "line"),
+    ("override", "line"),
     [
         ("actions.Turn.arguments.torque.at=1", "actions.Turn.arguments.torque.at: expected 0 to 0"),
         ("actions.Turn.arguments.torque.range=[-3,3]", "actions.Turn.arguments.torque.range: exp"),
@@ -129,19 +129,19 @@ def test_other_spaces_are_refused(observed: Any, actions: Any, message: str) -> 
         ("observations.up.at=cosine", "observations.up.at: expected 0 to 2"),
     ],
 )
-def test_wrong_configuration_is_told_in_a_line(words: str, line: str) -> None:
+def test_wrong_configuration_is_one_line(override: str, line: str) -> None:
     """Key, what was expected and found."""
     with pytest.raises(ConfigError) as excinfo:
-        composed("domain=pendulum", f"++world.{words}")
+        composed("domain=pendulum", f"++world.{override}")
     assert str(excinfo.value).startswith(f"world.{line}")
 
 
 @pytest.mark.parametrize(("value", "number"), [(0, 0.0), (1.6, 2.0), (7, 2.0), (-1, 0.0)])
 def test_words_of_an_observation(value: float, number: float) -> None:
     """A number that counts from 0 is a word; beyond the words it is the first or the last."""
-    seen = Observation(at=0, meaning="m", words=("red", "green", "blue"))
-    assert seen.key().words == ("red", "green", "blue")
-    low, high = seen.bounds
+    observation = Observation(at=0, meaning="m", words=("red", "green", "blue"))
+    assert observation.key().words == ("red", "green", "blue")
+    low, high = observation.bounds
     assert round(min(high, max(low, value))) == number
 
 

@@ -23,8 +23,8 @@ def staged(*worlds: dict[str, Any]) -> dict[str, Any]:
     return {**plain(), "curriculum": {"generations_per_epoch": 5, "stages": stages}}
 
 
-def test_each_stage_has_its_own_world() -> None:
-    """What a stage does not name stays as the group `world` says."""
+def test_each_stage_has_its_world() -> None:
+    """What a stage does not name stays as in the group `world`."""
     problem = read_settings(staged(EARLY, {"episode": {"length": 20}})).problem()
     job = Job("PatrolWaypoint", 0, 1)
     lasted = [simulate(problem, Job(job.tree, stage, job.seed)).seconds for stage in (0, 1)]
@@ -33,14 +33,14 @@ def test_each_stage_has_its_own_world() -> None:
 
 
 def test_supervisors_have_the_world_of_a_generation() -> None:
-    """For episodes of their own, as those of the population in that generation."""
+    """Their own episodes use the world of the population in that generation."""
     settings = read_settings(staged(EARLY, {"episode": {"length": 20}}))
-    given = run_context(settings)
-    lengths = [given.domain_in(g).world.episode.length for g in (0, 5, 6)]  # type: ignore[attr-defined]
+    context = run_context(settings)
+    lengths = [context.domain_in(g).world.episode.length for g in (0, 5, 6)]  # type: ignore[attr-defined]
     assert lengths == [10, 10, 20]
     plainly = read_settings(plain())
-    given = run_context(plainly)
-    assert given.domain_in(9) is given.domain
+    context = run_context(plainly)
+    assert context.domain_in(9) is context.domain
 
 
 def test_without_changes_there_is_one_domain() -> None:

@@ -58,8 +58,8 @@ def pick_place() -> Domain:
         return Problem.recorded(config).domain
 
 
-def test_the_suite_tells_where_a_domain_failed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The file and the line of the user's own code, with what Python said."""
+def test_the_suite_locates_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file and the line of the user's code, with Python's message."""
 
     class Failing(TestPickPlace):
         def make_domain(self) -> Domain:
@@ -76,7 +76,7 @@ def test_the_suite_tells_where_a_domain_failed(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A domain that keeps state between episodes, or breaks a range, is told in words."""
+    """A domain that keeps state between episodes, or breaks a range, gets a message."""
 
     class Broken(TestPickPlace):
         def make_domain(self) -> Domain:
@@ -84,7 +84,7 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
             episode = type(domain).Episode  # type: ignore[attr-defined] -- a Stepped domain's
 
             class Forgetful(episode):  # type: ignore[misc, valid-type] -- found at run time
-                made = 0
+                episodes = 0
 
                 def __init__(self, world: object, seed: int, log: object) -> None:
                     type(self).made += 1
@@ -96,9 +96,9 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
             monkeypatch.setattr(type(domain), "Episode", Forgetful)
             return domain
 
-    found = {promise: fault for promise, fault in run_suite(Broken()) if fault}
-    assert "an episode is a function of tree seed and weights" in found
-    assert "Expected blocks_left <= 9, found 12.0" in found["keys stay in their ranges"]
+    faults = {promise: fault for promise, fault in run_suite(Broken()) if fault}
+    assert "an episode is a function of tree seed and weights" in faults
+    assert "Expected blocks_left <= 9, found 12.0" in faults["keys stay in their ranges"]
 
 
 def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:

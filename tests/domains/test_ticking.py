@@ -124,7 +124,7 @@ def test_time_runs_out() -> None:
 
 
 def test_a_generator_runs_over_several_ticks() -> None:
-    """Each yield is a tick; it begins anew when its node starts again."""
+    """Each yield is a tick; it begins from the start when its node starts again."""
     calls, _ = run("sequence { Twice Yes }", ticks=4)
     assert calls == ["begin", "go on", "yes", "begin", "go on", "yes"]
 
@@ -135,7 +135,7 @@ def test_two_leaves_of_a_generator_do_not_share_it() -> None:
     assert calls == ["begin", "begin", "go on", "go on"]
 
 
-def test_an_aborted_generator_begins_anew() -> None:
+def test_an_aborted_generator_begins_again() -> None:
     """The guard turns true in the fourth tick, and stops what runs behind it."""
     calls, _ = run("selector { when ready abort lower { Yes } Twice }", ticks=4)
     assert calls == ["begin", "go on", "begin", "yes"]
@@ -200,38 +200,38 @@ def test_keys_are_sensed_before_the_tick() -> None:
 def test_words_of_a_key(monkeypatch: pytest.MonkeyPatch) -> None:
     """`sense` gives a key's word or its index; another word is named with those that there are."""
     mode = enumeration("what it does", ("idle", "busy"))
-    words = replace(SCHEMA.vocabulary, keys={**SCHEMA.vocabulary.keys, "mode": mode})
-    monkeypatch.setitem(globals(), "SCHEMA", replace(SCHEMA, vocabulary=words))
+    vocabulary = replace(SCHEMA.vocabulary, keys={**SCHEMA.vocabulary.keys, "mode": mode})
+    monkeypatch.setitem(globals(), "SCHEMA", replace(SCHEMA, vocabulary=vocabulary))
     guarded = "selector { when mode == busy { Yes } No }"
-    for value, calls in (("busy", ["yes"]), (1, ["yes"]), ("idle", ["no"])):
-        found, _ = run(guarded, 1, sense=lambda v=value: {"ready": 0, "n": 0, "mode": v})
-        assert found == calls
+    for value, expected in (("busy", ["yes"]), (1, ["yes"]), ("idle", ["no"])):
+        calls, _ = run(guarded, 1, sense=lambda v=value: {"ready": 0, "n": 0, "mode": v})
+        assert calls == expected
     with pytest.raises(
         DomainError, match="Expected one of idle, busy as the value of the key mode"
     ):
         run(guarded, 1, sense=lambda: {"ready": 0, "n": 0, "mode": "lazy"})
 
 
-def test_a_leaf_without_a_status_is_told() -> None:
+def test_a_leaf_without_a_status_is_refused() -> None:
     """A forgotten return is no status."""
     with pytest.raises(DomainError, match="True, False or RUNNING from the action Odd, found None"):
         run("Odd")
 
 
-def test_an_unknown_event_is_told() -> None:
+def test_an_unknown_event_is_refused() -> None:
     """With the events that there are."""
     with pytest.raises(DomainError, match=r"an event of the schema \(done\), found 'dome'"):
         EventLog(REWARDS, SCHEMA, {})("dome")
 
 
 @pytest.mark.parametrize("amount", [float("nan"), float("inf")])
-def test_an_amount_that_is_no_number_is_told(amount: float) -> None:
+def test_an_amount_must_be_finite(amount: float) -> None:
     """Points made of it would be none."""
     with pytest.raises(DomainError, match=f"a finite amount of the event 'done', found {amount}"):
         EventLog(REWARDS, SCHEMA, {})("done", amount)
 
 
-def test_a_missing_key_or_counter_is_told() -> None:
+def test_a_missing_key_or_counter_is_refused() -> None:
     """What `sense` or `measures` leaves out."""
     with pytest.raises(DomainError, match="a value of the key n from"):
         run("Yes", sense=lambda: {"ready": 1})

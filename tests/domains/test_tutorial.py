@@ -21,7 +21,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.evolution import single_behaviours
 from islandgp.running.app import main
 from islandgp.testing.server import MessagesServer
-from tests.running.commands import Say, here
+from tests.running.commands import Command, in_process
 
 pytestmark = pytest.mark.process
 
@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "own_domain.md").read_text(encoding="utf-8")
 ARGUMENTS = "from islandgp.bt.core.parameters import"
-MADE_UP = ("library:\n  folder: trees", "from dataclasses import replace", ARGUMENTS)
+NOT_IN_EXAMPLE = ("library:\n  folder: trees", "from dataclasses import replace", ARGUMENTS)
 """How the snippets begin that are not part of the example; test_outside runs the second."""
 SMALL = ("gp.population=6", "gp.generations=4")
 QUICK = ("tracking=off", "progress=off", "evaluator=serial")
@@ -43,7 +43,7 @@ def commands() -> list[list[str]]:
 
 
 def test_the_code_is_the_examples() -> None:
-    """Each snippet of the page stands in a file of the example, to the letter."""
+    """Each snippet of the page is in a file of the example, to the letter."""
     files = [
         path.read_text(encoding="utf-8")
         for path in EXAMPLE.rglob("*")
@@ -55,20 +55,20 @@ def test_the_code_is_the_examples() -> None:
     strange = [
         snippet
         for snippet in snippets
-        if not any(snippet in text for text in files) and not snippet.startswith(MADE_UP)
+        if not any(snippet in text for text in files) and not snippet.startswith(NOT_IN_EXAMPLE)
     ]
     assert strange == []
 
 
 def test_arguments_have_the_types_and_defaults_of_the_page() -> None:
-    """The snippet declares them, and leaves get them as the text below it says."""
+    """The snippet declares them, and leaves get them as the text below it describes."""
     [snippet] = re.findall(rf"```python\n({ARGUMENTS}.*?)```", PAGE, re.DOTALL)
     names: dict[str, Any] = {}
     exec(snippet, names)
-    words = Vocabulary("arm", names["ACTIONS"], {})
-    tree = parse("sequence { MoveTo Grip Grip(tries: 3, gently: yes) Say IsPathClear }", words)
+    vocabulary = Vocabulary("arm", names["ACTIONS"], {})
+    tree = parse("sequence { MoveTo Grip Grip(tries: 3, gently: yes) Say IsPathClear }", vocabulary)
     leaves = [node.args for node in walk(tree) if isinstance(node.args, ActionArgs)]
-    assert [bound(args, words.action(args.name).arguments) for args in leaves] == [
+    assert [bound(args, vocabulary.action(args.name).arguments) for args in leaves] == [
         {"goal": "dock", "speed": 0.5},
         {"force": 12.5, "tries": 1, "gently": False},
         {"force": 12.5, "tries": 3, "gently": True},
@@ -83,26 +83,26 @@ def test_the_domain_is_short() -> None:
     assert len([line for line in text.splitlines() if line.strip()]) < 120
 
 
-def follow(folder: Path, place: Callable[[Path], Say], *small: str) -> str:
+def follow(folder: Path, runner_in: Callable[[Path], Command], *small: str) -> str:
     """Runs the page's commands in a copy of the example; returns all that they printed.
 
     Args:
         folder: An empty folder, where the copy is made.
-        place: Returns what runs commands in the folder that it takes.
+                runner_in: Returns a function that runs commands in the given folder.
         small: Overrides that every run takes besides.
     """
-    here = folder / "pick and place"  # a name with blanks, as people have
-    shutil.copytree(EXAMPLE, here, ignore=shutil.ignore_patterns("__pycache__", "runs"))
-    say, said = place(here), ""
-    for words in commands():
-        if words[:3] == ["python", "-m", "islandgp"]:
-            said += say("run", *words[3:], *QUICK, *small)
+    example = folder / "pick and place"  # a name with blanks, as people have
+    shutil.copytree(EXAMPLE, example, ignore=shutil.ignore_patterns("__pycache__", "runs"))
+    run, output = runner_in(example), ""
+    for arguments in commands():
+        if arguments[:3] == ["python", "-m", "islandgp"]:
+            output += run("run", *arguments[3:], *QUICK, *small)
         else:
-            said += say(*words[1:], *(["--no-mlflow"] if "compare" in words else []))
-    assert "Expected" not in said
-    assert ElementTree.parse(here / "carry.xml").getroot().tag == "root"
-    assert "<html" in (here / "carry.html").read_text(encoding="utf-8")
-    return said
+            output += run(*arguments[1:], *(["--no-mlflow"] if "compare" in arguments else []))
+    assert "Expected" not in output
+    assert ElementTree.parse(example / "carry.xml").getroot().tag == "root"
+    assert "<html" in (example / "carry.html").read_text(encoding="utf-8")
+    return output
 
 
 Run = Callable[..., str]
@@ -119,11 +119,11 @@ def run(
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     monkeypatch.setattr(single_behaviours, "ROUNDS", 4)  # of the search for a library
 
-    def said(*words: str) -> str:
-        assert main([*words, *QUICK]) == 0
+    def output_of(*overrides: str) -> str:
+        assert main([*overrides, *QUICK]) == 0
         return capsys.readouterr().out
 
-    yield said
+    yield output_of
     sys.modules.pop("pick_place", None)
     if known is not None:
         sys.modules["pick_place"] = known
@@ -132,15 +132,15 @@ def run(
 @pytest.mark.slow
 def test_the_commands_run(tmp_path: Path) -> None:
     """From check to compare, on small runs, in a folder with a blank in its name."""
-    assert "irst Finished Robot" in follow(tmp_path, here, *SMALL)
+    assert "irst Finished Robot" in follow(tmp_path, in_process, *SMALL)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
 def test_every_supervisor_runs(run: Run, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
-    words = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "experiment=smoke")
-    assert "Best robot" in run(*words, f"supervisor={supervisor}")
+    overrides = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "experiment=smoke")
+    assert "Best robot" in run(*overrides, f"supervisor={supervisor}")
 
 
 @pytest.mark.slow
@@ -148,8 +148,8 @@ def test_a_language_model_supervises_it(tmp_path: Path, run: Run) -> None:
     """Prompts, answers and trees of the domain, against the mock model; then the replay."""
     common = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", *SMALL)
     with MessagesServer() as server:
-        asked = ("supervisor=llm", f"supervisor.policy.base_url={server.url}", "runs=live")
-        live = run(*common, *asked)
+        overrides = ("supervisor=llm", f"supervisor.policy.base_url={server.url}", "runs=live")
+        live = run(*common, *overrides)
         prompts = " ".join(str(request) for request in server.requests)
     assert "at most" not in live  # a note on answers that were lost
     assert "A mobile robot with an arm carries blocks" in prompts

@@ -22,7 +22,7 @@ from islandgp.viewer.champion import champion_replay
 from tests.domains.courier import SCHEMA
 from tests.evolution.runs import Says, lines
 
-WORDS = SCHEMA.vocabulary
+VOCABULARY = SCHEMA.vocabulary
 WORKS = (
     "selector { when place == depot and hands == empty { Load }"
     " when place == house and hands == parcel { Unload }"
@@ -76,8 +76,8 @@ def steps(experiment: Experiment, start: RunState | None = None) -> list[Step]:
 @pytest.mark.parametrize("search", ["racing", "paper", "map_elites"])
 def test_a_resumed_run_is_the_straight_one(conf: Path, search: str) -> None:
     """A checkpoint has trees as texts; without the vocabulary their words would be keys."""
-    words = (*SMALL, f"search={search}", "supervisor=baseline")
-    straight = steps(experiment := islandgp.compose(*words, config_dir=conf))
+    overrides = (*SMALL, f"search={search}", "supervisor=baseline")
+    straight = steps(experiment := islandgp.compose(*overrides, config_dir=conf))
     assert any("==" in i.tree for step in straight for i in step.record.individuals)
     for at in (0, 2, 4):
         state = straight[at].state
@@ -99,7 +99,7 @@ def test_supervised_runs_end_with_a_robot_that_delivers(conf: Path, supervisor: 
 def test_an_episode_of_a_text_is_that_of_its_tree(conf: Path) -> None:
     """Some jobs have a tree, others its text alone."""
     problem = islandgp.compose(*SMALL, config_dir=conf).settings.problem()
-    tree = parse(WORKS, WORDS)
+    tree = parse(WORKS, VOCABULARY)
     outcomes = [simulate(problem, Job(to_text(tree), 0, 1, node)) for node in (tree, None)]
     assert outcomes[0] == outcomes[1]
     assert outcomes[0].counters["delivered"] > 5
@@ -107,11 +107,11 @@ def test_an_episode_of_a_text_is_that_of_its_tree(conf: Path) -> None:
 
 def test_an_edit_may_name_a_subtree_by_its_text() -> None:
     """The words of the place and of the branch are those of the tree."""
-    branch = parse("when before == house { Drive(to: house) }", WORDS)
+    branch = parse("when before == house { Drive(to: house) }", VOCABULARY)
     at = "when place == house and hands == parcel { Unload }"
     edit = Edit("replace", "0.0", at, branch)
     assert edit.branch == branch
-    changed = edited(edit, {"0.0": parse(WORKS, WORDS)}, WORDS, Limits(9, 99))
+    changed = edited(edit, {"0.0": parse(WORKS, VOCABULARY)}, VOCABULARY, Limits(9, 99))
     assert "when before == house { Drive(to: house) }" in to_text(changed)
     assert "Unload" not in to_text(changed)
 

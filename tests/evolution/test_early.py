@@ -14,7 +14,7 @@ from islandgp.search.hill import Hill
 from islandgp.seeding import Streams
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Says, lines, plan
-from tests.search.searches import made
+from tests.search.searches import search_and_plan
 
 
 class Early(Fake):
@@ -31,7 +31,7 @@ class Early(Fake):
 
 def hill(kind: type[Hill]) -> Hill:
     """A small search."""
-    search, how = made("hill")
+    search, how = search_and_plan("hill")
     return kind(search.settings, how)
 
 

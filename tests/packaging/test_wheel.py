@@ -16,7 +16,7 @@ import pytest
 
 from islandgp.testing.server import MessagesServer
 from tests.domains.test_tutorial import EXAMPLE, follow
-from tests.running.commands import Say
+from tests.running.commands import Command
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = ("conf", "grammar", "prompts")
@@ -114,7 +114,7 @@ def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
     """docs/own_domain.md, each command of it, with the wheel alone."""
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
-    def place(here: Path) -> Say:
+    def place(here: Path) -> Command:
         return lambda *words: call(python.with_name("islandgp"), *words, cwd=here, env=env)
 
     assert "First Placed One Robot" in follow(tmp_path, place)

@@ -18,8 +18,8 @@ import pytest
 from islandgp.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
-Say = Callable[..., str]
-"""Runs `islandgp` with these words, which must succeed; returns what it printed."""
+Command = Callable[..., str]
+"""Runs `islandgp` with these arguments, which must succeed; returns what it printed."""
 
 TINY = ("supervisor=baseline", "gp.population=8", "gp.generations=6", "progress=plain")
 
@@ -33,10 +33,10 @@ def fake(kind: str, **policy: object) -> list[str]:
     ]
 
 
-def here(cwd: Path) -> Say:
+def in_process(cwd: Path) -> Command:
     """Runs `islandgp` in this process, in the folder `cwd`; returns what it printed."""
 
-    def say(*words: str) -> str:
+    def command(*words: str) -> str:
         before = set(sys.modules)
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
             patch.chdir(cwd)
@@ -53,13 +53,13 @@ def here(cwd: Path) -> Say:
                 del sys.modules[name]
         return out.getvalue()
 
-    return say
+    return command
 
 
-def start(cwd: Path, *words: str) -> subprocess.Popen[str]:
-    """`python -m islandgp WORDS` in `cwd`, leader of its own process group."""
+def start(cwd: Path, *arguments: str) -> subprocess.Popen[str]:
+    """`python -m islandgp ARGUMENTS` in `cwd`, leader of its own process group."""
     return subprocess.Popen(
-        [sys.executable, "-m", "islandgp", *words],
+        [sys.executable, "-m", "islandgp", *arguments],
         cwd=cwd,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
@@ -70,13 +70,13 @@ def start(cwd: Path, *words: str) -> subprocess.Popen[str]:
 
 
 def finish(process: subprocess.Popen[str], seconds: float = 120) -> tuple[int, str]:
-    """Its exit code and everything it said."""
+    """Its exit code and everything it printed."""
     try:
-        said, _ = process.communicate(timeout=seconds)
+        output, _ = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
         kill_group(process)
         raise
-    return process.returncode, said
+    return process.returncode, output
 
 
 def kill_group(process: subprocess.Popen[str]) -> None:
@@ -105,7 +105,7 @@ def group_members(group: int) -> list[str]:
 
 def processes(group: int) -> dict[int, tuple[int, str]]:
     """The processes of a group that still run: parent and command line by number (Linux)."""
-    found = {}
+    running = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = stat.read_text().rpartition(")")[2].split()
@@ -114,14 +114,14 @@ def processes(group: int) -> dict[int, tuple[int, str]]:
             continue  # it ended while we looked
         # Without a command line it is on its way out: its memory is gone already.
         if int(fields[2]) == group and fields[0] not in "ZX" and line:
-            found[int(stat.parent.name)] = int(fields[1]), line
-    return found
+            running[int(stat.parent.name)] = int(fields[1]), line
+    return running
 
 
 def workers(run: subprocess.Popen[str]) -> list[int]:
     """The processes of a run's evaluator, of which it has started all: children of its server."""
-    found = processes(run.pid)
+    running = processes(run.pid)
     server = [
-        n for n, (parent, line) in found.items() if parent == run.pid and "forkserver" in line
+        n for n, (parent, line) in running.items() if parent == run.pid and "forkserver" in line
     ]
-    return sorted(n for n, (parent, _) in found.items() if parent in server)
+    return sorted(n for n, (parent, _) in running.items() if parent in server)

@@ -17,7 +17,7 @@ import pytest
 
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.testing.domain_suite import DomainSuite
-from tests.running.commands import ROOT, Say, here
+from tests.running.commands import ROOT, Command, in_process
 
 pytestmark = pytest.mark.process
 
@@ -92,7 +92,7 @@ def records(folder: Path, run: str) -> Iterator[Any]:
 PLAY = ("play", "tree.bt", "--set", "curriculum=flat", "--seeds", "2", "--json")
 
 
-def played(say: Say, folder: Path, tree: str, *words: str) -> list[Any]:
+def played(say: Command, folder: Path, tree: str, *words: str) -> list[Any]:
     """A tree's outcomes in two worlds, without a multiplier."""
     (folder / "tree.bt").write_text(tree, encoding="utf-8")
     found: list[Any] = json.loads(say(*PLAY, *words))
@@ -104,7 +104,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the page's files, where each of its commands has been run."""
     folder = tmp_path_factory.mktemp("outside")
     write_files(folder)
-    say = here(folder)
+    say = in_process(folder)
     found = commands("sh")
     assert len(found) == 10
     with pytest.MonkeyPatch.context() as patch:
@@ -147,7 +147,7 @@ def test_a_world(outside: Path) -> None:
 @pytest.mark.slow
 def test_a_reward(outside: Path) -> None:
     """A delivery earns what its band says, a collision four times the penalty."""
-    say = here(outside)
+    say = in_process(outside)
     tree = COLLECT % "sequence { MoveToGarbage PickupGarbage } PatrolWaypoint"
     own = played(say, outside, tree, "--config-dir", "mine", "--set", "rewards=careful")
     paper = played(say, outside, tree)
@@ -203,7 +203,7 @@ def test_an_action(outside: Path) -> None:
     (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
     assert "ReturnToStart" in file.read_text(encoding="utf-8")
     own = ("--config-dir", "mine", "--set", "domain=homing")
-    say = here(outside)
+    say = in_process(outside)
     homing, patrolling = played(say, outside, HOME, *own), played(say, outside, "PatrolWaypoint")
     for a, b in zip(homing, patrolling, strict=True):
         assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2

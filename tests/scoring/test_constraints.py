@@ -25,7 +25,7 @@ from islandgp.scoring.constraints import (
 )
 from tests.composed import composed, plain
 from tests.made import CLASSES, outcome
-from tests.search.searches import NO_ADVICE, done, made
+from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 
 LIMITS = {"charges": Bound(at_least=4), "pickups": Bound(at_most=2)}
 
@@ -116,9 +116,9 @@ def test_a_recorded_configuration() -> None:
 def test_stop_needs_a_feasible_individual() -> None:
     """A target that is reached by breaking a limit is not reached."""
     stop = Stop(fitness=10)
-    fit = done("0.0", 50.0)
+    fit = evaluated("0.0", 50.0)
     assert stop.reason([fit]) == "stop.fitness=10"
-    assert stop.reason([replace(fit, violation=0.5), done("0.1", 3.0)]) == ""
+    assert stop.reason([replace(fit, violation=0.5), evaluated("0.1", 3.0)]) == ""
 
 
 def record(generation: int, *individuals: tuple[str, float, float]) -> dict[str, Any]:
@@ -164,11 +164,14 @@ def test_candidates_come_feasible_first() -> None:
 
 def test_a_search_remembers_means() -> None:
     """Racing keeps a tree whose mean keeps the limit, though one evaluation broke it."""
-    search, _ = made("racing", "constraints={pickups: {at_most: 2}}")
+    search, _ = search_and_plan("racing", "constraints={pickups: {at_most: 2}}")
     state = search.start()
     tree = "sequence { SeekCharger ExecuteCharge }"
     for g, pickups in enumerate((0.0, 3.0)):
-        told = [done(f"{g}.0", 10.0, tree=tree, pickups=pickups), done(f"{g}.1", 99.0, pickups=9.0)]
+        told = [
+            evaluated(f"{g}.0", 10.0, tree=tree, pickups=pickups),
+            evaluated(f"{g}.1", 99.0, pickups=9.0),
+        ]
         state = search.tell(state, told, NO_ADVICE)
     assert [e.counters for e in state.memory.entries] == [{"pickups": 1.5}, {"pickups": 9.0}]
 

@@ -25,8 +25,8 @@ NAMES = sorted(path.stem for path in (resource("conf") / "search").glob("*.yaml"
 NO_ADVICE = Advice(rate=0.4)
 
 
-def made(name: str, *overrides: str) -> tuple[Any, Plan]:
-    """A search as configuration makes it, and the plan that it works on."""
+def search_and_plan(name: str, *overrides: str) -> tuple[Any, Plan]:
+    """The search that the configuration chooses, and its plan."""
     settings = composed(*SMALL, f"search={name}", *overrides)
     plan = plan_of(settings, settings.make_domain())
     return make_search(settings, plan), plan
@@ -37,7 +37,7 @@ def individual(name: str, tree: str = "PatrolWaypoint") -> Individual:
     return Individual(name, parse(tree), Origin.RANDOM)
 
 
-def done(
+def evaluated(
     name: str,
     fitness: float = 0.0,
     *,
@@ -54,12 +54,12 @@ def done(
 def generations(
     search: Any, plan: Plan, n: int, *, seed: int = 1, advice: Advice = NO_ADVICE
 ) -> tuple[list[tuple[Evaluated, ...]], SearchState]:
-    """What the first generations hold, and the state after them; outcomes are the fake's."""
-    streams, fake, state, found = Streams(seed), Fake(), search.start(), []
+    """The first generations, evaluated by the fake, and the state after them."""
+    streams, fake, state, populations = Streams(seed), Fake(), search.start(), []
     for g in range(n):
         population = search.ask(state, streams)
         texts = [to_text(i.tree) for i in population]
         worlds = training_seeds(plan, seed, g)
-        found.append(evaluate(plan, g, population, texts, worlds, fake))
-        state = search.tell(state, found[-1], advice)
-    return found, state
+        populations.append(evaluate(plan, g, population, texts, worlds, fake))
+        state = search.tell(state, populations[-1], advice)
+    return populations, state

@@ -1,4 +1,4 @@
-"""docs/search.md: its loop, its search and its commands run as they stand; its table is whole."""
+"""docs/search.md: its loop, its search and its commands run unchanged; its table is complete."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def blocks(kind: str) -> list[str]:
 
 
 COMMANDS = [shlex.split(line) for block in blocks("sh") for line in block.splitlines()]
-RUNS = [words[3:] for words in COMMANDS if words[0] == "python"]
+RUNS = [command[3:] for command in COMMANDS if command[0] == "python"]
 
 
 @pytest.fixture
-def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the page's search, in which commands are given."""
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with the page's search in it."""
     _, module = blocks("python")
     (yaml,) = blocks("yaml")
     (tmp_path / "truncation.py").write_text(module, encoding="utf-8")
@@ -56,10 +56,10 @@ def test_every_search_has_its_row() -> None:
 
 
 @sweep("words", RUNS, ids=" ".join, quick=3)
-def test_every_command_composes(words: list[str], mine: Path) -> None:
+def test_every_command_composes(arguments: list[str], project: Path) -> None:
     """Without running it."""
-    config_dir = mine / "mine" if "--config-dir" in words else None
-    plain = [w for w in words if w not in ("-m", "--config-dir", "mine") and "," not in w]
+    config_dir = project / "mine" if "--config-dir" in arguments else None
+    plain = [w for w in arguments if w not in ("-m", "--config-dir", "mine") and "," not in w]
     assert islandgp.compose(*plain, config_dir=config_dir).settings.search.name in (
         *NAMES,
         "truncation",
@@ -67,33 +67,33 @@ def test_every_command_composes(words: list[str], mine: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_command_runs(mine: Path) -> None:
+def test_every_command_runs(project: Path) -> None:
     """One after the other in one folder, on small runs; the comparison finds both arms."""
     from click.testing import CliRunner
 
     from islandgp.cli import islandgp as command
 
-    for words in COMMANDS:
-        if words[0] == "python":
-            assert main([*SMALL, *words[3:], "evaluator=serial"]) == 0
+    for arguments in COMMANDS:
+        if arguments[0] == "python":
+            assert main([*SMALL, *arguments[3:], "evaluator=serial"]) == 0
         else:
-            done = CliRunner().invoke(command, words[1:])
-            assert done.exit_code == 0, done.output
-    assert list((mine / "runs").rglob("summary.json"))
+            result = CliRunner().invoke(command, arguments[1:])
+            assert result.exit_code == 0, result.output
+    assert list((project / "runs").rglob("summary.json"))
 
 
-def test_the_loop_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_loop_runs_unchanged(capsys: pytest.CaptureFixture[str]) -> None:
     """A line for each generation, and the best tree of the last one."""
     loop = blocks("python")[0]
     exec(loop.replace("gp.population=20", "gp.population=6").replace("range(10)", "range(3)"), {})
-    said = capsys.readouterr().out.splitlines()
-    assert [line.partition(":")[0] for line in said[:3]] == ["0", "1", "2"]
-    assert parse("\n".join(said[3:]))
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.partition(":")[0] for line in lines[:3]] == ["0", "1", "2"]
+    assert parse("\n".join(lines[3:]))
     assert len(loop.splitlines()) <= 20
 
 
 @sweep("name", NAMES, quick=2)
-def test_a_loop_of_one_s_own_is_the_run(name: str) -> None:
+def test_a_user_s_loop_equals_the_run(name: str) -> None:
     """With the same seed and advice it has the individuals and outcomes of the run."""
     experiment = islandgp.compose(
         f"search={name}", "supervisor=baseline", "seed=3", *SMALL, "tracking=off"
@@ -118,19 +118,19 @@ def test_a_loop_of_one_s_own_is_the_run(name: str) -> None:
     assert loop == run
 
 
-def test_worlds_of_one_s_own() -> None:
+def test_a_user_s_worlds() -> None:
     """Each individual meets the given worlds, and is worth their mean."""
     experiment = islandgp.compose("search=hill", *SMALL)
     individuals = experiment.search().ask(experiment.search().start(), islandgp.Streams(0))[:2]
-    found = experiment.evaluate_population(individuals, 2, worlds=[5, 6, 7])
-    for e in found:
+    evaluated = experiment.evaluate_population(individuals, 2, worlds=[5, 6, 7])
+    for e in evaluated:
         single = experiment.evaluate(e.individual.tree, [5, 6, 7], stage=0)
         assert e.episodes == tuple(o.fitness for o in single)
         assert e.fitness == pytest.approx(sum(e.episodes) / 3)
 
 
 @pytest.mark.parametrize(
-    ("how", "message"),
+    ("options", "message"),
     [
         ({"generation": -1}, r"^generation: expected 0 or more, found -1$"),
         ({"generation": 1.5}, r"^generation: expected 0 or more, found 1\.5$"),
@@ -138,26 +138,26 @@ def test_worlds_of_one_s_own() -> None:
         ({"worlds": [-3]}, r"^worlds: expected seeds from 0 to 4294967295, found -3$"),
     ],
 )
-def test_a_generation_or_world_that_is_not_there(how: dict[str, Any], message: str) -> None:
-    """It is told before any episode."""
+def test_a_generation_or_world_that_is_not_there(options: dict[str, Any], message: str) -> None:
+    """The error comes before any episode."""
     experiment = islandgp.compose("search=hill", *SMALL)
     individuals = experiment.search().ask(experiment.search().start(), islandgp.Streams(0))
     with pytest.raises(islandgp.IslandError, match=message):
-        experiment.evaluate_population(individuals, **how)
+        experiment.evaluate_population(individuals, **options)
 
 
-def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
+def test_a_user_s_search_from_the_command_line(project: Path) -> None:
     """From a module and a YAML file outside of the package."""
-    words = ["--config-dir", "mine", "search=truncation", "experiment=smoke", "tracking=off"]
-    assert main([*words, *SMALL, "evaluator=serial", "supervisor=expert"]) == 0
-    (file,) = mine.glob("runs/smoke/*/generations.jsonl")
+    arguments = ["--config-dir", "mine", "search=truncation", "experiment=smoke", "tracking=off"]
+    assert main([*arguments, *SMALL, "evaluator=serial", "supervisor=expert"]) == 0
+    (file,) = project.glob("runs/smoke/*/generations.jsonl")
     records = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
     assert len(records) == 4
     for before, after in pairwise(records):
         best = max(before["individuals"], key=lambda i: i["fitness"])
-        elite, given, *children = after["individuals"]
+        elite, injected, *children = after["individuals"]
         assert (elite["origin"], elite["parents"]) == ("elite", [best["id"]])
-        assert given["origin"] == "injected"
+        assert injected["origin"] == "injected"
         assert before["guidance"]["injected"]
         names = {i["id"] for i in before["individuals"]}
         assert all(names.issuperset(i["parents"]) for i in children)
@@ -182,7 +182,7 @@ def test_a_search_of_one_s_own_from_the_command_line(mine: Path) -> None:
     ],
     quick=3,
 )
-def test_a_setting_that_says_nothing_is_refused(name: str, word: str, line: str) -> None:
+def test_a_setting_without_effect_is_refused(name: str, word: str, line: str) -> None:
     """In one line, before anything runs: a counter twice, or an infinite weight."""
     with pytest.raises(islandgp.IslandError, match=line) as excinfo:
         islandgp.compose(f"search={name}", f"search.policy.{word}")

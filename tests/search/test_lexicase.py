@@ -14,7 +14,7 @@ from islandgp.errors import ConfigError
 from islandgp.search.lexicase import passing, selected
 from islandgp.seeding import Streams
 from tests.profiles import examples
-from tests.search.searches import NO_ADVICE, done, made
+from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 
 TABLES = st.tuples(st.integers(1, 9), st.integers(1, 5)).flatmap(
     lambda shape: st.lists(
@@ -51,8 +51,8 @@ def of_deap(points: list[list[float]], order: list[int], monkeypatch: pytest.Mon
             return [row.number for row in rows]
 
     monkeypatch.setattr(selection, "random", Drawn)
-    [found] = selection.selAutomaticEpsilonLexicase([Row(k) for k in range(len(points))], 1)
-    return found
+    [candidates] = selection.selAutomaticEpsilonLexicase([Row(k) for k in range(len(points))], 1)
+    return candidates
 
 
 @examples(max_examples=200)
@@ -79,9 +79,9 @@ def test_specialists_are_selected() -> None:
     """Who is the best in one case alone has children; who is the best in none has none."""
     points = np.array([[9.0, 0, 0], [0, 9.0, 0], [0, 0, 9.0], [1.0, 1, 1], [-1, -1, -1]])
     rng = np.random.default_rng(0)
-    found = Counter(selected(rng, points) for _ in range(300))
-    assert {0, 1, 2} <= set(found)
-    assert 4 not in found
+    parents = Counter(selected(rng, points) for _ in range(300))
+    assert {0, 1, 2} <= set(parents)
+    assert 4 not in parents
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_specialists_are_selected() -> None:
 )
 def test_cases(cases: str, expected: tuple[float, ...]) -> None:
     """The terms of the fitness, or the fitness of each episode."""
-    search, _ = made("lexicase", f"search.policy.cases={cases}", "gp.episodes=3")
-    e = done("0.0", components={"garbage": 1.0, "battery": 2.0}, episodes=(5.0, 1.0, 7.0))
+    search, _ = search_and_plan("lexicase", f"search.policy.cases={cases}", "gp.episodes=3")
+    e = evaluated("0.0", components={"garbage": 1.0, "battery": 2.0}, episodes=(5.0, 1.0, 7.0))
     state = search.tell(search.start(), [e], NO_ADVICE)
     (contender,) = state.memory.all
     assert contender.cases[: len(expected)] == expected
@@ -101,13 +101,13 @@ def test_cases(cases: str, expected: tuple[float, ...]) -> None:
 def test_one_episode_is_no_choice_of_cases() -> None:
     """Lexicase selection over a single case would be a choice of the best alone."""
     with pytest.raises(ConfigError, match=r"^search\.policy\.cases: expected several episodes"):
-        made("lexicase", "search.policy.cases=episodes", "gp.episodes=1")
+        search_and_plan("lexicase", "search.policy.cases=episodes", "gp.episodes=1")
 
 
 def test_the_fittest_are_evaluated_again() -> None:
     """In the next generation's worlds, the best first."""
-    search, _ = made("lexicase", "search.policy.elites=3")
-    population = [done(f"0.{k}", float(k % 5)) for k in range(12)]
+    search, _ = search_and_plan("lexicase", "search.policy.elites=3")
+    population = [evaluated(f"0.{k}", float(k % 5)) for k in range(12)]
     state = search.tell(search.start(), population, NO_ADVICE)
     new = search.ask(state, Streams(1))
     assert [i.parents for i in new if i.origin == "elite"] == [("0.4",), ("0.9",), ("0.3",)]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from islandgp.search.descriptor import Dimension, cell, dimension, dimensions, point
 from islandgp.seeding import Streams
 from tests.made import CLASSES, outcome
-from tests.search.searches import NO_ADVICE, done, generations, made
+from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
 TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "MoveToHumanoid")
 
@@ -28,39 +28,39 @@ TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "Mov
     ],
 )
 def test_bins(text: str, values: tuple[float, ...], bins: tuple[int, ...]) -> None:
-    """Bin 0 holds 0 alone; then each is twice as wide as the one before, or as wide as it says."""
-    where = dimension(text)
-    assert tuple(cell([where.scaled(value)], 5)[0] for value in values) == bins
+    """Bin 0 holds 0 alone; then each is twice as wide as before, or as its number."""
+    axis = dimension(text)
+    assert tuple(cell([axis.scaled(value)], 5)[0] for value in values) == bins
 
 
 @given(value=st.floats(-1e12, 1e12), width=st.none() | st.floats(1e-3, 1e6))
 def test_places_keep_order_and_sign(value: float, width: float | None) -> None:
     """A larger value has a larger place, and below 0 the place is the mirror image."""
-    where = Dimension("x", width)
-    assert where.scaled(-value) == -where.scaled(value)
-    assert where.scaled(value + abs(value) / 2 + 1) > where.scaled(value)
-    assert abs(cell([where.scaled(value)], 7)[0]) <= 7
+    axis = Dimension("x", width)
+    assert axis.scaled(-value) == -axis.scaled(value)
+    assert axis.scaled(value + abs(value) / 2 + 1) > axis.scaled(value)
+    assert abs(cell([axis.scaled(value)], 7)[0]) <= 7
 
 
 def test_behaviours_are_the_descriptor_by_default() -> None:
     """Each behaviour has its counter."""
-    found = dimensions([], CLASSES)
-    assert [d.counter for d in found] == ["pickups", "interactions", "charges", "deliveries"]
-    assert point(found, outcome(pickups=3, deliveries=1)) == (2.0, 0.0, 0.0, 1.0)
+    axes = dimensions([], CLASSES)
+    assert [d.counter for d in axes] == ["pickups", "interactions", "charges", "deliveries"]
+    assert point(axes, outcome(pickups=3, deliveries=1)) == (2.0, 0.0, 0.0, 1.0)
 
 
 def test_a_cell_keeps_its_best() -> None:
     """Trees compete with those that do the same; a cell keeps `depth` of them."""
-    search, _ = made("map_elites", "search.policy.depth=2")
+    search, _ = search_and_plan("map_elites", "search.policy.depth=2")
     population = [
-        done("0.0", 10, tree=TREES[0], pickups=2),
-        done("0.1", 30, tree=TREES[1], pickups=3),
-        done("0.2", 20, tree=TREES[2], pickups=2),
-        done("0.3", -5, tree=TREES[3], charges=1),
+        evaluated("0.0", 10, tree=TREES[0], pickups=2),
+        evaluated("0.1", 30, tree=TREES[1], pickups=3),
+        evaluated("0.2", 20, tree=TREES[2], pickups=2),
+        evaluated("0.3", -5, tree=TREES[3], charges=1),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     cells = search.cells(state.memory.occupants)
-    assert {key: [o.parent.id for o in found] for key, found in cells.items()} == {
+    assert {key: [o.parent.id for o in occupants] for key, occupants in cells.items()} == {
         (2, 0, 0, 0): ["0.1", "0.2"],
         (0, 0, 1, 0): ["0.3"],
     }
@@ -68,13 +68,13 @@ def test_a_cell_keeps_its_best() -> None:
 
 def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
     """A lucky elite gives its place back to the one behind it."""
-    search, _ = made("map_elites", "search.policy.depth=2")
+    search, _ = search_and_plan("map_elites", "search.policy.depth=2")
     first = [
-        done("0.0", 100, tree=TREES[0], pickups=2),
-        done("0.1", 60, tree=TREES[1], pickups=2),
+        evaluated("0.0", 100, tree=TREES[0], pickups=2),
+        evaluated("0.1", 60, tree=TREES[1], pickups=2),
     ]
     state = search.tell(search.start(), first, NO_ADVICE)
-    second = [done("1.0", -50, tree=TREES[0], pickups=4)]
+    second = [evaluated("1.0", -50, tree=TREES[0], pickups=4)]
     state = search.tell(state, second, NO_ADVICE)
     best, behind = state.memory.occupants
     assert (best.parent.id, best.evaluations, best.fitness) == ("0.1", 1, 60)
@@ -85,25 +85,25 @@ def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
 
 def test_elites_are_evaluated_again() -> None:
     """Those with the fewest episodes first, then the fittest; no more than their share of slots."""
-    search, _ = made("map_elites", "search.policy.reevaluated=0.25")
+    search, _ = search_and_plan("map_elites", "search.policy.reevaluated=0.25")
     population = [
-        done("0.0", 10, tree=TREES[0], pickups=1),
-        done("0.1", 30, tree=TREES[1], charges=1),
-        done("0.2", 20, tree=TREES[2], deliveries=1),
-        done("0.3", 40, tree=TREES[3], interactions=1),
+        evaluated("0.0", 10, tree=TREES[0], pickups=1),
+        evaluated("0.1", 30, tree=TREES[1], charges=1),
+        evaluated("0.2", 20, tree=TREES[2], deliveries=1),
+        evaluated("0.3", 40, tree=TREES[3], interactions=1),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
-    state = search.tell(state, [done("1.0", 40, tree=TREES[3], interactions=1)], NO_ADVICE)
+    state = search.tell(state, [evaluated("1.0", 40, tree=TREES[3], interactions=1)], NO_ADVICE)
     new = search.ask(state, Streams(1))
     assert [i.parents for i in new if i.origin == "elite"] == [("0.1",), ("0.2",), ("0.0",)]
 
 
 def test_parents_come_from_all_cells() -> None:
     """Uniformly over cells, so that the weakest behaviour has as many children as the best."""
-    search, _ = made("map_elites", "gp.population=200", "search.policy.reevaluated=0")
+    search, _ = search_and_plan("map_elites", "gp.population=200", "search.policy.reevaluated=0")
     population = [
-        done("0.0", 1000, tree=TREES[0], pickups=1),
-        done("0.1", -1000, tree=TREES[1], charges=1),
+        evaluated("0.0", 1000, tree=TREES[0], pickups=1),
+        evaluated("0.1", -1000, tree=TREES[1], charges=1),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     mothers = Counter(i.parents[0] for i in search.ask(state, Streams(1)))
@@ -113,6 +113,6 @@ def test_parents_come_from_all_cells() -> None:
 
 def test_the_grid_is_bounded() -> None:
     """No more cells than bins allow, and no more trees in one than `depth`."""
-    search, plan = made("map_elites", "search.policy.bins=1", "search.policy.depth=1")
+    search, plan = search_and_plan("map_elites", "search.policy.bins=1", "search.policy.depth=1")
     _, state = generations(search, plan, 7)
     assert 1 < len(state.memory.occupants) <= 2**4

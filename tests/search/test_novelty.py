@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from islandgp.search.novelty import novelty
 from islandgp.seeding import Streams
-from tests.search.searches import NO_ADVICE, done, generations, made
+from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
 PLACES = st.lists(
     st.tuples(st.integers(-5, 5).map(float), st.integers(-5, 5).map(float)), max_size=8
@@ -41,10 +41,10 @@ def test_as_defined(
 
 def test_the_novel_are_parents_and_the_fittest_stay() -> None:
     """Nine that do nothing for much, and one that does something for nothing."""
-    search, _ = made("novelty", "search.policy.fittest=1", "search.policy.tournament=8")
+    search, _ = search_and_plan("novelty", "search.policy.fittest=1", "search.policy.tournament=8")
     population = [
-        *(done(f"0.{k}", float(k)) for k in range(9)),
-        done("0.9", -500.0, tree="SeekCharger", charges=1),
+        *(evaluated(f"0.{k}", float(k)) for k in range(9)),
+        evaluated("0.9", -500.0, tree="SeekCharger", charges=1),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     assert state.memory.parents[0].id == "0.9"
@@ -57,10 +57,10 @@ def test_the_novel_are_parents_and_the_fittest_stay() -> None:
 
 def test_what_is_known_is_not_novel() -> None:
     """The archive remembers places of individuals that are gone."""
-    search, _ = made("novelty", "search.policy.neighbours=1")
-    first = [done("0.0", charges=1), done("0.1"), done("0.2")]
+    search, _ = search_and_plan("novelty", "search.policy.neighbours=1")
+    first = [evaluated("0.0", charges=1), evaluated("0.1"), evaluated("0.2")]
     state = search.tell(search.start(), first, NO_ADVICE)
-    second = [done("1.0", charges=1), done("1.1"), done("1.2", pickups=1)]
+    second = [evaluated("1.0", charges=1), evaluated("1.1"), evaluated("1.2", pickups=1)]
     state = search.tell(state, second, NO_ADVICE)
     assert state.memory.parents[0].id == "1.2"
 
@@ -68,19 +68,19 @@ def test_what_is_known_is_not_novel() -> None:
 @pytest.mark.parametrize(("most", "added"), [(0, 3), (5, 3), (4, 0), (100, 2)])
 def test_the_archive_is_bounded(most: int, added: int) -> None:
     """The oldest places are forgotten."""
-    words = (f"search.policy.archive={most}", f"search.policy.added={added}")
-    search, plan = made("novelty", *words)
-    found, state = generations(search, plan, 5)
+    overrides = (f"search.policy.archive={most}", f"search.policy.added={added}")
+    search, plan = search_and_plan("novelty", *overrides)
+    populations, state = generations(search, plan, 5)
     assert len(state.memory.archive) == min(most, 5 * added)
     if most and added:
         from islandgp.search.descriptor import point
 
-        last = {point(search.dimensions, e.outcome) for e in found[-1]}
+        last = {point(search.dimensions, e.outcome) for e in populations[-1]}
         assert set(state.memory.archive[-added:]) <= last
 
 
 def test_scales() -> None:
     """A descriptor may name other counters, with a width that is worth as much as a doubling."""
-    search, _ = made("novelty", "search.policy.descriptor=[distance/100,pickups]")
-    state = search.tell(search.start(), [done("0.0", distance=250, pickups=7)], NO_ADVICE)
+    search, _ = search_and_plan("novelty", "search.policy.descriptor=[distance/100,pickups]")
+    state = search.tell(search.start(), [evaluated("0.0", distance=250, pickups=7)], NO_ADVICE)
     assert np.allclose(state.memory.archive, [(2.5, 3.0)])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from islandgp.search.nsga2 import crowded_order, crowding, ranks
 from islandgp.seeding import Streams
 from tests.profiles import examples
-from tests.search.searches import NO_ADVICE, done, made
+from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 
 ANY_POINTS = st.tuples(st.integers(1, 14), st.integers(1, 4)).flatmap(
     lambda shape: st.lists(
@@ -41,10 +41,10 @@ def rows_of_deap(points: np.ndarray[Any, Any]) -> list[Any]:
 
 
 @examples(max_examples=150)
-@given(found=ANY_POINTS)
-def test_fronts_as_deap_has_them(found: list[list[int]]) -> None:
+@given(table=ANY_POINTS)
+def test_fronts_as_deap_has_them(table: list[list[int]]) -> None:
     """Also with equal points and equal values."""
-    points = np.array(found, dtype=float)
+    points = np.array(table, dtype=float)
     rows = rows_of_deap(points)
     from deap.tools import sortNondominated
 
@@ -65,10 +65,10 @@ def test_crowding_and_selection_as_deap_has_them(seed: int, n: int, objectives: 
 
     for front in sortNondominated(rows, n):
         assignCrowdingDist(front)
-        own = crowding(points[[row.number for row in front]])
+        distances = crowding(points[[row.number for row in front]])
         # DEAP divides by the number of objectives.
         theirs = [row.fitness.crowding_dist * objectives for row in front]
-        assert own.tolist() == pytest.approx(theirs)
+        assert distances.tolist() == pytest.approx(theirs)
     for most in range(1, n + 1):
         theirs = {row.number for row in selNSGA2(rows, most)}
         ours = crowded_order(points)[:most]
@@ -93,17 +93,17 @@ def test_by_hand() -> None:
 
 def test_objectives() -> None:
     """The fitness, the nodes and counters, each maximised or minimised."""
-    search, _ = made(
+    search, _ = search_and_plan(
         "nsga2",
         "search.policy.objectives=[-nodes,pickups,-distance]",
         "search.policy.survivors=0.4",
     )
     population = [
-        done("0.0", 9.0, tree="sequence { PatrolWaypoint }", pickups=1, distance=5),
-        done("0.1", 0.0, tree="PatrolWaypoint", pickups=1, distance=5),
-        done("0.2", 0.0, tree="sequence { SeekCharger }", pickups=2, distance=9),
-        done("0.3", 0.0, tree="sequence { SeekCharger }", pickups=2, distance=8),
-        done("0.4", 99.0, tree="sequence { SeekCharger }", pickups=0, distance=99),
+        evaluated("0.0", 9.0, tree="sequence { PatrolWaypoint }", pickups=1, distance=5),
+        evaluated("0.1", 0.0, tree="PatrolWaypoint", pickups=1, distance=5),
+        evaluated("0.2", 0.0, tree="sequence { SeekCharger }", pickups=2, distance=9),
+        evaluated("0.3", 0.0, tree="sequence { SeekCharger }", pickups=2, distance=8),
+        evaluated("0.4", 99.0, tree="sequence { SeekCharger }", pickups=0, distance=99),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     assert {parent.id for parent in state.memory.parents} == {"0.1", "0.3"}
@@ -111,12 +111,12 @@ def test_objectives() -> None:
 
 def test_by_default_the_fitness_and_the_behaviours() -> None:
     """A specialist that earns less survives beside the fittest."""
-    search, _ = made("nsga2")
+    search, _ = search_and_plan("nsga2")
     assert search.objectives == ("fitness", "pickups", "interactions", "charges", "deliveries")
     population = [
-        done("0.0", 900.0, pickups=5),
-        done("0.1", -50.0, charges=1),
-        *(done(f"0.{k}", float(-k)) for k in range(2, 8)),
+        evaluated("0.0", 900.0, pickups=5),
+        evaluated("0.1", -50.0, charges=1),
+        *(evaluated(f"0.{k}", float(-k)) for k in range(2, 8)),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     assert {"0.0", "0.1"} <= {parent.id for parent in state.memory.parents}
@@ -125,8 +125,8 @@ def test_by_default_the_fitness_and_the_behaviours() -> None:
 
 def test_survivors_meet_the_worlds_of_their_children() -> None:
     """Half of the generation are survivors, the other half children of them."""
-    search, _ = made("nsga2")
-    population = [done(f"0.{k}", float(k)) for k in range(12)]
+    search, _ = search_and_plan("nsga2")
+    population = [evaluated(f"0.{k}", float(k)) for k in range(12)]
     state = search.tell(search.start(), population, NO_ADVICE)
     new = search.ask(state, Streams(1))
     assert [i.origin for i in new[:6]] == ["elite"] * 6

@@ -14,21 +14,21 @@ from islandgp.cli import main
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """What a command left behind."""
+class CommandResult:
+    """Exit code and output of a command."""
 
     code: int
     out: str
     err: str
 
 
-Cli: TypeAlias = Callable[..., Said]
+Cli: TypeAlias = Callable[..., CommandResult]
 
 
 def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
     """Runs `islandgp ARGUMENTS...` in this process; `stdin` is its standard input."""
 
-    def run(*arguments: object, stdin: str = "") -> Said:
+    def run(*arguments: object, stdin: str = "") -> CommandResult:
         monkeypatch.setattr(sys, "argv", ["islandgp", *map(str, arguments)])
         monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(stdin.encode())))
         capsys.readouterr()
@@ -37,7 +37,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
             main()
         except SystemExit as stop:
             code = int(stop.code or 0)
-        said = capsys.readouterr()
-        return Said(code, said.out, said.err)
+        captured = capsys.readouterr()
+        return CommandResult(code, captured.out, captured.err)
 
     return run

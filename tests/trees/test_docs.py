@@ -26,7 +26,7 @@ from islandgp.cli import COMMANDS
 from islandgp.cli import islandgp as group
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
-from tests.trees.shell import Cli, Said
+from tests.trees.shell import Cli, CommandResult
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
@@ -214,7 +214,7 @@ TINY_RUN = (
 )
 
 
-def _done(islandgp: Cli, arguments: list[str]) -> Said:
+def _done(islandgp: Cli, arguments: list[str]) -> CommandResult:
     """The outcome of a command; `> FILE` at its end writes its output, as a shell does."""
     if ">" not in arguments:
         return islandgp(*arguments)

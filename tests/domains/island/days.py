@@ -18,7 +18,7 @@ from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 ISLAND: dict[str, Any] = {
-    # The numbers that the tests of this folder were worked out with, whatever becomes of conf.
+    # The numbers that the tests of this folder were worked out with, independent of conf.
     "side": 300,
     "start": [150, 150],
     "chargers": [[60, 60], [240, 60], [60, 240], [240, 240]],
@@ -89,17 +89,17 @@ class Day:
 
     def amounts(self, event: IslandEvent) -> list[float]:
         """The amounts of all events of a kind, in order."""
-        return [amount for _, found, amount in self.episode.events if found is event]
+        return [amount for _, kind, amount in self.episode.events if kind is event]
 
     def steps(self, event: IslandEvent) -> list[int]:
         """When they happened."""
-        return [step for step, found, _ in self.episode.events if found is event]
+        return [step for step, kind, _ in self.episode.events if kind is event]
 
     def counts(self) -> dict[str, int]:
         """Events by name; leftover garbage, which every episode has, left out."""
-        found = Counter(event.name for _, event, _ in self.episode.events)
-        del found["LEFTOVER"]
-        return dict(found)
+        counter = Counter(event.name for _, event, _ in self.episode.events)
+        del counter["LEFTOVER"]
+        return dict(counter)
 
 
 def day(tree: str, island: IslandWorld, *, seed: int = 0, stage: int = 0) -> Day:

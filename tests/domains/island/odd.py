@@ -34,7 +34,7 @@ def odd_worlds(draw: st.DrawFn) -> IslandWorld:
     heap = (draw(st.floats(10, SIDE - 10)), draw(st.floats(10, SIDE - 10)))
     ask_from = one(1, 2, 5)
     try:
-        found = world(
+        island = world(
             side=SIDE,
             start=_points(draw, heap, 1)[0],
             chargers=_points(draw, heap, 1),
@@ -74,7 +74,7 @@ def odd_worlds(draw: st.DrawFn) -> IslandWorld:
                 "low_battery": one(0, 40, 100),
             },
         )
-        obstacles(found)
+        obstacles(island)
     except (ValidationError, ConfigError):
         assume(False)
-    return found
+    return island

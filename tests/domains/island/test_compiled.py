@@ -29,11 +29,11 @@ WAITING = "selector { MoveToHumanoid when batteryLevel < 5 { ExecuteCharge } }"
 def at_once(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The first episode may be compiled."""
     monkeypatch.setattr(compiled, "WARM", 0)
-    compiling, found = compiled._functions, compiled._at_hand
+    compiling, at_hand = compiled._functions, compiled._at_hand
     compiling.cache_clear()
     yield
     compiling.cache_clear()
-    found.cache_clear()
+    at_hand.cache_clear()
 
 
 @sweep("island", [busy(), world()], ids=["busy", "usual"], quick=1)
@@ -153,11 +153,11 @@ def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
     """A run of the command with its validation, on workers that have compiled code or not."""
     pytest.importorskip("numba", reason="needs islandgp[fast]")
     (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['llvmlite'] = None\n")
-    words = ("gp.population=10", "gp.generations=12", "tracking=off", "progress=off")
-    found: list[dict[str, bytes]] = []
+    overrides = ("gp.population=10", "gp.generations=12", "tracking=off", "progress=off")
+    records: list[dict[str, bytes]] = []
     for name, path in (("with", ""), ("without", str(tmp_path))):
         subprocess.run(
-            [sys.executable, "-m", "islandgp", *words, f"runs={tmp_path / name}"],
+            [sys.executable, "-m", "islandgp", *overrides, f"runs={tmp_path / name}"],
             cwd=resource("conf").parent,
             env={**os.environ, "PYTHONPATH": path},
             check=True,
@@ -165,5 +165,5 @@ def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
         )
         (folder,) = (tmp_path / name).glob("default/*")
         files = ("generations.jsonl", "best.bt", "lineage.csv", "archive.json")
-        found.append({file: (folder / file).read_bytes() for file in files})
-    assert found[0] == found[1]
+        records.append({file: (folder / file).read_bytes() for file in files})
+    assert records[0] == records[1]

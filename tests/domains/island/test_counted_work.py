@@ -1,7 +1,7 @@
 """What a fixed episode takes, counted: a guard against slowness that no busy machine can upset.
 
 The bounds are a tenth above what was counted when they were last set. Who makes
-episodes cheaper lowers them; who has to raise one says why in the commit.
+episodes cheaper lowers them; a commit that raises one gives the reason.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ def counted(text: str, *, stepwise: bool = False) -> tuple[Episode, Counter[str]
     `python`: functions of Python; `builtin`: functions of C; `looks`: functions of
     `sensing`; and each function of the engine by its name.
     """
-    found: Counter[str] = Counter()
+    counter: Counter[str] = Counter()
     looking = Path(sensing.__file__).name
 
     def note(frame: FrameType, event: str, called: Any) -> None:
         if event == "call":
-            found["python"] += 1
-            found["looks"] += frame.f_code.co_filename.endswith(looking)
+            counter["python"] += 1
+            counter["looks"] += frame.f_code.co_filename.endswith(looking)
         elif event == "c_call":
-            found["builtin"] += 1
+            counter["builtin"] += 1
             if called.__name__.startswith("cp"):
-                found[called.__name__] += 1
+                counter[called.__name__] += 1
 
     tree, island, award = parse(text), world(), points()
     run_episode(tree, island, 0, award)  # what is made once for a world is there from now on
@@ -71,7 +71,7 @@ def counted(text: str, *, stepwise: bool = False) -> tuple[Episode, Counter[str]
     finally:
         sys.setprofile(before)
         gc.enable()
-    return episode, found
+    return episode, counter
 
 
 @sweep("stepwise", [False, True], quick=1)
@@ -80,34 +80,34 @@ def test_each_step_is_one_step_of_the_engine(
 ) -> None:
     """The physics is not asked for steps that nobody needs, and none is left out."""
     monkeypatch.setattr(compiled, "_functions", lambda: None)
-    episode, found = counted(all_rounder(), stepwise=stepwise)
+    episode, counter = counted(all_rounder(), stepwise=stepwise)
     assert episode.steps == 4200
-    assert found["cpSpaceStep"] == episode.steps
+    assert counter["cpSpaceStep"] == episode.steps
 
 
 def test_work_of_the_all_rounder() -> None:
     """A full-length episode: 4,200 steps with few ticks, looks, readings and calls."""
-    episode, found = counted(all_rounder())
+    episode, counter = counted(all_rounder())
     assert episode.ticks <= TICKS
     for name, most in ALL_ROUNDER.items():
-        assert 0 < found[name] <= most, name
+        assert 0 < counter[name] <= most, name
 
 
 def test_work_of_a_robot_that_waits() -> None:
     """Nobody asks a tree again that waits for something that does not come."""
-    episode, found = counted(WAITING)
+    episode, counter = counted(WAITING)
     assert episode.steps >= 600
     assert episode.ticks <= 2
-    assert found["looks"] <= 0.33 * episode.steps
-    assert found["python"] <= 4.2 * episode.steps
+    assert counter["looks"] <= 0.33 * episode.steps
+    assert counter["python"] <= 4.2 * episode.steps
 
 
 def test_work_of_a_tree_that_ends_in_each_tick() -> None:
     """A tick that ends while the robot drives is repeated by the next ones, which are left out."""
-    episode, found = counted(ENDING)
+    episode, counter = counted(ENDING)
     assert episode.steps >= 1200
     assert episode.ticks <= 0.1 * episode.steps
-    assert found["python"] <= 7 * episode.steps
+    assert counter["python"] <= 7 * episode.steps
 
 
 @pytest.mark.slow

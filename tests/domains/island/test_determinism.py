@@ -134,7 +134,7 @@ ENDING_WHILE_DRIVING = (
 
 def on_the_way(**places: list[list[float]]) -> IslandWorld:
     """Stations on the patrol, rocks between them, little garbage at first, and a low battery."""
-    where = {
+    stations = {
         "chargers": [[40, 22], [80, 20], [100, 90]],
         "clearing_points": [[62, 19], [60, 101]],
         "waypoints": [[20, 20], [100, 20], [100, 100], [20, 100]],
@@ -142,7 +142,7 @@ def on_the_way(**places: list[list[float]]) -> IslandWorld:
     return world(
         side=120,
         start=[60, 60],
-        **(where | places),
+        **(stations | places),
         robot={"battery_start": 60},
         garbage={"initial": 5, "every": 0.3, "most": 40},
         humanoids={"count": 12},
@@ -156,7 +156,7 @@ def on_the_way(**places: list[list[float]]) -> IslandWorld:
 def test_stepwise_is_the_same_where_ticks_end_while_the_robot_drives(
     branches: str, seeds: Sequence[int]
 ) -> None:
-    """A parallel that ends in each tick, and turns the wheels in each: few ticks tell it all."""
+    """A parallel that ends in each tick, and turns the wheels in each: few ticks are needed."""
     tree, island = parse(f"parallel success one {{ {branches} }}"), on_the_way()
     for seed in seeds:
         quick, slow = both_ways(tree, island, seed)
@@ -198,7 +198,7 @@ LITTER = {"initial": 40, "every": 1000, "most": 100}
 GRID = [[x, y] for x in range(10, 120, 10) for y in range(10, 120, 10) if (x, y) != (60, 60)]
 BENDS = [[20, 20], [100, 60], [60, 100], [22, 70], [90, 20], [25, 100]]
 
-FOUND = {
+FOUND_WORLDS = {
     # what a search found once, or reasoning did: tree, world
     "leaves share an item": (
         "parallel { MoveToGarbage sequence { SeekCharger MoveToGarbage } }", busy()),
@@ -227,10 +227,10 @@ FOUND = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FOUND)
+@pytest.mark.parametrize("name", FOUND_WORLDS)
 def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
     """Each of these differed, or failed one way only, before the island knew of it."""
-    text, island = FOUND[name]
+    text, island = FOUND_WORLDS[name]
     for seed in range(6):
         quick, slow = both_ways(parse(text), island, seed)
         assert quick == slow, seed
@@ -277,21 +277,21 @@ def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
 @pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
 def test_the_public_engine_is_the_same(tree: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """pymunk's public interface and Chipmunk's own functions give the same episode."""
-    found = []
+    episodes = []
     monkeypatch.setattr(compiled, "_functions", lambda: None)
     idle_spaces.cache_clear()
     for functions in (engine.chipmunk(), engine.wrapped()):
         for name, function in functions._asdict().items():
             monkeypatch.setattr(engine, name, function)
-        found.append(run_episode(parse(tree), busy(), 2, points()))
+        episodes.append(run_episode(parse(tree), busy(), 2, points()))
         idle_spaces.cache_clear()  # a space knows the functions that it began with
-    assert found[0] == found[1]
+    assert episodes[0] == episodes[1]
 
 
 def test_skipping_is_worth_it() -> None:
     """The all-rounder is ticked in a small part of the steps."""
-    found = run_episode(parse(ALL_ROUNDER), world(), 0, points())
-    assert found.ticks < found.steps / 2
+    episode = run_episode(parse(ALL_ROUNDER), world(), 0, points())
+    assert episode.ticks < episode.steps / 2
 
 
 def test_earlier_episodes_leave_no_trace() -> None:
@@ -333,7 +333,7 @@ def test_another_process() -> None:
         "from tests.domains.island.test_determinism import ALL_ROUNDER, busy\n"
         "print(run_episode(parse(ALL_ROUNDER), busy(), 5, points()))\n"
     )
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code],
         cwd=Path(__file__).parents[3],
         env={**os.environ, "PYTHONHASHSEED": "12345", "PYTHONPATH": "."},
@@ -341,15 +341,15 @@ def test_another_process() -> None:
         text=True,
         check=True,
     )
-    here = run_episode(parse(ALL_ROUNDER), busy(), 5, points())
-    assert found.stdout == f"{here}\n"
+    episode = run_episode(parse(ALL_ROUNDER), busy(), 5, points())
+    assert process.stdout == f"{episode}\n"
 
 
 def test_all_rounder_golden() -> None:
-    """One day of the all-rounder on the paper's island, as somebody last read it."""
-    found = run_episode(parse(ALL_ROUNDER), world(), 2024, points())
-    plain = asdict(found)
+    """One day of the all-rounder on the paper's island, as last reviewed."""
+    episode = run_episode(parse(ALL_ROUNDER), world(), 2024, points())
+    plain = asdict(episode)
     del plain["ticks"]
-    plain["counts"] = dict(sorted(Counter(event.name for _, event, _ in found.events).items()))
-    plain["events"] = [f"{step} {event.name} {amount:g}" for step, event, amount in found.events]
+    plain["counts"] = dict(sorted(Counter(event.name for _, event, _ in episode.events).items()))
+    plain["events"] = [f"{step} {event.name} {amount:g}" for step, event, amount in episode.events]
     check_golden("all_rounder_episode.json", json.dumps(plain, indent=1) + "\n")

@@ -23,8 +23,8 @@ def test_time(lay: Lay) -> None:
     """An episode that goes well lasts 420 s."""
     spawns = [(step, 150.0, 150.0) for step in range(500, 4200, 500)]
     lay(spawns=spawns)
-    found = run(STAND, world(robot={"drain_standing": 0.01}))
-    assert (found.ending, found.steps) == (Ending.TIME, 4200)
+    episode = run(STAND, world(robot={"drain_standing": 0.01}))
+    assert (episode.ending, episode.steps) == (Ending.TIME, 4200)
 
 
 @pytest.mark.parametrize(
@@ -41,73 +41,73 @@ def test_stagnation(lay: Lay, battery: float, seconds: int) -> None:
     lay()
     far = [[150, 150 + side * 140] for side in (1, -1)]  # it stands for a tick at each arrival
     slow = {"battery_start": battery, "speed": 1.2}
-    found = run(PATROL, world(robot=slow, waypoints=far))
-    assert (found.ending, found.steps) == (Ending.STAGNATION, seconds * 10)
+    episode = run(PATROL, world(robot=slow, waypoints=far))
+    assert (episode.ending, episode.steps) == (Ending.STAGNATION, seconds * 10)
 
 
 def test_stagnation_counts_from_the_best(lay: Lay) -> None:
     """The clock starts again with each better fitness, and not with one that only recovers."""
     lay(spawns=[(300, 150.0, 150.0)])
-    found = run(STAND, world(robot={"drain_standing": 0.01}))
-    assert (found.ending, found.steps) == (Ending.STAGNATION, 300 + 1200)
+    episode = run(STAND, world(robot={"drain_standing": 0.01}))
+    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 300 + 1200)
 
 
 def test_charging_above_40_shortens_the_patience_again(lay: Lay) -> None:
     """What counts is the battery now: charged in time, an old plateau is 120 s again."""
     lay()
     low = {"battery_start": 20, "charge_rate": 0.1, "drain_moving": 0.0}  # 40 % after 200 s
-    found = run(PATROL, world(robot=low))
-    assert found.steps == 1800
+    episode = run(PATROL, world(robot=low))
+    assert episode.steps == 1800
     charging = {"battery_start": 25, "charge_rate": 0.1}  # 40 % after 150 s
-    found = run("ExecuteCharge", world(robot=charging, chargers=[[150, 150]]))
-    assert (found.ending, found.steps) == (Ending.STAGNATION, 1500)
+    episode = run("ExecuteCharge", world(robot=charging, chargers=[[150, 150]]))
+    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 1500)
 
 
 def test_negative(lay: Lay) -> None:
     """Idleness costs from second 21 on: fitness is negative, and 60 s later it is over."""
     lay()
-    found = run(STAND, world())
-    assert (found.ending, found.steps) == (Ending.NEGATIVE, 210 + 600)
-    assert found.fitness == -10 * 61
+    episode = run(STAND, world())
+    assert (episode.ending, episode.steps) == (Ending.NEGATIVE, 210 + 600)
+    assert episode.fitness == -10 * 61
 
 
 def test_negative_ends_with_a_gain(lay: Lay) -> None:
     """A gain that brings the fitness back above 0 stops that clock."""
     lay(spawns=[(800, 150.0, 150.0)])
-    found = run(STAND, world(robot={"drain_standing": 0.01}))
+    episode = run(STAND, world(robot={"drain_standing": 0.01}))
     # -10 a second from 21 to 80 are -600; the pickup adds 600. That is 0, neither negative nor
     # a better best. The next idle second, one after 20 more, makes it negative again.
-    assert (found.ending, found.steps) == (Ending.STAGNATION, 1200)
+    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 1200)
 
 
 def test_shutdown(lay: Lay) -> None:
     """An empty battery ends it, and costs: 70 % last 350 s of driving."""
     garbage = [complex(150, y) for y in range(20, 290, 10)]
     lay(garbage=garbage, spawns=[(s, 150.0, 40.0 + s % 200) for s in range(100, 4000, 100)])
-    found = day(PATROL, world(waypoints=[[150, 30], [150, 270]]))
-    arrivals = found.statuses.count("SUCCESS")  # at each it stands for a tick, at a quarter
+    trace = day(PATROL, world(waypoints=[[150, 30], [150, 270]]))
+    arrivals = trace.statuses.count("SUCCESS")  # at each it stands for a tick, at a quarter
     steps = 3500 + round(arrivals * 0.75)
-    assert found.episode.ending is Ending.SHUTDOWN
-    assert found.episode.steps == pytest.approx(steps, abs=1)
-    assert (found.amounts(IslandEvent.SHUTDOWN), found.steps(IslandEvent.SHUTDOWN)) == (
+    assert trace.episode.ending is Ending.SHUTDOWN
+    assert trace.episode.steps == pytest.approx(steps, abs=1)
+    assert (trace.amounts(IslandEvent.SHUTDOWN), trace.steps(IslandEvent.SHUTDOWN)) == (
         [1],
-        [found.episode.steps],
+        [trace.episode.steps],
     )
-    assert found.episode.battery == 0
+    assert trace.episode.battery == 0
 
 
 def test_leftover_is_counted_at_the_end(lay: Lay) -> None:
     """Each episode's last event is the garbage that still lies there."""
     lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], spawns=[(5, 280.0, 280.0)])
-    found = day(STAND, world(episode={"length": 2}))
-    assert found.episode.events[-1] == (20, IslandEvent.LEFTOVER, 3)
-    assert found.amounts(IslandEvent.LEFTOVER) == [3]
+    trace = day(STAND, world(episode={"length": 2}))
+    assert trace.episode.events[-1] == (20, IslandEvent.LEFTOVER, 3)
+    assert trace.amounts(IslandEvent.LEFTOVER) == [3]
 
 
 def test_fitness_is_the_sum_of_the_events(lay: Lay) -> None:
     """The running account that ends episodes is the account that scores them."""
     lay(garbage=[150 + 150j, 160 + 150j], humanoids=[(150, 158)])
     award = points(2)
-    found = day("selector { PickupGarbage MoveToGarbage PatrolWaypoint }", world(), stage=2)
-    total = sum(award(event, amount) for _, event, amount in found.episode.events)
-    assert found.episode.fitness == pytest.approx(total)
+    trace = day("selector { PickupGarbage MoveToGarbage PatrolWaypoint }", world(), stage=2)
+    total = sum(award(event, amount) for _, event, amount in trace.episode.events)
+    assert trace.episode.fitness == pytest.approx(total)

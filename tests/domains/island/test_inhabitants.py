@@ -17,36 +17,36 @@ def test_garbage_is_capped(lay: Lay) -> None:
     """At most 150 items lie on the ground at once; what would be more never appears."""
     many = [complex(10 + i % 90, 10 + i // 90) for i in range(140)]
     lay(garbage=many, spawns=[(step, 250.0, 250.0) for step in range(1, 60)])
-    found = day("PatrolWaypoint", world(episode={"length": 8}))
-    assert max(moment.lying for moment in found.moments) == 150
-    assert found.amounts(IslandEvent.LEFTOVER) == [150]
+    trace = day("PatrolWaypoint", world(episode={"length": 8}))
+    assert max(moment.lying for moment in trace.moments) == 150
+    assert trace.amounts(IslandEvent.LEFTOVER) == [150]
 
 
 def test_garbage_comes_again_when_there_is_room(lay: Lay) -> None:
     """On a full ground a pickup makes room for the next item."""
     lay(garbage=[150 + 150j, 10 + 10j], spawns=[(5, 20.0, 20.0), (6, 30.0, 30.0)])
-    found = day("PickupGarbage", world(garbage={"initial": 2, "most": 2}, episode={"length": 2}))
-    assert found.amounts(IslandEvent.LEFTOVER) == [2]
+    trace = day("PickupGarbage", world(garbage={"initial": 2, "most": 2}, episode={"length": 2}))
+    assert trace.amounts(IslandEvent.LEFTOVER) == [2]
 
 
 def test_spawning_as_configured() -> None:
     """120 items at the start, one more every 2 s, up to 150."""
-    found = day("PatrolWaypoint", world(episode={"length": 100, "negative": 100}))
-    taken = len(found.amounts(IslandEvent.PICKUP))
-    assert taken == 0
-    assert [found.moments[step].lying for step in (0, 20, 21, 41, 599, 601, 990)] == [
+    trace = day("PatrolWaypoint", world(episode={"length": 100, "negative": 100}))
+    pickups = len(trace.amounts(IslandEvent.PICKUP))
+    assert pickups == 0
+    assert [trace.moments[step].lying for step in (0, 20, 21, 41, 599, 601, 990)] == [
         120, 120 + 1, 121, 122, 149, 150, 150,
     ]  # fmt: skip
 
 
 def test_humanoids_carry_ten_and_ask_from_five() -> None:
     """Over a whole day nobody carries more than 10, and who is in sight asks from 5 on."""
-    found = day("PatrolWaypoint", world(robot={"drain_moving": 0}, episode={"negative": 420}))
-    carried = [count for moment in found.moments for count in moment.carried]
+    trace = day("PatrolWaypoint", world(robot={"drain_moving": 0}, episode={"negative": 420}))
+    carried = [count for moment in trace.moments for count in moment.carried]
     assert min(carried) == 0
     assert max(carried) == 10
-    assert not any(moment.board[4] for moment in found.moments if max(moment.carried) < 5)
-    assert any(moment.board[4] for moment in found.moments)
+    assert not any(moment.board[4] for moment in trace.moments if max(moment.carried) < 5)
+    assert any(moment.board[4] for moment in trace.moments)
 
 
 def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
@@ -54,7 +54,7 @@ def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
     island = world()
     schedule = draw_schedule(island, 3)
     for h in range(island.humanoids.count):
-        steps = [0, *(step for step, who, _, _ in schedule.turns[:-1] if who == h)]
+        steps = [0, *(step for step, humanoid, _, _ in schedule.turns[:-1] if humanoid == h)]
         gaps = [b - a for a, b in pairwise(steps)]
         assert len(gaps) > 40
         assert min(gaps) >= 40
@@ -72,30 +72,30 @@ def test_humanoids_walk_at_their_speed() -> None:
 def test_a_contact_is_one_collision(lay: Lay) -> None:
     """A robot that runs into a humanoid and pushes on collides once, as long as they touch."""
     lay(humanoids=[(150, 160)])
-    found = day("PatrolWaypoint", world(waypoints=[[150, 200], [150, 210]], episode={"length": 12}))
-    touching = [0 in moment.touching for moment in found.moments]
+    trace = day("PatrolWaypoint", world(waypoints=[[150, 200], [150, 210]], episode={"length": 12}))
+    touching = [0 in moment.touching for moment in trace.moments]
     contacts = sum(now and not before for before, now in pairwise([False, *touching]))
     assert contacts >= 1
     # A contact that begins and ends between two looks is one, too.
-    assert len(found.amounts(IslandEvent.COLLISION)) >= contacts
-    assert len(found.amounts(IslandEvent.COLLISION)) <= 3
+    assert len(trace.amounts(IslandEvent.COLLISION)) >= contacts
+    assert len(trace.amounts(IslandEvent.COLLISION)) <= 3
 
 
 def test_a_standing_robot_can_be_touched(lay: Lay) -> None:
     """A humanoid that walks into a robot is a collision, and then walks away from it."""
     lay(humanoids=[(150, 155)], turns=[(1, 0, 0.0, -1.2)])
-    found = day("PickupGarbage", world(episode={"length": 15}))
-    assert found.amounts(IslandEvent.COLLISION) == [1]
+    trace = day("PickupGarbage", world(episode={"length": 15}))
+    assert trace.amounts(IslandEvent.COLLISION) == [1]
     # 5 m less the two radii of 0.6 and 0.4 m, at 1.2 m/s
-    assert found.steps(IslandEvent.COLLISION) == [pytest.approx(1 + 4 / 0.12, abs=2)]
-    assert 0 not in found.moments[-1].touching
+    assert trace.steps(IslandEvent.COLLISION) == [pytest.approx(1 + 4 / 0.12, abs=2)]
+    assert 0 not in trace.moments[-1].touching
 
 
 def test_nobody_near_no_collision(lay: Lay) -> None:
     """Humanoids on the other side of the island are none of its business."""
     lay(humanoids=[(20, 20), (280, 280)])
-    found = day("PatrolWaypoint", world(waypoints=[[150, 170], [150, 130]], episode={"length": 60}))
-    assert found.amounts(IslandEvent.COLLISION) == []
+    trace = day("PatrolWaypoint", world(waypoints=[[150, 170], [150, 130]], episode={"length": 60}))
+    assert trace.amounts(IslandEvent.COLLISION) == []
 
 
 def test_things_have_room() -> None:

@@ -41,8 +41,8 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: EPISODE)
     settings = composed()
     island = Island.make(settings.world, settings.rewards)
-    found = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
-    assert found.counters == {
+    outcome = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
+    assert outcome.counters == {
         "pickups": 2,
         "interactions": 1,
         "deliveries": 1,
@@ -55,8 +55,8 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
         "laps": 2,
         "battery": 12.5,
     }
-    assert (found.seconds, found.endings) == (1.0, ("stagnation",))
-    assert found.components == pytest.approx(
+    assert (outcome.seconds, outcome.endings) == (1.0, ("stagnation",))
+    assert outcome.components == pytest.approx(
         {
             "garbage": 1200,  # 2 * 2 * 300
             "battery": 200,
@@ -68,7 +68,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
             "collision": -500,
         }
     )
-    assert found.fitness == pytest.approx(532.5)
+    assert outcome.fitness == pytest.approx(532.5)
     quiet = replace(EPISODE, events=())
     monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: quiet)
     assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
@@ -77,9 +77,9 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_outcomes_are_in_the_order_of_the_schema() -> None:
     """Records and tables show components and counters as the schema declares them."""
     settings = composed("world.episode.length=1")
-    found = settings.make_domain().run_episode(parse("PatrolWaypoint"), 3, {})
-    assert list(found.components) == list(SCHEMA.components)
-    assert list(found.counters) == list(SCHEMA.counters)
+    outcome = settings.make_domain().run_episode(parse("PatrolWaypoint"), 3, {})
+    assert list(outcome.components) == list(SCHEMA.components)
+    assert list(outcome.counters) == list(SCHEMA.counters)
 
 
 def test_every_event_has_a_row_of_table_3() -> None:

@@ -51,7 +51,7 @@ def check_ways(island: IslandWorld, seed: int, ways: int) -> None:
     rocks, rng = obstacles(island), np.random.default_rng(seed)
     hull, garbage = island.robot.radius, island.robot.radius + island.robot.pickup_reach
     for _ in range(ways):
-        # It may stand as near to a rock as its hull lets it; garbage keeps some ground free.
+        # It may be as near to a rock as its hull allows; garbage keeps some ground free.
         start, goal = free(rng, island, rocks, hull), free(rng, island, rocks, garbage)
         reach = float(rng.choice([island.robot.pickup_reach, island.robot.station_reach]))
         straight = hypot(goal[0] - start[0], goal[1] - start[1])
@@ -68,7 +68,7 @@ def test_many_ways() -> None:
 
 @pytest.mark.slow
 def test_a_crowded_island() -> None:
-    """The same among ninety rocks that stand as near to each other as configuration lets them."""
+    """The same among ninety rocks that are as near to each other as the configuration allows."""
     check_ways(world(obstacles={"count": 90, "gap": 4}), 1, 200)
 
 
@@ -123,7 +123,7 @@ def test_tangent() -> None:
 
 
 def test_no_episode_pushes_against_a_rock() -> None:
-    """In whole episodes the robot never touches a rock or a wall, whatever it does."""
+    """In whole episodes the robot never touches a rock or a wall, for any tree action."""
     tree = """
     selector {
       when batteryLevel < 40 abort lower { sequence { SeekCharger ExecuteCharge } }
@@ -135,6 +135,6 @@ def test_no_episode_pushes_against_a_rock() -> None:
     """
     island = world(obstacles={"count": 60})
     for seed in range(2):
-        found = day(tree, island, seed=seed)
-        assert found.episode.distance > 1000
-        assert not any(min(m.touching, default=0) < 0 for m in found.moments)
+        trace = day(tree, island, seed=seed)
+        assert trace.episode.distance > 1000
+        assert not any(min(m.touching, default=0) < 0 for m in trace.moments)
