@@ -35,7 +35,7 @@ from islandgp.search.base import USES, Search, SearchContext
 from islandgp.supervision.base import GenerationView, Supervisor
 from tests.composed import composed
 from tests.evolution.fake import Fake
-from tests.evolution.runs import Says, lines
+from tests.evolution.runs import Constant, lines
 from tests.profiles import sweep
 from tests.search.searches import NAMES
 
@@ -88,7 +88,7 @@ def run(
     start: RunState | None = None,
 ) -> list[Step]:
     """All steps of a run whose outcomes are the fake's."""
-    supervisor = supervisor or Says(0.3)
+    supervisor = supervisor or Constant(0.3)
     return list(evolve(plan, seed, supervisor, Fake(), search=search, start=start))
 
 
@@ -114,7 +114,7 @@ def straight(case: Case) -> list[Step]:
     return case.run("supervisor.inject=true", supervisor=Sometimes())
 
 
-class Sometimes(Says):
+class Sometimes(Constant):
     """Gives a tree after every second generation."""
 
     def advise(self, state: Any, rng: Any) -> Any:
@@ -217,7 +217,7 @@ def test_populations(case: Case, overrides: tuple[str, ...]) -> None:
                 make_search(settings, plan)
             return
     search = make_search(settings, plan)
-    steps = run(plan, search, supervisor=Says(0.3, CHARGER))
+    steps = run(plan, search, supervisor=Constant(0.3, CHARGER))
     assert len(steps) == 5
     check(steps, plan, case.name in FEWER)
     if "gp.founders=true" in overrides:
@@ -260,7 +260,7 @@ def test_small_vocabularies(case: Case, words: Vocabulary, overrides: tuple[str,
 def test_advice_is_obeyed_or_refused(case: Case) -> None:
     """A tree is in the next generation, a rate is that of the next one, or the record says why."""
     uses = case.settings().search.factory.uses
-    steps = case.run("supervisor.inject=true", supervisor=Says(0.9, CHARGER))
+    steps = case.run("supervisor.inject=true", supervisor=Constant(0.9, CHARGER))
     for before, after in itertools.pairwise(steps):
         guidance = before.record.guidance
         assert guidance is not None
@@ -274,7 +274,7 @@ def test_advice_is_obeyed_or_refused(case: Case) -> None:
             assert after.record.snapshot.rate == 0.9
 
 
-class Edits(Says):
+class Edits(Constant):
     """Edits the first individuals of each generation, and injects a tree."""
 
     seen_now: GenerationView | None = None

@@ -20,7 +20,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.run import make_evaluator, make_search
 from islandgp.viewer.champion import champion_replay
 from tests.domains.courier import SCHEMA
-from tests.evolution.runs import Says, lines
+from tests.evolution.runs import Constant, lines
 
 VOCABULARY = SCHEMA.vocabulary
 WORKS = (
@@ -70,7 +70,9 @@ def steps(experiment: Experiment, start: RunState | None = None) -> list[Step]:
     """A run whose supervisor sets the mutation rate alone."""
     settings, plan = experiment.settings, experiment.plan
     search = make_search(settings, plan)
-    return list(evolve(plan, 1, Says(0.8), make_evaluator(settings), search=search, start=start))
+    return list(
+        evolve(plan, 1, Constant(0.8), make_evaluator(settings), search=search, start=start)
+    )
 
 
 @pytest.mark.parametrize("search", ["racing", "paper", "map_elites"])

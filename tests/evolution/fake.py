@@ -17,9 +17,9 @@ def outcome_of(job: Job) -> Outcome:
     digest = hashlib.sha256(f"{job.tree}|{job.stage}|{job.seed}".encode()).digest()
     rng = np.random.default_rng(int.from_bytes(digest[:8], "big"))
     draws = rng.integers(0, 8, 4)
-    words = ("PickupGarbage", "MoveToHumanoid", "DeliverToClearingPoint", "ExecuteCharge")
+    names = ("PickupGarbage", "MoveToHumanoid", "DeliverToClearingPoint", "ExecuteCharge")
     pickups, interactions, deliveries, charges = (
-        float(draw) if word in job.tree else 0.0 for draw, word in zip(draws, words, strict=True)
+        float(draw) if name in job.tree else 0.0 for draw, name in zip(draws, names, strict=True)
     )
     fitness = float(rng.integers(-2000, 8000)) + 1500 * (pickups + interactions)
     return outcome(
@@ -34,16 +34,16 @@ def outcome_of(job: Job) -> Outcome:
 
 
 class Fake:
-    """See `Evaluator`; keeps the jobs it was asked for, a batch an entry."""
+    """See `Evaluator`; keeps the jobs that it evaluated, by batch."""
 
     def __init__(self) -> None:
         self.simulated = 0
-        self.asked: list[list[Job]] = []
+        self.batches: list[list[Job]] = []
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        self.asked.append(list(jobs))
+        self.batches.append(list(jobs))
         return [outcome_of(job) for job in jobs]
 
     def close(self) -> None:

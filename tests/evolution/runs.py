@@ -24,25 +24,25 @@ def plan(*overrides: str) -> Plan:
     return composed_plan(*SMALL, *overrides)
 
 
-class Says:
-    """A supervisor that always says the same, and keeps the states it saw."""
+class Constant:
+    """A supervisor that always gives the same guidance, and keeps the states it got."""
 
     name = "says"
 
     def __init__(self, rate: float | None = 0.3, tree: Node | None = None) -> None:
         self.rate = rate
         self.tree = tree
-        self.seen: list[PopulationState] = []
+        self.states: list[PopulationState] = []
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`; draws something, as supervisors may."""
-        self.seen.append(state)
+        self.states.append(state)
         rng.random(3)
         return Guidance(self.rate, self.tree, self.name)
 
 
 def run(
-    how: Plan | None = None,
+    run_plan: Plan | None = None,
     supervisor: Supervisor | None = None,
     *,
     seed: int = 1,
@@ -50,7 +50,15 @@ def run(
     evaluator: Fake | None = None,
 ) -> list[Step]:
     """All steps of a run."""
-    return list(evolve(how or plan(), seed, supervisor or Says(), evaluator or Fake(), start=start))
+    return list(
+        evolve(
+            run_plan or plan(),
+            seed,
+            supervisor or Constant(),
+            evaluator or Fake(),
+            start=start,
+        )
+    )
 
 
 def records(steps: list[Step]) -> list[GenerationRecord]:
@@ -59,5 +67,5 @@ def records(steps: list[Step]) -> list[GenerationRecord]:
 
 
 def lines(steps: list[Step]) -> Iterator[str]:
-    """The records as they stand on disk."""
+    """The records as they are on disk."""
     return (dump(record_values(record)) for record in records(steps))

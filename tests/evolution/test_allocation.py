@@ -57,10 +57,10 @@ TREES = [
 
 def people(outcomes: Sequence[Outcome]) -> tuple[Evaluated, ...]:
     """A population of generation 4 with these outcomes and a few different trees."""
-    found = (evaluated(f"4.{i}", done) for i, done in enumerate(outcomes))
+    individuals = (evaluated(f"4.{i}", result) for i, result in enumerate(outcomes))
     return tuple(
         replace(e, individual=replace(e.individual, tree=TREES[i % len(TREES)]))
-        for i, e in enumerate(found)
+        for i, e in enumerate(individuals)
     )
 
 
@@ -139,13 +139,13 @@ def test_table_1(
         injected=tree,
         archive={**archive, **archived(population)},
     )
-    found = counted(new)
+    counts = counted(new)
     assert len(new) == 30
-    assert 0 <= found["elite"] <= 2
-    assert 0 <= found["behavioural_elite"] <= 5
-    assert 0 <= found["resurrected"] <= 2
-    assert 2 <= found["diversity"] <= 4
-    assert 18 <= found["tournament"] <= 25
+    assert 0 <= counts["elite"] <= 2
+    assert 0 <= counts["behavioural_elite"] <= 5
+    assert 0 <= counts["resurrected"] <= 2
+    assert 2 <= counts["diversity"] <= 4
+    assert 18 <= counts["tournament"] <= 25
 
 
 @examples(max_examples=100)
@@ -156,15 +156,15 @@ def test_other_sizes(
     """Table 1 scales: populations keep their size, and every row its scaled range."""
     population = data.draw(populations(size))
     table = composed().allocation
-    found = counted(built(population, seed=seed, archive={**archive, **archived(population)}))
-    assert sum(found.values()) == size
-    assert found["elite"] <= scaled(2, table, size)
-    assert found["behavioural_elite"] <= scaled(5, table, size)
-    assert found["resurrected"] <= scaled(2, table, size)
-    assert 1 <= found["diversity"] <= max(1, scaled(4, table, size))
+    counts = counted(built(population, seed=seed, archive={**archive, **archived(population)}))
+    assert sum(counts.values()) == size
+    assert counts["elite"] <= scaled(2, table, size)
+    assert counts["behavioural_elite"] <= scaled(5, table, size)
+    assert counts["resurrected"] <= scaled(2, table, size)
+    assert 1 <= counts["diversity"] <= max(1, scaled(4, table, size))
     # Roundings may pull against each other by one, and small populations keep one of each kind.
-    assert max(0, scaled(18, table, size) - 3) <= found["tournament"]
-    assert found["tournament"] <= scaled(25, table, size) + 1
+    assert max(0, scaled(18, table, size) - 3) <= counts["tournament"]
+    assert counts["tournament"] <= scaled(25, table, size) + 1
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_scaled(population: int, expected: list[int]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("taken", "diversity", "slots"),
+    ("used", "diversity", "slots"),
     [
         # between 2 and 4 slots: 2 from diversity 0.5 on, 3 below, 4 below 0.3
         (7, 0.75, 2),
@@ -190,9 +190,9 @@ def test_scaled(population: int, expected: list[int]) -> None:
         (2, 0.75, 3),  # 2 would leave 26 tournament children, Table 1 allows 25
     ],
 )
-def test_diversity_slots(taken: int, diversity: float, slots: int) -> None:
+def test_diversity_slots(used: int, diversity: float, slots: int) -> None:
     """The less diversity, the more diversity slots, within Table 1's ranges."""
-    assert diversity_slots(composed().allocation, 30, taken, diversity) == slots
+    assert diversity_slots(composed().allocation, 30, used, diversity) == slots
 
 
 @examples(max_examples=60)
@@ -213,11 +213,11 @@ def test_elites_are_the_best(population: tuple[Evaluated, ...], seed: int) -> No
 def test_behavioural_elites(population: tuple[Evaluated, ...], seed: int) -> None:
     """The best of each behaviour is in, once, whether as elite or as behavioural elite."""
     new = built(population, seed=seed)
-    kept = [i.parents[0] for i in new if i.origin in (Origin.ELITE, Origin.BEHAVIOURAL_ELITE)]
-    assert len(kept) == len(set(kept))
+    elites = [i.parents[0] for i in new if i.origin in (Origin.ELITE, Origin.BEHAVIOURAL_ELITE)]
+    assert len(elites) == len(set(elites))
     for behaviour in BEHAVIOURS:
         doing = [e for e in ranked(population) if behaviour in e.labels.behaviours]
-        assert not doing or doing[0].individual.id in kept
+        assert not doing or doing[0].individual.id in elites
 
 
 def test_resurrection() -> None:
@@ -258,7 +258,7 @@ def test_remember() -> None:
 
 
 def test_remember_by_stage() -> None:
-    """Another stage, another scale: whoever shows a behaviour in a later one is remembered."""
+    """Another stage, another scale: a tree that shows a behaviour in a later one is remembered."""
     first = people([outcome(fitness=9.0, pickups=1), outcome(fitness=9.0, charges=1)])
     archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
     again = update_behaviour_archive(
@@ -321,13 +321,13 @@ def test_pick_parent() -> None:
         ]
     )
 
-    def pick(*present: Evaluated, given: int) -> Evaluated:
+    def pick(*present: Evaluated, count: int) -> Evaluated:
         rng = np.random.default_rng(0)
-        return pick_parent(rng, tournament, present, Counter(pickup=given), most=6, entrants=100)
+        return pick_parent(rng, tournament, present, Counter(pickup=count), most=6, entrants=100)
 
-    assert pick(best, other, third, idle, given=5) is best
-    assert pick(best, other, third, idle, given=6) is third
-    assert pick(best, other, idle, given=6) is best  # patrol-only is no niche to protect
+    assert pick(best, other, third, idle, count=5) is best
+    assert pick(best, other, third, idle, count=6) is third
+    assert pick(best, other, idle, count=6) is best  # patrol-only is no niche to protect
 
 
 @examples(max_examples=30)

@@ -28,7 +28,7 @@ from islandgp.search.racing import Racing
 from islandgp.seeding import Stream, seed_of
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake
-from tests.evolution.runs import SMALL, Says, lines, plan, records, run
+from tests.evolution.runs import SMALL, Constant, lines, plan, records, run
 from tests.made import CLASSES, evaluated, outcome
 from tests.profiles import sweep
 
@@ -85,7 +85,7 @@ def test_cells_begin_at_their_edges(pickups: float, cell: int) -> None:
 
 @given(st.lists(st.floats(allow_nan=False), min_size=2, max_size=2))
 def test_every_value_has_a_cell(values: list[float]) -> None:
-    """Whatever the counters are, the place is on the grid."""
+    """For any counters the place is on the grid."""
     axes = {"a": (0.0, 1.0), "b": EDGES}
     cell = cell_of(dict(zip(axes, values, strict=True)), axes)
     assert all(0 <= place < len(edges) for place, edges in zip(cell, axes.values(), strict=True))
@@ -93,30 +93,30 @@ def test_every_value_has_a_cell(values: list[float]) -> None:
 
 def test_the_best_of_each_cell() -> None:
     """An empty archive takes the fittest individual of each cell, the first of equals."""
-    found = after(
+    archive = after(
         (),
         some(("PatrolWaypoint", 0, 5), ("SeekCharger", 0, 7), ("PickupGarbage", 2, -4),
              ("MoveToGarbage", 2, -4)),
     )  # fmt: skip
-    assert [(e.cell, e.id, e.tree, e.mean, e.episodes) for e in found.elites] == [
+    assert [(e.cell, e.id, e.tree, e.mean, e.episodes) for e in archive.elites] == [
         ((0,), "0.1", "SeekCharger\n", 7, 1),
         ((1,), "0.2", "PickupGarbage\n", -4, 1),
     ]
-    assert asdict(found.record) == {
+    assert asdict(archive.record) == {
         "coverage": 2 / 3,
         "qd_score": 7.0,
         "new": 2,
         "improved": 0,
     }
-    assert found.episodes == 0
+    assert archive.episodes == 0
 
 
 def test_the_floor_of_the_qd_score() -> None:
     """The QD score sums what each mean has above the floor; below it an elite adds nothing."""
-    found = after((), some(("PatrolWaypoint", 0, 5), ("SeekCharger", 1, -7)))
+    archive = after((), some(("PatrolWaypoint", 0, 5), ("SeekCharger", 1, -7)))
     axes = GRID.axes(CLASSES)
-    assert archive_record(found.elites, axes, floor=-10).qd_score == 15 + 3
-    assert archive_record(found.elites, axes, floor=4).qd_score == 1
+    assert archive_record(archive.elites, axes, floor=-10).qd_score == 15 + 3
+    assert archive_record(archive.elites, axes, floor=4).qd_score == 1
     assert archive_record((), axes, floor=-10).qd_score == 0
 
 
@@ -151,25 +151,25 @@ def test_the_same_episode_counts_once() -> None:
     assert after(before, some(("PatrolWaypoint", 0, 9), generation=1)).elites == before
 
 
-@pytest.mark.parametrize(("points", "kept"), [(5.0, "0.0"), (8.0, "1.0")])
-def test_evaluated_again_before_it_displaces(points: float, kept: str) -> None:
+@pytest.mark.parametrize(("points", "keeper"), [(5.0, "0.0"), (8.0, "1.0")])
+def test_evaluated_again_before_it_displaces(points: float, keeper: str) -> None:
     """Both meet the same further episodes; the higher mean of all episodes keeps the cell."""
     before = after((), some(("PatrolWaypoint", 0, 6))).elites
-    asked: list[Sequence[str]] = []
+    requests: list[Sequence[str]] = []
 
     def evaluate(trees: Sequence[str]) -> list[list[Outcome]]:
-        asked.append(trees)
+        requests.append(trees)
         return [[outcome(6.0), outcome(6.0)], [outcome(points), outcome(2.0)]]
 
     settings = replace_settings(reevaluations=2)
-    found = after(
+    archive = after(
         before, some(("SeekCharger", 0, 9), generation=1), settings, world=2, reevaluate=evaluate
     )
-    assert asked == [["PatrolWaypoint\n", "SeekCharger\n"]]
-    (elite,) = found.elites
-    mean = (9 + points + 2) / 3 if kept == "1.0" else 6
-    assert (elite.id, elite.episodes, elite.mean) == (kept, 3, mean)
-    assert (found.episodes, found.record.improved) == (4, int(kept == "1.0"))
+    assert requests == [["PatrolWaypoint\n", "SeekCharger\n"]]
+    (elite,) = archive.elites
+    mean = (9 + points + 2) / 3 if keeper == "1.0" else 6
+    assert (elite.id, elite.episodes, elite.mean) == (keeper, 3, mean)
+    assert (archive.episodes, archive.record.improved) == (4, int(keeper == "1.0"))
 
 
 def replace_settings(**changes: Any) -> ArchiveSettings:
@@ -179,17 +179,17 @@ def replace_settings(**changes: Any) -> ArchiveSettings:
 
 def test_an_empty_cell_is_taken_at_once() -> None:
     """Without an elite in the cell there is no re-evaluation."""
-    found = after((), some(("PatrolWaypoint", 0, 6)), replace_settings(reevaluations=3))
-    assert (len(found.elites), found.episodes) == (1, 0)
+    archive = after((), some(("PatrolWaypoint", 0, 6)), replace_settings(reevaluations=3))
+    assert (len(archive.elites), archive.episodes) == (1, 0)
 
 
 def test_a_later_stage_displaces_an_earlier_one() -> None:
     """A tree of a later stage displaces an elite of an earlier stage with any number of points."""
     before = after((), some(("PatrolWaypoint", 0, 900), ("SeekCharger", 3, 800))).elites
-    found = after(
+    archive = after(
         before, some(("MoveToGarbage", 0, 1), ("SeekCharger", 3, 2), generation=1), stage=1
     )
-    assert [(e.id, e.stage, e.episodes, e.mean) for e in found.elites] == [
+    assert [(e.id, e.stage, e.episodes, e.mean) for e in archive.elites] == [
         ("1.0", 1, 1, 1),
         ("0.1", 1, 1, 2),
     ]
@@ -247,21 +247,24 @@ def test_searches_and_their_challenges() -> None:
 def test_every_run_keeps_one() -> None:
     """Coverage never falls, the last record is that of the last archive, and no cell is twice."""
     steps = run()
-    found = [record.archive for record in records(steps)]
-    assert all(record is not None for record in found)
-    shares = [record.coverage for record in found if record]
+    archive_records = [record.archive for record in records(steps)]
+    assert all(record is not None for record in archive_records)
+    shares = [record.coverage for record in archive_records if record]
     assert shares == sorted(shares)
-    elites, how = steps[-1].archive, plan()
-    axes = how.archive.axes(how.classes)
+    elites, run_plan = steps[-1].archive, plan()
+    axes = run_plan.archive.axes(run_plan.classes)
     assert [e.cell for e in elites] == sorted({e.cell for e in elites})
     assert len({e.tree for e in elites}) == len(elites)
     last = archive_record(elites, axes, floor=0)
-    assert found[-1] is not None
-    assert (found[-1].coverage, found[-1].qd_score) == (last.coverage, last.qd_score)
+    assert archive_records[-1] is not None
+    assert (archive_records[-1].coverage, archive_records[-1].qd_score) == (
+        last.coverage,
+        last.qd_score,
+    )
 
 
 def test_it_watches_only() -> None:
-    """Whatever the archive's settings, the populations are the same."""
+    """For any settings of the archive the populations are the same."""
     one, other = (
         run(plan(*overrides))
         for overrides in ((), ("archive.reevaluations=3", "archive.cells={pickups:[0,2]}"))
@@ -273,9 +276,9 @@ def test_it_watches_only() -> None:
 def test_worlds_and_costs_of_challenges() -> None:
     """Challenges are held in worlds of their own stream, and count as the generation's episodes."""
     evaluator = Fake()
-    how = plan("archive.reevaluations=2", "archive.cells={pickups:[0,1]}")
-    steps = run(how, evaluator=evaluator)
-    batches = iter(evaluator.asked)
+    run_plan = plan("archive.reevaluations=2", "archive.cells={pickups:[0,1]}")
+    steps = run(run_plan, evaluator=evaluator)
+    batches = iter(evaluator.batches)
     challenged = 0
     for g, step in enumerate(steps):
         assert len(next(batches)) == 12
@@ -294,17 +297,17 @@ def test_worlds_and_costs_of_challenges() -> None:
 def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
     """A run that goes on from any of its states keeps the same archive."""
     settings = composed(*SMALL, *overrides)
-    how = composed_plan(*SMALL, *overrides)
+    run_plan = composed_plan(*SMALL, *overrides)
     if overrides:
         racing: Any = settings.search.settings()
-        search = Racing(racing, how, [])
+        search = Racing(racing, run_plan, [])
 
         def go(start: Any = None) -> list[Any]:
-            return list(evolve(how, 1, Says(), Fake(), search=search, start=start))
+            return list(evolve(run_plan, 1, Constant(), Fake(), search=search, start=start))
     else:
 
         def go(start: Any = None) -> list[Any]:
-            return run(how, start=start)
+            return run(run_plan, start=start)
 
     straight = go()
     expected = list(lines(straight))

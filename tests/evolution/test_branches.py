@@ -44,7 +44,7 @@ TREES = nodes(max_leaves=14)
 SEEDS = st.integers(0, 2**32 - 1)
 NEW = ("guard", "wrap", "extend", "condition", "fulfil", "shrink", "tune")
 SPACE = TreeSpace(composed().gp.trees, VOCABULARY, LIMITS)
-HOW = composed().gp.mutation
+SETTINGS = composed().gp.mutation
 
 BARE = {name: Action(action.meaning) for name, action in VOCABULARY.actions.items()}
 BLIND = Vocabulary("blind", BARE, {})
@@ -63,7 +63,7 @@ VOCABULARIES = {v.domain: v for v in (VOCABULARY, BLIND, LONELY, ODD)}
 
 def changed(operator: str, tree: Node, seed: int, space: TreeSpace = SPACE) -> Node:
     """What an operator itself makes of a tree, before limits are looked at."""
-    return MUTATIONS[operator](np.random.default_rng(seed), tree, space, HOW)
+    return MUTATIONS[operator](np.random.default_rng(seed), tree, space, SETTINGS)
 
 
 def places(tree: Node) -> Iterator[tuple[int, Node]]:
@@ -71,15 +71,15 @@ def places(tree: Node) -> Iterator[tuple[int, Node]]:
     return iter(enumerate(walk(tree)))
 
 
-def check_words(tree: Node, vocabulary: Vocabulary) -> None:
+def check_names(tree: Node, vocabulary: Vocabulary) -> None:
     """A tree is in the language, and uses declared words alone."""
     assert parse(to_text(tree), vocabulary) == tree
 
 
 def test_all_are_tried_here() -> None:
     """Every mutation of this module is in the table, and in these tests."""
-    own = {name for name, call in MUTATIONS.items() if call.__module__ == branches.__name__}
-    assert own == set(NEW)
+    names = {name for name, call in MUTATIONS.items() if call.__module__ == branches.__name__}
+    assert names == set(NEW)
 
 
 LISTS = ("selector", "reactive_selector")
@@ -91,7 +91,7 @@ LISTS = ("selector", "reactive_selector")
 def test_a_tree_with_declared_words(operator: str, tree: Node, seed: int) -> None:
     """What comes out reads back as the same tree, and the same seed gives the same tree."""
     new = changed(operator, tree, seed)
-    check_words(new, VOCABULARY)
+    check_names(new, VOCABULARY)
     assert changed(operator, tree, seed) == new
 
 
@@ -182,13 +182,13 @@ def test_condition_joins_no_more_terms_than_there_may_be() -> None:
     """`gp.trees.conditions.terms` bounds what grows."""
     tree = parse("when foundGarbage { PatrolWaypoint }")
     most = SPACE.settings.conditions.terms
-    seen = set()
+    counts = set()
     for seed in range(400):
         tree = changed("condition", tree, seed)
         if tree.kind != "when":
             tree = parse("when foundGarbage { PatrolWaypoint }")
-        seen.add(len(list(terms(guard_of(tree).condition))))
-    assert seen == set(range(1, most + 1))
+        counts.add(len(list(terms(guard_of(tree).condition))))
+    assert counts == set(range(1, most + 1))
 
 
 @examples(max_examples=150)
@@ -248,12 +248,12 @@ def shape(tree: Node) -> Node:
     """The tree with 0 for each number of a condition."""
     for i, node in places(tree):
         if node.guard:
-            asked = guard_of(node).condition
-            for k, term in enumerate(terms(asked)):
-                zero = branches.with_term(asked, k, term._replace(number=0.0))
+            expr = guard_of(node).condition
+            for k, term in enumerate(terms(expr)):
+                zero = branches.with_term(expr, k, term._replace(number=0.0))
                 assert zero is not None
-                asked = zero
-            tree = replace_at(tree, i, node._replace(args=(asked, node.args[1])))
+                expr = zero
+            tree = replace_at(tree, i, node._replace(args=(expr, node.args[1])))
     return tree
 
 
@@ -273,12 +273,12 @@ def test_tuned_numbers_of_odd_ranges(name: str) -> None:
     """They stay in the range, reach its ends, and have about 200 to 2,000 different values."""
     key = ODD.keys[name]
     rng = np.random.default_rng(0)
-    found = {fine(float(x), key) for x in rng.uniform(key.low, key.high, 20_000)}
-    assert all(key.low <= x <= key.high for x in found)
-    assert 190 <= len(found) <= 2010
+    numbers = {fine(float(x), key) for x in rng.uniform(key.low, key.high, 20_000)}
+    assert all(key.low <= x <= key.high for x in numbers)
+    assert 190 <= len(numbers) <= 2010
     assert (fine(-1e12, key), fine(1e12, key)) == (key.low, key.high)
     unit = 10 ** floor(log10((key.high - key.low) / branches.FINE))
-    inside = [x for x in found if key.low < x < key.high]
+    inside = [x for x in numbers if key.low < x < key.high]
     assert all(abs(x / unit - round(x / unit)) < 1e-3 for x in inside)
 
 
@@ -306,7 +306,7 @@ def test_other_vocabularies(operator: str, domain: str) -> None:
         tree = Node("selector", (), (leaf(action), leaf(action)))
         for step in range(8):
             tree = changed(operator, tree, 8 * seed + step, space)
-            check_words(tree, space.vocabulary)
+            check_names(tree, space.vocabulary)
             if not within(tree, Limits(30, 300)):
                 break
         assert space.keys or all(node.kind != "when" for node in walk(tree))
@@ -324,9 +324,9 @@ def test_tight_limits(domain: str) -> None:
     tree = leaf(next(iter(space.actions)))
     for seed in range(cases(300)):
         for operator in NEW:
-            how = MutationSettings(operators={operator: 1}, subtree_depth=1, number_sd=0.2)
+            settings = MutationSettings(operators={operator: 1}, subtree_depth=1, number_sd=0.2)
             rng = np.random.default_rng(seed)
-            tree, _ = mutate(rng, tree, rate=1.0, space=space, settings=how)
+            tree, _ = mutate(rng, tree, rate=1.0, space=space, settings=settings)
             assert within(tree, tight)
 
 
@@ -339,27 +339,29 @@ def test_branch_crossover(mother: Node, father: Node, seed: int, spare: tuple[in
     limits = Limits(depth(mother) + spare[0], size(mother) + spare[1])
     child = branch_crossover(np.random.default_rng(seed), mother, father, limits)
     assert within(child, limits)
-    check_words(child, VOCABULARY)
+    check_names(child, VOCABULARY)
     if child == mother:
         return
-    made = {Node("selector", (), (branch, mother)) for branch in branches_of(father)}
+    possible = {Node("selector", (), (branch, mother)) for branch in branches_of(father)}
     for i, node in places(mother):
         if node.kind in LISTS:
             for branch in branches_of(father):
                 for at in range(len(node.children)):
                     head, tail = node.children[:at], node.children[at:]
                     for children in ((*head, branch, *tail), (*head, branch, *tail[1:])):
-                        made.add(replace_at(mother, i, node._replace(children=children)))
-    assert child in made
+                        possible.add(replace_at(mother, i, node._replace(children=children)))
+    assert child in possible
 
 
 def test_branch_crossover_is_likely_to_do_something() -> None:
     """With room for a branch there is a child that differs."""
     mother = parse("selector { when lap < 2 { SeekCharger } PatrolWaypoint }")
     father = parse("selector { when foundGarbage { MoveToGarbage } ExecuteCharge }")
-    found = {branch_crossover(np.random.default_rng(s), mother, father, LIMITS) for s in range(60)}
-    assert mother not in found
-    assert len(found) > 4
+    children = {
+        branch_crossover(np.random.default_rng(s), mother, father, LIMITS) for s in range(60)
+    }
+    assert mother not in children
+    assert len(children) > 4
     full = Limits(8, size(mother))
     assert branch_crossover(np.random.default_rng(0), mother, father, full) == mother
 
@@ -371,7 +373,7 @@ def test_random_lists(domain: str, seed: int) -> None:
     """A selector of two to five guarded branches of one to three actions, and an action."""
     space = replace(SPACE, vocabulary=VOCABULARIES[domain])
     tree = random_list(np.random.default_rng(seed), space)
-    check_words(tree, space.vocabulary)
+    check_names(tree, space.vocabulary)
     *guarded, last = tree.children
     assert tree.kind == "selector"
     assert last.kind == "action" or {node.kind for node in last.children} == {"action"}

@@ -38,7 +38,7 @@ def steps(*overrides: str) -> list[Step]:
 
 @sweep("reseed_every", ["never", "generation"], quick=1)
 def test_records_are_the_same_with_and_without(reseed_every: str) -> None:
-    """Off switch and on switch give the same bytes; only on saves episodes, and says how many."""
+    """Off switch and on switch give the same bytes; only on saves episodes, and counts them."""
     worlds = f"gp.reseed_every={reseed_every}"
     cached, plain = steps(worlds), steps(worlds, "evaluator.cache=false")
     assert [dump(asdict(s.record)) for s in cached] == [dump(asdict(s.record)) for s in plain]
@@ -59,9 +59,9 @@ def test_what_makes_an_episode_another_one() -> None:
     others = [Job("SeekCharger\n", 0, 1), Job(job.tree, 1, 1), Job(job.tree, 0, 2)]
     batch = [job, *others, job]
     assert cached.evaluate(batch) == [outcome_of(j) for j in batch]
-    assert inner.asked == [[job, *others]]
+    assert inner.batches == [[job, *others]]
     assert cached.evaluate([job, others[0]]) == [outcome_of(job), outcome_of(others[0])]
-    assert inner.asked[1:] == [[]]
+    assert inner.batches[1:] == [[]]
     assert cached.simulated == 4
 
 
@@ -89,6 +89,6 @@ def test_no_search_simulates_an_episode_twice() -> None:
     search = make_search(settings, plan)
     run = evolve(plan, settings.seed, supervisor, Cached(fake), search=search)
     costs = [step.cost for step in run]
-    simulated = [job for batch in fake.asked for job in batch]
+    simulated = [job for batch in fake.batches for job in batch]
     assert len(simulated) == len({*simulated}) == sum(each.simulated for each in costs)
     assert len(simulated) < sum(each.episodes for each in costs)

@@ -16,14 +16,14 @@ from islandgp.evolution.search_calls import restored
 from islandgp.gp.record import RunState
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.search.paper import Paper
-from tests.evolution.runs import Says, lines, plan, run
+from tests.evolution.runs import Constant, lines, plan, run
 from tests.profiles import examples
 
 
 @pytest.fixture(scope="module")
 def states() -> list[RunState]:
     """All states of a run, the first one included."""
-    steps = run(supervisor=Says(0.5))
+    steps = run(supervisor=Constant(0.5))
     return [
         initial_state(plan(), Paper(plan())),
         *(step.state for step in steps if step.state is not None),
@@ -43,8 +43,8 @@ def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
     path = tmp_path / "checkpoint.json"
     for state in states:
         save_state(path, state)
-        found, records = read_checkpoint(path)
-        assert restored(found, Paper(plan()), plan().vocabulary) == replace(state, history=())
+        checkpoint, records = read_checkpoint(path)
+        assert restored(checkpoint, Paper(plan()), plan().vocabulary) == replace(state, history=())
         assert records == ""
     assert [file.name for file in tmp_path.iterdir()] == ["checkpoint.json"]
 
@@ -68,26 +68,26 @@ def test_a_checkpoint_does_not_grow(states: list[RunState], tmp_path: Path) -> N
 
 def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None:
     """A run that goes on from its file ends in the same bytes as one in one go."""
-    expected = list(lines(run(supervisor=Says(0.5))))
+    expected = list(lines(run(supervisor=Constant(0.5))))
     for state in states:
         save_state(tmp_path / "checkpoint.json", state)
-        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
-        start = replace(found, history=state.history)
-        again = run(supervisor=Says(0.5), start=start)
+        checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(checkpoint, history=state.history)
+        again = run(supervisor=Constant(0.5), start=start)
         assert list(lines(again)) == expected[state.generation :]
 
 
 @examples(max_examples=150)
 @given(data=st.data())
 def test_one_wrong_byte(saved: Path, data: st.DataObject) -> None:
-    """A file with any one byte changed or any end missing is refused, and its path is told."""
-    whole = saved.read_bytes()
-    at = data.draw(st.integers(0, len(whole) - 2))
+    """A file with any one byte changed or any end missing is refused by its path."""
+    content = saved.read_bytes()
+    at = data.draw(st.integers(0, len(content) - 2))
     if data.draw(st.booleans()):
-        broken = whole[:at]
+        broken = content[:at]
     else:
-        byte = data.draw(st.integers(0, 255).filter(lambda b: b != whole[at]))
-        broken = whole[:at] + bytes([byte]) + whole[at + 1 :]
+        byte = data.draw(st.integers(0, 255).filter(lambda b: b != content[at]))
+        broken = content[:at] + bytes([byte]) + content[at + 1 :]
     path = saved.with_name("broken.json")
     path.write_bytes(broken)
     with pytest.raises(RunError, match=r"broken\.json.*delete the run's folder or use resume="):

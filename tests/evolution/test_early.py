@@ -13,7 +13,7 @@ from islandgp.search.base import SearchState
 from islandgp.search.hill import Hill
 from islandgp.seeding import Streams
 from tests.evolution.fake import Fake
-from tests.evolution.runs import Says, lines, plan
+from tests.evolution.runs import Constant, lines, plan
 from tests.search.searches import search_and_plan
 
 
@@ -31,37 +31,37 @@ class Early(Fake):
 
 def hill(kind: type[Hill]) -> Hill:
     """A small search."""
-    search, how = search_and_plan("hill")
-    return kind(search.settings, how)
+    search, search_plan = search_and_plan("hill")
+    return kind(search.settings, search_plan)
 
 
 def steps(evaluator: Fake, kind: type[Hill] = Hill) -> list[Step]:
     """Three generations of 12 individuals, two episodes each."""
-    how = plan("gp.generations=3", "gp.episodes=2")
-    return list(evolve(how, 1, Says(), evaluator, search=hill(kind)))
+    early_plan = plan("gp.generations=3", "gp.episodes=2")
+    return list(evolve(early_plan, 1, Constant(), evaluator, search=hill(kind)))
 
 
 def test_every_job_of_a_generation_starts_early_and_records_are_the_same() -> None:
     """The jobs of `evaluate` start in their order; the archive's are not known early."""
     early, plain = Early(), Fake()
     assert list(lines(steps(early))) == list(lines(steps(plain)))
-    asked = [job for batch in early.asked if len(batch) == 24 for job in batch]
-    assert early.started == asked
-    assert len(asked) == 3 * 24
+    jobs = [job for batch in early.batches if len(batch) == 24 for job in batch]
+    assert early.started == jobs
+    assert len(jobs) == 3 * 24
 
 
 def test_an_episode_starts_before_the_next_individual_is_made() -> None:
     """When a search makes an individual, the episodes of those before it have started."""
-    evaluator, seen = Early(), list[int]()
+    evaluator, starts = Early(), list[int]()
 
     class Watched(Hill):
         def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
             for individual in super().ask_each(state, streams):
-                seen.append(len(evaluator.started))
+                starts.append(len(evaluator.started))
                 yield individual
 
     steps(evaluator, Watched)
-    assert seen == list(range(0, 3 * 24, 2))
+    assert starts == list(range(0, 3 * 24, 2))
 
 
 def test_a_subclass_that_changes_ask_is_asked() -> None:
@@ -69,9 +69,9 @@ def test_a_subclass_that_changes_ask_is_asked() -> None:
 
     class Reversed(Hill):
         def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-            own = super().ask(state, streams)
-            trees = [i.tree for i in reversed(own)]
-            return tuple(replace(i, tree=tree) for i, tree in zip(own, trees, strict=True))
+            individuals = super().ask(state, streams)
+            trees = [i.tree for i in reversed(individuals)]
+            return tuple(replace(i, tree=tree) for i, tree in zip(individuals, trees, strict=True))
 
     usual, changed = (steps(Early(), kind)[0].record.individuals for kind in (Hill, Reversed))
     assert [i.tree for i in changed] == [i.tree for i in usual][::-1]

@@ -1,4 +1,4 @@
-"""Edits of trees: what each kind does, what is refused, and what records say of it."""
+"""Edits of trees: what each kind does, what is refused, and how records show it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from islandgp.plain import from_json
 from islandgp.records.lines import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance
-from tests.evolution.runs import Says, lines, plan, records, run
+from tests.evolution.runs import Constant, lines, plan, records, run
 from tests.profiles import sweep
 
 LIST = (
@@ -61,8 +61,8 @@ CHANGES: list[tuple[str, dict[str, Any], str, str | None]] = [
 
 def expand(text: str) -> str:
     """The text with its short words written out."""
-    words = {"B": to_text(BRANCH), "P": PAIR}
-    return " ".join(words.get(word, word) for word in text.split())
+    abbreviations = {"B": to_text(BRANCH), "P": PAIR}
+    return " ".join(abbreviations.get(word, word) for word in text.split())
 
 
 def make(kind: str, **fields: Any) -> Edit:
@@ -81,12 +81,12 @@ def changed(edit: Edit, tree: str, limits: Limits = WIDE) -> str:
 @pytest.mark.parametrize(("kind", "fields", "before", "after"), CHANGES)
 def test_kinds(kind: str, fields: dict[str, Any], before: str, after: str | None) -> None:
     """Each kind changes the place that is named, and nothing else."""
-    found = changed(make(kind, **fields), before)
+    text = changed(make(kind, **fields), before)
     if after is None:
-        assert "lap < 3" in found
-        assert "foundGarbage" in found
+        assert "lap < 3" in text
+        assert "foundGarbage" in text
     else:
-        assert found == to_text(parse(expand(after)))
+        assert text == to_text(parse(expand(after)))
 
 
 def test_every_kind_is_tested() -> None:
@@ -151,7 +151,7 @@ def test_an_edit_has_the_fields_of_its_kind(
         Edit(kind, of="0.0", **fields)
 
 
-class Edits(Says):
+class Edits(Constant):
     """Edits the fittest individual and combines it with the second; names a stranger, too."""
 
     now: GenerationView | None = None
@@ -162,7 +162,7 @@ class Edits(Says):
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
-        given = super().advise(state, rng)
+        guidance = super().advise(state, rng)
         assert self.now is not None
         first, second = sorted(self.now.individuals, key=lambda i: -i.fitness)[:2]
         edits = (
@@ -171,7 +171,7 @@ class Edits(Says):
             Edit("combine", of=first.id, donor=second.id, reason="both are good"),
             Edit("front", of=second.id, branch=BRANCH),
         )
-        return replace(given, edits=edits)
+        return replace(guidance, edits=edits)
 
 
 def test_an_edit_in_a_run() -> None:
@@ -182,15 +182,15 @@ def test_an_edit_in_a_run() -> None:
         assert guidance is not None
         front, stranger, combine, last = guidance.edits
         assert stranger.refused.startswith("expected an individual of the population")
-        taken = [e for e in (front, combine, last) if not e.refused]
-        found = [i for i in after.record.individuals if i.origin == "edited"]
-        assert len(found) == len(taken) <= 2
+        accepted = [e for e in (front, combine, last) if not e.refused]
+        edited = [i for i in after.record.individuals if i.origin == "edited"]
+        assert len(edited) == len(accepted) <= 2
         trees = {i.id: i.tree for i in before.record.individuals}
-        for edit, i in zip(taken, found, strict=True):
+        for edit, i in zip(accepted, edited, strict=True):
             assert i.mutation == f"edit:{edit.kind}"
             assert i.parents == tuple(name for name in (edit.of, edit.donor) if name)
             assert i.tree != trees[edit.of]
-        assert [t.id for t in after.record.trials] == [i.id for i in found]
+        assert [t.id for t in after.record.trials] == [i.id for i in edited]
 
 
 def test_an_edited_tree_is_compared_with_its_parent_in_the_same_world() -> None:
@@ -220,32 +220,32 @@ def test_a_parent_meets_the_worlds_of_its_edited_tree(overrides: tuple[str, ...]
     from islandgp.evaluation.base import Job
     from tests.evolution.fake import outcome_of
 
-    how = plan("+supervisor.edits=2", *overrides)
-    steps = run(how, Edits())
-    n = how.gp.episodes
+    run_plan = plan("+supervisor.edits=2", *overrides)
+    steps = run(run_plan, Edits())
+    n = run_plan.gp.episodes
     for step in steps[1:]:
         worlds, stage = step.record.worlds, step.record.snapshot.stage
         for trial in step.record.trials:
-            at = 0 if how.gp.shared_seed else n * int(trial.id.partition(".")[2])
+            at = 0 if run_plan.gp.shared_seed else n * int(trial.id.partition(".")[2])
             tree = parent_text(steps, trial.parent)
             points = [outcome_of(Job(tree, stage, w)).fitness for w in worlds[at : at + n]]
             assert trial.parent_fitness == sum(points) / n
 
 
 def test_mutated_advice() -> None:
-    """With `supervisor.mutate_advice` edited trees are mutated first, and say so."""
-    words = ("+supervisor.edits=2", "+supervisor.mutate_advice=true")
-    steps = run(plan(*words), Edits(rate=1.0))
-    found = [i.mutation for s in steps for i in s.record.individuals if i.origin == "edited"]
-    assert found
-    assert all(m.startswith("edit:") and "+" in m for m in found)
+    """With `supervisor.mutate_advice` edited trees are mutated first, and records show it."""
+    overrides = ("+supervisor.edits=2", "+supervisor.mutate_advice=true")
+    steps = run(plan(*overrides), Edits(rate=1.0))
+    mutations = [i.mutation for s in steps for i in s.record.individuals if i.origin == "edited"]
+    assert mutations
+    assert all(m.startswith("edit:") and "+" in m for m in mutations)
 
 
 @sweep("lag", [0, 2], quick=1)
 def test_resuming_with_edits(lag: int) -> None:
     """A run that goes on from any of its states has the same edits, trials and trees."""
-    how = plan("+supervisor.edits=2", f"supervisor.lag={lag}")
-    straight = run(how, Edits())
+    run_plan = plan("+supervisor.edits=2", f"supervisor.lag={lag}")
+    straight = run(run_plan, Edits())
     expected = list(lines(straight))
     assert sum("edit:front" in line for line in expected) >= 4
     from islandgp.evolution.loop import evolve
@@ -253,7 +253,7 @@ def test_resuming_with_edits(lag: int) -> None:
 
     for at, step in enumerate(straight[:-1], 1):
         past = records(straight)[:at]
-        again = list(evolve(how, 1, Edits(), Fake(), start=step.state, past=past))
+        again = list(evolve(run_plan, 1, Edits(), Fake(), start=step.state, past=past))
         assert list(lines(again)) == expected[at:]
 
 
@@ -278,7 +278,7 @@ def test_a_record_without_edits_is_as_before() -> None:
 def test_what_is_no_edit_ends_the_run() -> None:
     """In one line that names the supervisor."""
 
-    class Wrong(Says):
+    class Wrong(Constant):
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
             return replace(super().advise(state, rng), edits=("front",))  # type: ignore[arg-type] # wrong on purpose
 

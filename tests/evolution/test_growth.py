@@ -30,8 +30,8 @@ def test_exact_sizes() -> None:
 def test_the_mean_of_trees_that_are_made(depth: int) -> None:
     """By the default weights, over a thousand trees."""
     rng, space = np.random.default_rng(1), composed_plan().space
-    made = fmean(size(grow(rng, space, depth)) for _ in range(1000))
-    assert made == pytest.approx(expected_nodes(space.settings, depth), rel=0.1)
+    mean = fmean(size(grow(rng, space, depth)) for _ in range(1000))
+    assert mean == pytest.approx(expected_nodes(space.settings, depth), rel=0.1)
 
 
 def test_counting_ends() -> None:

@@ -22,7 +22,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
 from tests.composed import composed_plan
 from tests.evolution.fake import Fake
-from tests.evolution.runs import Says, lines, plan, records, run
+from tests.evolution.runs import Constant, lines, plan, records, run
 from tests.flatten import version_1
 from tests.goldens import FOLDER, check_golden
 from tests.made import outcome
@@ -35,18 +35,18 @@ CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
 @given(seed=st.integers(0, 2**63 - 1), rate=st.floats(0, 1))
 def test_populations_stay_whole(seed: int, rate: float) -> None:
     """Every generation has N individuals, named by slot, and every tree keeps the limits."""
-    how = plan()
-    for g, record in enumerate(records(run(how, Says(rate, CHARGER), seed=seed))):
+    run_plan = plan()
+    for g, record in enumerate(records(run(run_plan, Constant(rate, CHARGER), seed=seed))):
         assert [i.id for i in record.individuals] == [f"{g}.{slot}" for slot in range(12)]
         assert sum(record.origins.values()) == 12
         for i in record.individuals:
             tree = parse(i.tree)
-            assert within(tree, how.gp.limits)
+            assert within(tree, run_plan.gp.limits)
 
 
 def test_forty_one_generations_forty_of_them_supervised() -> None:
     """The paper's counts: 41 evaluated populations, and an answer after all but the last."""
-    supervisor = Says()
+    supervisor = Constant()
     steps = run(composed_plan("supervisor=baseline"), supervisor)
     assert [step.record.snapshot.generation for step in steps] == list(range(41))
     assert [state.now.generation for state in supervisor.seen] == list(range(40))
@@ -67,18 +67,18 @@ class Dying(Fake):
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        found = super().evaluate(jobs)
-        alive = {"interactions": 3.0 if len(self.asked) == 1 else 0.0}
-        return [replace(o, counters={**o.counters, **alive}) for o in found]
+        outcomes = super().evaluate(jobs)
+        alive = {"interactions": 3.0 if len(self.batches) == 1 else 0.0}
+        return [replace(o, counters={**o.counters, **alive}) for o in outcomes]
 
 
 def test_parents_exist() -> None:
     """Parents belong to the generation before; an ancestor that comes back, to an earlier one."""
-    found = records(run(plan("gp.population=30"), evaluator=Dying()))
-    assert all(i.parents == () for i in found[0].individuals)
-    names = [{i.id for i in record.individuals} for record in found]
+    history = records(run(plan("gp.population=30"), evaluator=Dying()))
+    assert all(i.parents == () for i in history[0].individuals)
+    names = [{i.id for i in record.individuals} for record in history]
     back = []
-    for before, record in enumerate(found[1:]):
+    for before, record in enumerate(history[1:]):
         for i in record.individuals:
             if i.origin == "resurrected":
                 back.append(i)
@@ -90,9 +90,9 @@ def test_parents_exist() -> None:
 
 def test_unmutated_elites_keep_their_trees() -> None:
     """At rate 0 an elite's tree is its parent's, and the best is never lost."""
-    found = records(run(supervisor=Says(0.0)))
-    trees = {i.id: i.tree for record in found for i in record.individuals}
-    for before, record in pairwise(found):
+    history = records(run(supervisor=Constant(0.0)))
+    trees = {i.id: i.tree for record in history for i in record.individuals}
+    for before, record in pairwise(history):
         best = max(before.individuals, key=lambda i: i.fitness)
         first = record.individuals[0]
         assert (first.origin, first.parents, first.tree) == ("elite", (best.id,), best.tree)
@@ -104,7 +104,10 @@ def test_unmutated_elites_keep_their_trees() -> None:
 
 def test_a_rate_never_shifts_other_draws() -> None:
     """Runs that differ in the rate alone differ, in the next generation, by mutations alone."""
-    calm, wild = records(run(supervisor=Says(0.0))), records(run(supervisor=Says(0.5)))
+    calm, wild = (
+        records(run(supervisor=Constant(0.0))),
+        records(run(supervisor=Constant(0.5))),
+    )
     assert calm[0].individuals == wild[0].individuals
     mutations = 0
     for a, b in zip(calm[1].individuals, wild[1].individuals, strict=True):
@@ -116,8 +119,8 @@ def test_a_rate_never_shifts_other_draws() -> None:
 
 def test_an_injected_tree_never_shifts_other_draws() -> None:
     """Runs that differ in the injected tree differ, in the next generation, in its slot alone."""
-    how = plan("supervisor.inject=true")
-    without, with_ = (records(run(how, Says(0.4, tree))) for tree in (None, CHARGER))
+    run_plan = plan("supervisor.inject=true")
+    without, with_ = (records(run(run_plan, Constant(0.4, tree))) for tree in (None, CHARGER))
     assert without[0].individuals == with_[0].individuals
     pairs = zip(without[1].individuals, with_[1].individuals, strict=True)
     different = [(a.origin, b.origin) for a, b in pairs if a != b]
@@ -125,9 +128,16 @@ def test_an_injected_tree_never_shifts_other_draws() -> None:
 
 
 def test_arms_share_their_worlds() -> None:
-    """Whatever supervisors say, runs of one seed meet the same worlds in each generation."""
-    how = plan("gp.reseed_every=generation")
-    arms = [run(how, s) for s in (Says(0.0), Says(0.9, CHARGER), Says(None))]
+    """With any advice, runs of one seed meet the same worlds in each generation."""
+    run_plan = plan("gp.reseed_every=generation")
+    arms = [
+        run(run_plan, s)
+        for s in (
+            Constant(0.0),
+            Constant(0.9, CHARGER),
+            Constant(None),
+        )
+    ]
     worlds = [[record.worlds for record in records(steps)] for steps in arms]
     assert worlds[0] == worlds[1] == worlds[2]
     assert len(set(worlds[0])) == len(worlds[0])
@@ -147,26 +157,26 @@ def test_one_world_for_all() -> None:
     """By default everybody of a generation meets the same world."""
     evaluator = Fake()
     run(evaluator=evaluator)
-    assert [len({job.seed for job in jobs}) for jobs in evaluator.asked] == [1] * 8
+    assert [len({job.seed for job in jobs}) for jobs in evaluator.batches] == [1] * 8
 
 
-def test_own_worlds_and_several_episodes() -> None:
+def test_separate_worlds_and_several_episodes() -> None:
     """Without a common world each individual has its own; each episode has another seed."""
     evaluator = Fake()
-    found = records(run(plan("gp.shared_seed=false", "gp.episodes=3"), evaluator=evaluator))
-    for jobs, record in zip(evaluator.asked, found, strict=True):
+    history = records(run(plan("gp.shared_seed=false", "gp.episodes=3"), evaluator=evaluator))
+    for jobs, record in zip(evaluator.batches, history, strict=True):
         assert len(jobs) == 36
         assert tuple(job.seed for job in jobs) == record.worlds
         assert len(set(record.worlds)) == 36
         assert [job.tree for job in jobs] == [i.tree for i in record.individuals for _ in range(3)]
-    assert {len(i.endings) for record in found for i in record.individuals} == {3}
+    assert {len(i.endings) for record in history for i in record.individuals} == {3}
 
 
 def test_several_episodes_in_common_worlds() -> None:
     """Everybody meets the same three worlds, and is worth the mean."""
     evaluator = Fake()
-    found = records(run(plan("gp.episodes=3"), evaluator=evaluator))
-    jobs, record = evaluator.asked[0], found[0]
+    history = records(run(plan("gp.episodes=3"), evaluator=evaluator))
+    jobs, record = evaluator.batches[0], history[0]
     assert [job.seed for job in jobs] == [*record.worlds] * 12
     fitness = [o.fitness for o in Fake().evaluate(jobs[:3])]
     assert record.individuals[0].fitness == pytest.approx(sum(fitness) / 3)
@@ -176,13 +186,13 @@ def test_stages_follow_the_curriculum() -> None:
     """Jobs carry the stage of their generation."""
     evaluator = Fake()
     run(composed_plan("supervisor=baseline", "gp.population=4"), evaluator=evaluator)
-    stages = [{job.stage for job in jobs} for jobs in evaluator.asked]
+    stages = [{job.stage for job in jobs} for jobs in evaluator.batches]
     assert stages == [{0}] * 11 + [{1}] * 10 + [{2}] * 10 + [{3}] * 10
 
 
 def test_champion() -> None:
     """The champion is the fittest individual of all generations so far, the first of equals."""
-    steps = run(supervisor=Says(0.9))
+    steps = run(supervisor=Constant(0.9))
     best = None
     for step in steps:
         for i in step.record.individuals:
@@ -194,20 +204,20 @@ def test_champion() -> None:
 
 def test_rates() -> None:
     """A rate takes effect in the next generation; before the first answer it is the initial one."""
-    found = records(run(supervisor=Says(0.25)))
-    assert [record.snapshot.rate for record in found] == [0.4] + [0.25] * 7
+    history = records(run(supervisor=Constant(0.25)))
+    assert [record.snapshot.rate for record in history] == [0.4] + [0.25] * 7
 
 
 def test_no_opinion_on_the_rate() -> None:
-    """A supervisor that says nothing about the rate leaves it as it is."""
-    assert {record.snapshot.rate for record in records(run(supervisor=Says(None)))} == {0.4}
+    """A supervisor that gives no rate leaves it as it is."""
+    assert {record.snapshot.rate for record in records(run(supervisor=Constant(None)))} == {0.4}
 
 
 def test_adapt_mutation_off() -> None:
-    """Without `adapt_mutation` the rate stays, and the record tells what was wanted."""
-    found = records(run(plan("supervisor.adapt_mutation=false"), Says(0.9)))
-    assert {record.snapshot.rate for record in found} == {0.4}
-    assert {r.guidance.wanted_rate for r in found if r.guidance} == {0.9}
+    """Without `adapt_mutation` the rate stays, and the record has the wanted rate."""
+    history = records(run(plan("supervisor.adapt_mutation=false"), Constant(0.9)))
+    assert {record.snapshot.rate for record in history} == {0.4}
+    assert {r.guidance.wanted_rate for r in history if r.guidance} == {0.9}
 
 
 @pytest.mark.parametrize(
@@ -230,9 +240,9 @@ def test_adapt_mutation_off() -> None:
     ],
 )
 def test_injection(overrides: list[str], tree: Node | None, refused: str, injected: int) -> None:
-    """A tree takes its slot if it may and fits; else the record says why not."""
-    found = records(run(plan(*overrides), Says(0.0, tree)))
-    for before, record in pairwise(found):
+    """A tree takes its slot if it may and fits; else the record has the reason."""
+    history = records(run(plan(*overrides), Constant(0.0, tree)))
+    for before, record in pairwise(history):
         assert before.guidance is not None
         assert before.guidance.refused == refused
         assert before.guidance.injected is bool(injected)
@@ -251,27 +261,29 @@ class OneClass(Fake):
 
 
 def test_crisis_overrides() -> None:
-    """Eq. (7) and (8): in a crisis the emergency rate holds, whatever was wanted, and is told."""
-    found = records(run(supervisor=Says(0.1), evaluator=OneClass()))
-    told = [(r.guidance.wanted_rate, r.guidance.crisis, r.guidance.applied_rate)
-            for r in found if r.guidance]  # fmt: skip
-    assert told == [(0.1, "diversity", 0.5)] * 7
-    assert [record.snapshot.rate for record in found] == [0.4] + [0.5] * 7
+    """Eq. (7) and (8): in a crisis the emergency rate holds and is recorded, for any wanted one."""
+    history = records(run(supervisor=Constant(0.1), evaluator=OneClass()))
+    rates = [(r.guidance.wanted_rate, r.guidance.crisis, r.guidance.applied_rate)
+            for r in history if r.guidance]  # fmt: skip
+    assert rates == [(0.1, "diversity", 0.5)] * 7
+    assert [record.snapshot.rate for record in history] == [0.4] + [0.5] * 7
 
 
 def test_crisis_without_adaptation() -> None:
     """The safeguard belongs to evolution, not to the supervisor: it works without `adapt`."""
-    found = records(run(plan("supervisor.adapt_mutation=false"), Says(0.1), evaluator=OneClass()))
-    assert {record.snapshot.rate for record in found[1:]} == {0.5}
+    history = records(
+        run(plan("supervisor.adapt_mutation=false"), Constant(0.1), evaluator=OneClass())
+    )
+    assert {record.snapshot.rate for record in history[1:]} == {0.5}
 
 
 @pytest.mark.parametrize("spared", [True, False])
 def test_mutate_elites(spared: bool) -> None:
     """As in the paper mutation hits everybody; `mutate_elites=false` spares elites and injected."""
-    how = plan(f"gp.mutate_elites={not spared}".lower(), "supervisor.inject=true")
+    run_plan = plan(f"gp.mutate_elites={not spared}".lower(), "supervisor.inject=true")
     hit = {
         i.origin
-        for record in records(run(how, Says(1.0, CHARGER)))
+        for record in records(run(run_plan, Constant(1.0, CHARGER)))
         for i in record.individuals
         if i.mutation
     }
@@ -294,11 +306,11 @@ class Probe:
 @sweep("lag", [0, 1, 3], quick=1)
 def test_resume_from_any_state(lag: int) -> None:
     """A run that goes on from any of its states ends in the same records as one in one go."""
-    how = plan(f"supervisor.lag={lag}")
-    straight = run(how, Probe())
+    run_plan = plan(f"supervisor.lag={lag}")
+    straight = run(run_plan, Probe())
     expected = list(lines(straight))
     for at, step in enumerate(straight[:-1], 1):
-        again = run(how, Probe(), start=step.state)
+        again = run(run_plan, Probe(), start=step.state)
         assert list(lines(again)) == expected[at:]
         assert again[-1].champion == straight[-1].champion
 
@@ -319,7 +331,7 @@ def test_three_generations_golden() -> None:
 def test_three_generations_are_those_of_version_1() -> None:
     """What version 1 wrote of them is still true, number by number.
 
-    Its file is never written anew: it is from before domains could be declared.
+    Its file is never updated: it is from before domains could be declared.
     """
     old = json.loads((FOLDER / "three_generations_v1.json").read_text(encoding="utf-8"))
     new = json.loads(json.dumps(three_generations()))
@@ -329,16 +341,18 @@ def test_three_generations_are_those_of_version_1() -> None:
 
 def three_generations() -> list[dict[str, object]]:
     """A small run's records as plain values."""
-    how = plan(
+    run_plan = plan(
         "gp.population=8",
         "gp.generations=3",
         "supervisor.inject=true",
         "gp.trees.kinds.parallel=0.5",  # version 1 had fewer in its random trees
     )
-    return [record_values(record) for record in records(run(how, Says(0.5, CHARGER), seed=7))]
+    return [
+        record_values(record) for record in records(run(run_plan, Constant(0.5, CHARGER), seed=7))
+    ]
 
 
-class Tries(Says):
+class Tries(Constant):
     """Runs seven episodes for each answer."""
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -348,13 +362,13 @@ class Tries(Says):
 
 def test_every_episode_counts_in_the_budget() -> None:
     """Those of the supervisor and of its library's search end a run earlier, resumed or not."""
-    how = plan("budget.episodes=200", "gp.validation=0")
-    assert how.gp.generations == 16
-    assert len(run(how)) == 16
+    run_plan = plan("budget.episodes=200", "gp.validation=0")
+    assert run_plan.gp.generations == 16
+    assert len(run(run_plan)) == 16
 
     def steps(start: RunState | None = None) -> list[Step]:
-        found = evolve(how, 1, Tries(), Fake(), start=start, library_episodes=lambda: 50)
-        return list(found)
+        generations = evolve(run_plan, 1, Tries(), Fake(), start=start, library_episodes=lambda: 50)
+        return list(generations)
 
     straight = steps()
     costs = [step.cost for step in straight]

@@ -1,4 +1,4 @@
-"""Operators of the user's own: what they must not return is told as their author's fault."""
+"""User operators: a wrong return value is reported as their author's fault."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def foreign(_: np.random.Generator, __: Node, ___: TreeSpace, ____: MutationSett
 
 
 def tree_of_the_first(_: np.random.Generator, population: Sequence[Evaluated], __: int) -> object:
-    """What stands in an individual, and not the individual."""
+    """The tree of an individual, instead of the individual."""
     return population[0].individual.tree
 
 
 @pytest.mark.parametrize(
-    ("key", "name", "said"),
+    ("key", "name", "message"),
     [
         ("gp.crossover", "two_children", "expected it to return a tree .Node., found tuple"),
         ("gp.crossover", "too_large", "a tree of at most 50 nodes and depth 8, found 51 nodes"),
@@ -53,10 +53,12 @@ def tree_of_the_first(_: np.random.Generator, population: Sequence[Evaluated], _
         ("gp.selection", "tree_of_the_first", "an individual .Evaluated., found Node"),
     ],
 )
-def test_what_an_operator_must_not_return_is_told(key: str, name: str, said: str) -> None:
+def test_a_wrong_return_value_of_an_operator_is_reported(key: str, name: str, message: str) -> None:
     """With its path and what was expected, at the first generation that it makes."""
     path = f"{HERE}:{name}"
     weighed = key == "gp.mutation.operators"
-    word = f"+{key}={{{path.replace(':', chr(92) + ':')}:100}}" if weighed else f"{key}='{path}'"
-    with pytest.raises(PartError, match=rf"{path} failed \(.*{said}"):
-        run(plan("gp.population=12", "gp.generations=3", word))
+    override = (
+        f"+{key}={{{path.replace(':', chr(92) + ':')}:100}}" if weighed else f"{key}='{path}'"
+    )
+    with pytest.raises(PartError, match=rf"{path} failed \(.*{message}"):
+        run(plan("gp.population=12", "gp.generations=3", override))

@@ -21,7 +21,7 @@ def test_streams_are_distinct() -> None:
 
 
 def test_streams_keep_no_state() -> None:
-    """Asking twice gives the same draws twice, whatever was drawn in between."""
+    """Two requests give the same draws, for any draws in between."""
     one = stream(5, Stream.MUTATION, generation=3, slot=7)
     draws = one.random(10).tolist()
     stream(5, Stream.MUTATION, generation=3, slot=8).random(1000)

@@ -49,7 +49,7 @@ CLASSES = Classes.model_validate(
 
 def episode(tree: Node) -> Outcome:
     """What a tree does in TICKS ticks of the store."""
-    board, done = [0.0], {"picks": 0.0, "puts": 0.0, "flights": 0.0}
+    board, counters = [0.0], {"picks": 0.0, "puts": 0.0, "flights": 0.0}
     used: set[str] = set()  # in this tick
 
     def once(name: str, counter: str, change: int) -> Callable[[bool], int]:
@@ -58,7 +58,7 @@ def episode(tree: Node) -> Outcome:
                 return FAILURE
             used.add(name)
             board[0] += change
-            done[counter] += 1
+            counters[counter] += 1
             return SUCCESS
 
         return act
@@ -73,7 +73,7 @@ def episode(tree: Node) -> Outcome:
     for _ in range(TICKS):
         used.clear()
         tick()
-    return Outcome({"points": 0.0}, done, float(TICKS), ("time",))
+    return Outcome({"points": 0.0}, counters, float(TICKS), ("time",))
 
 
 class Store:
@@ -100,8 +100,8 @@ def search(limits: Limits | None = None) -> tuple[dict[str, Node], list[Job]]:
     """The trees by behaviour, and the episodes that it took."""
     gp, store = composed().gp, Store()
     space = TreeSpace(gp.trees, STORE, limits or gp.limits)
-    found = single_behaviours(CLASSES, space, gp.mutation, store, 3)
-    return {name: tree for name, tree in found if tree is not None}, store.jobs
+    results = single_behaviours(CLASSES, space, gp.mutation, store, 3)
+    return {name: tree for name, tree in results if tree is not None}, store.jobs
 
 
 @cache
@@ -110,29 +110,29 @@ def searched() -> tuple[dict[str, Node], list[Job]]:
     return search()
 
 
-def words(tree: Node) -> list[str]:
+def sorted_actions(tree: Node) -> list[str]:
     """The actions of a tree, sorted."""
     return sorted(node.action for node in walk(tree) if node.action)
 
 
 def test_each_behaviour_has_its_smallest_tree() -> None:
     """One that shows it in every tick, without a node that could be left out."""
-    found, _ = searched()
-    assert to_text(found["picking"]) == "Pick\n"
-    assert (size(found["putting"]), words(found["putting"])) == (3, ["Pick", "Put"])
-    assert episode(found["putting"]).counters["puts"] == TICKS
+    trees, _ = searched()
+    assert to_text(trees["picking"]) == "Pick\n"
+    assert (size(trees["putting"]), sorted_actions(trees["putting"])) == (3, ["Pick", "Put"])
+    assert episode(trees["putting"]).counters["puts"] == TICKS
 
 
 def test_nodes_keep_the_fewest_children_of_their_kind() -> None:
     """A recovery has two children also in the trees with one branch less."""
     gp, store = composed().gp, Store()
     kinds = gp.trees.model_copy(update={"kinds": {"recovery": 1.0}})
-    found = dict(
+    by_behaviour = dict(
         single_behaviours(CLASSES, TreeSpace(kinds, STORE, gp.limits), gp.mutation, store, 3)
     )
     trees = [parse(job.tree, STORE) for job in store.jobs]
     assert any(node.kind == "recovery" for tree in trees for node in walk(tree))
-    assert found["picking"] is not None
+    assert by_behaviour["picking"] is not None
 
 
 def test_what_no_tree_showed_is_left_out() -> None:
@@ -147,7 +147,7 @@ def test_the_search_is_a_function_of_its_arguments() -> None:
 
 
 def test_the_search_is_bounded() -> None:
-    """At most as many episodes as its constants say, and those of taking nodes away."""
+    """At most as many episodes as its constants allow, and those of taking nodes away."""
     _, jobs = searched()
     behaviours = len(CLASSES.behaviours)
     smaller = behaviours * COMPACT.max_nodes * 2 * COMPACT.max_nodes  # fewer nodes at each step
@@ -170,8 +170,8 @@ def test_all_trees_meet_the_same_worlds() -> None:
 @sweep("limits", [Limits(8, 50), Limits(2, 3), Limits(50, 1)], quick=1)
 def test_trees_are_compact(limits: Limits) -> None:
     """Within section 2.4.6, and within the run's limits where those are narrower."""
-    found, jobs = search(limits)
-    for tree in (*found.values(), *(parse(job.tree) for job in jobs)):
+    trees, jobs = search(limits)
+    for tree in (*trees.values(), *(parse(job.tree) for job in jobs)):
         assert within(tree, COMPACT)
         assert within(tree, limits)
-    assert "picking" in found
+    assert "picking" in trees

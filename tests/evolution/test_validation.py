@@ -35,14 +35,14 @@ CLASSES = composed().classes
 @pytest.mark.parametrize(("episodes", "n"), [(1, 1), (9, 1), (10, 2), (23, 4), (24, 4), (80, 24)])
 def test_a_run_of_any_size_validates(episodes: int, n: int) -> None:
     """With fewer episodes than candidates the best in training take part, one at least."""
-    found = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=i) for i in range(24)]
-    chosen = entrants(found, episodes)
-    assert {c.trained for c in chosen} == set(range(24 - n, 24))
-    assert 0 < sum(size * new for size, new in rounds(len(chosen), episodes)) <= episodes
+    pool = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=i) for i in range(24)]
+    selected = entrants(pool, episodes)
+    assert {c.trained for c in selected} == set(range(24 - n, 24))
+    assert 0 < sum(size * new for size, new in rounds(len(selected), episodes)) <= episodes
 
 
 def record(generation: int, stage: int, *fitness: float) -> dict[str, Any]:
-    """A generation whose individuals have these fitnesses, and trees of their own."""
+    """A generation whose individuals have these fitnesses, and different trees."""
     return {
         "snapshot": {"generation": generation, "stage": stage},
         "individuals": [
@@ -84,12 +84,10 @@ class Worlds:
 
 def test_candidates_are_of_the_last_stage() -> None:
     """A high fitness under other multipliers does not count; the best of a tier does."""
-    found = candidates(
-        [record(0, 0, 99, 98), record(1, 1, 5, 4, 3, 7), record(2, 1, 6, 2)], CLASSES
-    )
-    assert {c.generation for c in found} == {1, 2}
-    assert {"tree 1.3\n", "tree 1.2\n"} <= {c.tree for c in found}, "of a tier, of a behaviour"
-    assert len({c.tree for c in found}) == len(found)
+    pool = candidates([record(0, 0, 99, 98), record(1, 1, 5, 4, 3, 7), record(2, 1, 6, 2)], CLASSES)
+    assert {c.generation for c in pool} == {1, 2}
+    assert {"tree 1.3\n", "tree 1.2\n"} <= {c.tree for c in pool}, "of a tier, of a behaviour"
+    assert len({c.tree for c in pool}) == len(pool)
 
 
 def test_candidates_are_few() -> None:
@@ -100,21 +98,21 @@ def test_candidates_are_few() -> None:
 @given(n=st.integers(1, MAX_CANDIDATES), episodes=st.integers(MAX_CANDIDATES, 2000))
 def test_rounds_keep_the_budget(n: int, episodes: int) -> None:
     """Half of the candidates go in each round, and the episodes are about as many as allowed."""
-    found = rounds(n, episodes)
-    assert found[0][0] == n
-    assert found[-1][0] <= max(FINALISTS, n if n <= FINALISTS else FINALISTS)
-    sizes = [size for size, _ in found]
+    schedule = rounds(n, episodes)
+    assert schedule[0][0] == n
+    assert schedule[-1][0] <= max(FINALISTS, n if n <= FINALISTS else FINALISTS)
+    sizes = [size for size, _ in schedule]
     assert sizes == sorted(sizes, reverse=True)
-    assert sum(size * new for size, new in found) <= episodes + sum(sizes)
+    assert sum(size * new for size, new in schedule) <= episodes + sum(sizes)
 
 
 def test_the_best_wins_and_luck_in_training_does_not() -> None:
     """The winner is the tree that is worth most in unseen worlds, with its interval and shares."""
-    found = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=100.0 - i) for i in range(10)]
+    pool = [Candidate(0, f"0.{i}", f"tree {i}\n", trained=100.0 - i) for i in range(10)]
     worlds = validation_seeds(0, frozenset(), 200)
     evaluator = Worlds({f"tree {i}\n": 10.0 * i for i in range(10)} | {"yardstick\n": 50.0})
     (winner, verdict), *_ = validate(
-        found, worlds, evaluator, 0, CLASSES, episodes=200, reference_tree=("good", "yardstick\n")
+        pool, worlds, evaluator, 0, CLASSES, episodes=200, reference_tree=("good", "yardstick\n")
     )
     assert winner.id == "0.9"
     assert verdict.low <= verdict.mean <= verdict.high
@@ -123,22 +121,22 @@ def test_the_best_wins_and_luck_in_training_does_not() -> None:
     assert set(verdict.reached) == set(CLASSES.tiers)
     raced = [job for job in evaluator.jobs if job.tree != "yardstick\n"]
     assert len(raced) <= 200
-    met = {c.tree: [job.seed for job in raced if job.tree == c.tree] for c in found}
+    met = {c.tree: [job.seed for job in raced if job.tree == c.tree] for c in pool}
     longest = max(met.values(), key=len)
     assert all(worlds == longest[: len(worlds)] for worlds in met.values())
 
 
 def test_a_single_candidate_is_measured() -> None:
     """With nobody to race against it meets as many worlds as there may be episodes."""
-    found = [Candidate(0, "0.0", "tree\n", trained=1.0)]
+    pool = [Candidate(0, "0.0", "tree\n", trained=1.0)]
     worlds = validation_seeds(0, frozenset(), 30)
-    ((_, verdict),) = validate(found, worlds, Worlds({"tree\n": 1.0}), 0, CLASSES, episodes=30)
+    ((_, verdict),) = validate(pool, worlds, Worlds({"tree\n": 1.0}), 0, CLASSES, episodes=30)
     assert len(verdict.worlds) == 30
 
 
 @given(seed=st.integers(0, 1000))
 def test_validation_worlds_trained_nobody(seed: int) -> None:
-    """They come from a stream of their own, and worlds that a run used are left out."""
+    """They come from a separate stream, and worlds that a run used are left out."""
     used = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
     worlds = validation_seeds(seed, used, 50)
     assert len(set(worlds)) == 50
@@ -152,9 +150,9 @@ def test_validation_worlds_trained_nobody(seed: int) -> None:
 )
 def test_interval(values: tuple[float, ...], low: float, high: float) -> None:
     """Student's t: for two values 1 apart from their mean the half width is 12.706."""
-    _, found_low, found_high = interval(values)
-    assert isclose(found_low, low, abs_tol=1e-3)
-    assert isclose(found_high, high, abs_tol=1e-3)
+    _, low_end, high_end = interval(values)
+    assert isclose(low_end, low, abs_tol=1e-3)
+    assert isclose(high_end, high, abs_tol=1e-3)
 
 
 def test_a_single_value_has_no_interval() -> None:

@@ -61,9 +61,9 @@ def tree_settings() -> TreeSettings:
     return composed().gp.trees
 
 
-def space(limits: Limits = LIMITS, how: TreeSettings | None = None) -> TreeSpace:
+def space(limits: Limits = LIMITS, trees: TreeSettings | None = None) -> TreeSpace:
     """Trees of the island."""
-    return TreeSpace(how or tree_settings(), VOCABULARY, limits)
+    return TreeSpace(trees or tree_settings(), VOCABULARY, limits)
 
 
 def only(operator: str) -> MutationSettings:
@@ -84,7 +84,7 @@ def mutated(seed: int, tree: Node, operator: str, limits: Limits = LIMITS) -> No
 
 
 def check_valid(tree: Node) -> None:
-    """A tree is valid when the language can say it and reads it back as the same."""
+    """A tree is valid when the language can print it and parses it back as the same."""
     assert parse(to_text(tree), VOCABULARY) == tree
 
 
@@ -92,7 +92,7 @@ def check_valid(tree: Node) -> None:
 @examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_mutation_keeps_limits_and_validity(operator: str, tree: Node, seed: int) -> None:
-    """Whatever an operator does to a tree that keeps the limits keeps them, and is a tree."""
+    """An operator on a tree within the limits gives a tree within the limits."""
     new = mutated(seed, tree, operator)
     assert within(new, LIMITS)
     check_valid(new)
@@ -133,34 +133,34 @@ def test_crossover_at_the_limits(mother: Node, father: Node, seed: int) -> None:
 @given(tree=TREES, seed=SEEDS)
 def test_rate_0_changes_nothing(tree: Node, seed: int) -> None:
     """At rate 0 the same tree comes back, and no operator is named."""
-    how = composed().gp.mutation
+    settings = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    assert mutate(rng, tree, rate=0.0, space=space(), settings=how) == (tree, "")
+    assert mutate(rng, tree, rate=0.0, space=space(), settings=settings) == (tree, "")
 
 
 @examples(max_examples=60)
 @given(tree=TREES, seed=SEEDS)
 def test_named_mutation_changes_the_tree(tree: Node, seed: int) -> None:
     """When an operator is named the tree is another one; when none is, it is the same."""
-    how = composed().gp.mutation
+    settings = composed().gp.mutation
     rng = np.random.default_rng(seed)
-    new, name = mutate(rng, tree, rate=1.0, space=space(), settings=how)
+    new, name = mutate(rng, tree, rate=1.0, space=space(), settings=settings)
     assert (new != tree) == (name in MUTATIONS)
 
 
 def test_rate_is_the_share_that_mutates() -> None:
     """Over many trees the share of mutated ones is the rate."""
-    tree, how = parse(ALL_ROUNDER), composed().gp.mutation
+    tree, settings = parse(ALL_ROUNDER), composed().gp.mutation
     hits = 0
     for seed in range(1000):
         rng = np.random.default_rng(seed)
-        hits += mutate(rng, tree, rate=0.3, space=space(), settings=how)[1] != ""
+        hits += mutate(rng, tree, rate=0.3, space=space(), settings=settings)[1] != ""
     assert 260 < hits < 340
 
 
 def test_a_higher_rate_mutates_the_same_and_more() -> None:
-    """Whoever mutates at a low rate mutates in the same way at a higher one."""
-    tree, how = parse(ALL_ROUNDER), composed().gp.mutation
+    """A tree that mutates at a low rate mutates in the same way at a higher one."""
+    tree, settings = parse(ALL_ROUNDER), composed().gp.mutation
     for seed in range(200):
         low, high = (
             mutate(
@@ -168,7 +168,7 @@ def test_a_higher_rate_mutates_the_same_and_more() -> None:
                 tree,
                 rate=rate,
                 space=space(),
-                settings=how,
+                settings=settings,
             )
             for rate in (0.2, 0.6)
         )
@@ -203,32 +203,34 @@ def test_nothing_to_change() -> None:
 def test_numbers_stay_on_their_grid() -> None:
     """A nudged threshold stays in its key's range, on its key's grid."""
     tree = parse("when batteryLevel < 95 { PatrolWaypoint }")
-    seen = set()
+    thresholds = set()
     for seed in range(300):
         key, op, number, *_ = guard_of(mutated(seed, tree, "parameter")).condition
         if (key, op) == ("batteryLevel", "<"):
-            seen.add(number)
-    assert len(seen) > 8
-    assert all(0 <= float(n) <= 100 and float(n) % 5 == 0 for n in seen)
+            thresholds.add(number)
+    assert len(thresholds) > 8
+    assert all(0 <= float(n) <= 100 and float(n) % 5 == 0 for n in thresholds)
 
 
 def test_a_kind_without_weight_never_appears() -> None:
     """`gp.trees.kinds` holds for mutation as for random trees."""
-    settings_ = tree_settings()
-    few = settings_.model_copy(update={"kinds": {**settings_.kinds, "parallel": 0.0, "when": 0.0}})
+    trees = tree_settings()
+    few = trees.model_copy(update={"kinds": {**trees.kinds, "parallel": 0.0, "when": 0.0}})
     start = parse("selector { sequence { PatrolWaypoint SeekCharger } inverter { SeekCharger } }")
-    found = Counter()
+    kinds = Counter()
     for seed in range(300):
         rng = np.random.default_rng(seed)
-        new, _ = mutate(rng, start, rate=1.0, space=space(how=few), settings=composed().gp.mutation)
-        found.update(n.kind for n in walk(new))
-    assert set(found) == {"action", "selector", "sequence", "inverter", "repeater"}
+        new, _ = mutate(
+            rng, start, rate=1.0, space=space(trees=few), settings=composed().gp.mutation
+        )
+        kinds.update(n.kind for n in walk(new))
+    assert set(kinds) == {"action", "selector", "sequence", "inverter", "repeater"}
 
 
 @examples(max_examples=100)
 @given(seed=SEEDS)
 def test_random_trees(seed: int) -> None:
-    """Random trees are valid, within the limits, and as deep as configuration says."""
+    """Random trees are valid, within the limits, and as deep as configured."""
     tree = random_tree(np.random.default_rng(seed), space())
     assert within(tree, LIMITS)
     assert 2 <= depth(tree) <= 5
@@ -244,11 +246,11 @@ def test_random_trees_in_narrow_limits(limits: Limits) -> None:
 
 def test_random_trees_use_the_whole_language() -> None:
     """Every node kind, action, key and operator turns up."""
-    found: Counter[object] = Counter()
+    uses: Counter[object] = Counter()
     for seed in range(400):
         for node in walk(random_tree(np.random.default_rng(seed), space())):
-            found[node.kind] += 1
-            found.update(guard_of(node).condition if node.guard else node.args)
+            uses[node.kind] += 1
+            uses.update(guard_of(node).condition if node.guard else node.args)
     expected = [
         *PAPER,
         *VOCABULARY.actions,
@@ -262,34 +264,34 @@ def test_random_trees_use_the_whole_language() -> None:
         "is",
         "not",
     ]
-    assert [word for word in expected if not found[word]] == []
+    assert [word for word in expected if not uses[word]] == []
 
 
 def test_random_trees_without_keys() -> None:
     """A domain may have nothing to ask for: then no tree has a `when`, by no operator either."""
     bare = {name: Action(action.meaning) for name, action in VOCABULARY.actions.items()}
     blind = TreeSpace(tree_settings(), Vocabulary("blind", bare, {}), LIMITS)
-    found: Counter[str] = Counter()
+    kinds: Counter[str] = Counter()
     for seed in range(200):
         rng = np.random.default_rng(seed)
         tree = random_tree(rng, blind)
         for operator in MUTATIONS:
             tree, _ = mutate(rng, tree, rate=1.0, space=blind, settings=only(operator))
-        found.update(n.kind for n in walk(tree))
-    assert set(found) == PAPER - {"when"}
+        kinds.update(n.kind for n in walk(tree))
+    assert set(kinds) == PAPER - {"when"}
 
 
 def test_thresholds_of_random_trees_lie_on_the_grid() -> None:
     """From a key's least value to its greatest, in its steps."""
-    seen: dict[str, set[float]] = {}
+    thresholds: dict[str, set[float]] = {}
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        asked, _ = random_args(rng, "when", space())
-        assert isinstance(asked, Condition)
-        seen.setdefault(asked.key, set()).add(asked.number)
-    assert seen["batteryLevel"] == set(range(0, 101, 5))
-    assert seen["lap"] == set(range(6))
-    assert seen["foundGarbage"] == {0}
+        expr, _ = random_args(rng, "when", space())
+        assert isinstance(expr, Condition)
+        thresholds.setdefault(expr.key, set()).add(expr.number)
+    assert thresholds["batteryLevel"] == set(range(0, 101, 5))
+    assert thresholds["lap"] == set(range(6))
+    assert thresholds["foundGarbage"] == {0}
 
 
 def test_grow_depth() -> None:
@@ -303,9 +305,9 @@ def test_grow_depth() -> None:
 def test_weighted() -> None:
     """Keys are drawn by their weights; one without weight never is."""
     rng = np.random.default_rng(0)
-    found = Counter(weighted(rng, {"a": 0.0, "b": 1.0, "c": 3.0, "d": 0.0}) for _ in range(4000))
-    assert set(found) == {"b", "c"}
-    assert 850 < found["b"] < 1150
+    counts = Counter(weighted(rng, {"a": 0.0, "b": 1.0, "c": 3.0, "d": 0.0}) for _ in range(4000))
+    assert set(counts) == {"b", "c"}
+    assert 850 < counts["b"] < 1150
 
 
 def test_replace_at() -> None:
@@ -345,6 +347,6 @@ def test_operators_that_cannot_be(operators: dict[str, float]) -> None:
 @pytest.mark.parametrize("kinds", [{"action": 1.0}, {"sequence": -1.0}, {"sequence": 0.0}, {}])
 def test_kinds_that_cannot_be(kinds: dict[str, float]) -> None:
     """Random trees need at least one kind of inner node."""
-    found = {**tree_settings().model_dump(), "kinds": kinds}
+    values = {**tree_settings().model_dump(), "kinds": kinds}
     with pytest.raises(ValidationError, match="kinds: expected weights >= 0 for some of"):
-        TreeSettings.model_validate(found)
+        TreeSettings.model_validate(values)

@@ -41,8 +41,8 @@ BALANCED_ELITE = {"gathered": 9, "fitness": 15001}
 )
 def test_specialist(pickups: float, interactions: float, expected: str) -> None:
     """A specialist does one thing more than twice as often as the other."""
-    done = outcome(pickups=pickups, interactions=interactions)
-    assert specialist(done, CLASSES) == expected
+    result = outcome(pickups=pickups, interactions=interactions)
+    assert specialist(result, CLASSES) == expected
 
 
 def test_dominance_ratio() -> None:
@@ -83,14 +83,14 @@ def between(**others: str) -> dict[str, Any]:
         ({"a": "c"}, "bac"),
     ],
 )
-def test_a_tier_may_say_which_one_it_is_better_than(others: dict[str, str], order: str) -> None:
+def test_a_tier_may_name_the_one_that_it_is_better_than(others: dict[str, str], order: str) -> None:
     """It then comes right before that one."""
-    made = Classes.model_validate({**CLASSES.model_dump(), **between(**others)})
-    assert [*made.tiers] == [*order]
+    classes = Classes.model_validate({**CLASSES.model_dump(), **between(**others)})
+    assert [*classes.tiers] == [*order]
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         (between(a="b", b="a"), "a.better_than: expected no cycle, found b"),
         (between(a="a"), "a.better_than: expected no cycle, found a"),
@@ -107,18 +107,18 @@ def test_a_tier_may_say_which_one_it_is_better_than(others: dict[str, str], orde
         ),
     ],
 )
-def test_circles_and_names_given_twice_are_refused(changes: dict[str, Any], said: str) -> None:
-    """They would make classes that nobody, or nobody rightly, belongs to."""
-    with pytest.raises(ValidationError, match=said):
+def test_circles_and_names_given_twice_are_refused(changes: dict[str, Any], message: str) -> None:
+    """Such classes would have no members, or wrong ones."""
+    with pytest.raises(ValidationError, match=message):
         Classes.model_validate({**CLASSES.model_dump(), **changes})
 
 
 def test_labels_do_not_depend_on_the_class() -> None:
     """Charging and clearing are labels; a robot that only charges is still patrol-only."""
-    done = outcome(charges=1, deliveries=1)
-    found = classify(done, CLASSES)
-    assert (found.specialist, found.behaviours) == ("patrol_only", ("charging", "clearing"))
-    assert not found.working
+    result = outcome(charges=1, deliveries=1)
+    labels = classify(result, CLASSES)
+    assert (labels.specialist, labels.behaviours) == ("patrol_only", ("charging", "clearing"))
+    assert not labels.working
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_the_names_of_the_paper() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counts", "shown", "done"),
+    ("counts", "behaviours", "performed"),
     [
         ({}, (), ()),
         ({"charges": 1}, ("charging",), ("charging",)),
@@ -184,10 +184,12 @@ def test_the_names_of_the_paper() -> None:
         ),
     ],
 )
-def test_behaviours(counts: dict[str, Any], shown: tuple[str, ...], done: tuple[str, ...]) -> None:
-    """The labels name the class, unless it is idle, and the labels; `does` all that was done."""
-    assert classify(outcome(**counts), CLASSES).behaviours == shown
-    assert CLASSES.shown(outcome(**counts).counters) == done
+def test_behaviours(
+    counts: dict[str, Any], behaviours: tuple[str, ...], performed: tuple[str, ...]
+) -> None:
+    """The labels name the class, unless it is idle, and the labels; `shown` all behaviours."""
+    assert classify(outcome(**counts), CLASSES).behaviours == behaviours
+    assert CLASSES.shown(outcome(**counts).counters) == performed
 
 
 # Other domains
@@ -212,7 +214,9 @@ def colours(*of: str, ratio: float = 2, **changes: Any) -> Classes:
     return Classes.model_validate({**plain, **changes})
 
 
-def done(reds: float = 0, greens: float = 0, blues: float = 0, steps: float = 0) -> Outcome:
+def colour_outcome(
+    reds: float = 0, greens: float = 0, blues: float = 0, steps: float = 0
+) -> Outcome:
     """What such a robot did."""
     counters = {"reds": reds, "greens": greens, "blues": blues, "steps": steps}
     return Outcome({"points": 10.0}, counters, 1.0, ("time",))
@@ -221,10 +225,10 @@ def done(reds: float = 0, greens: float = 0, blues: float = 0, steps: float = 0)
 @pytest.mark.parametrize(("reds", "expected"), [(0, "lazy"), (0.5, "red"), (9, "red")])
 def test_one_behaviour_alone(reds: float, expected: str) -> None:
     """Where nothing competes, whoever does it at all is its specialist; nobody is mixed."""
-    found = classify(done(reds=reds, greens=9), colours("red"))
-    assert found.specialist == expected
-    assert found.working == (expected == "red")
-    assert found.behaviours == (*(("red",) if reds else ()), "green")
+    labels = classify(colour_outcome(reds=reds, greens=9), colours("red"))
+    assert labels.specialist == expected
+    assert labels.working == (expected == "red")
+    assert labels.behaviours == (*(("red",) if reds else ()), "green")
 
 
 @pytest.mark.parametrize(
@@ -243,7 +247,7 @@ def test_one_behaviour_alone(reds: float, expected: str) -> None:
 )
 def test_three_compete(counts: tuple[float, float, float], expected: str) -> None:
     """A specialist does one thing more than twice as often as any other."""
-    assert specialist(done(*counts), colours("red", "green", "blue")) == expected
+    assert specialist(colour_outcome(*counts), colours("red", "green", "blue")) == expected
 
 
 @pytest.mark.parametrize(
@@ -251,7 +255,7 @@ def test_three_compete(counts: tuple[float, float, float], expected: str) -> Non
 )
 def test_ratio_1(counts: tuple[float, float, float], expected: str) -> None:
     """At ratio 1 the most frequent behaviour is the class; a tie is mixed."""
-    assert specialist(done(*counts), colours("red", "green", "blue", ratio=1)) == expected
+    assert specialist(colour_outcome(*counts), colours("red", "green", "blue", ratio=1)) == expected
 
 
 def test_tiers_of_other_counters() -> None:
@@ -262,18 +266,18 @@ def test_tiers_of_other_counters() -> None:
         "any": {},
     }
     some = colours("red", tiers=tiers_of)
-    assert tiers(done(reds=2, steps=3.5), some) == ("best", "good", "any")
-    assert tiers(done(reds=2, steps=3), some) == ("any",)
-    assert tiers(done(reds=1.9, steps=9), some) == ("any",)
+    assert tiers(colour_outcome(reds=2, steps=3.5), some) == ("best", "good", "any")
+    assert tiers(colour_outcome(reds=2, steps=3), some) == ("any",)
+    assert tiers(colour_outcome(reds=1.9, steps=9), some) == ("any",)
     strict = {**tiers_of, "best": {"above": {"fitness": 10}, "also": "good"}}
-    assert tiers(done(reds=2, steps=4), colours("red", tiers=strict)) == ("good", "any")
+    assert tiers(colour_outcome(reds=2, steps=4), colours("red", tiers=strict)) == ("good", "any")
 
 
 def test_also_may_name_a_tier_further_up() -> None:
-    """The order of tiers is the order in which they are told, and no more."""
+    """The order of tiers is only the order in which they are reported."""
     some = colours("red", tiers={"good": {"at_least": {"reds": 2}}, "kind": {"also": "good"}})
-    assert tiers(done(reds=2), some) == ("good", "kind")
-    assert tiers(done(reds=1), some) == ()
+    assert tiers(colour_outcome(reds=2), some) == ("good", "kind")
+    assert tiers(colour_outcome(reds=1), some) == ()
 
 
 @pytest.mark.parametrize(
@@ -295,7 +299,7 @@ def test_also_may_name_a_tier_further_up() -> None:
     ],
 )
 def test_classes_that_do_not_fit_together(changes: dict[str, Any], message: str) -> None:
-    """A name that stands for nothing, or for two things, is refused."""
+    """A name of nothing, or of two things, is refused."""
     with pytest.raises(ValidationError, match=message):
         colours("red", **changes)
 
@@ -314,7 +318,7 @@ def test_specialists_that_cannot_be(of: tuple[str, ...], ratio: float, message: 
         colours(*of, ratio=ratio)
 
 
-def test_unknown_counters_are_told_with_their_path() -> None:
+def test_unknown_counters_are_reported_with_their_path() -> None:
     """Which counters there are is the domain's: each wrong name is a line."""
     some = colours(
         "red",

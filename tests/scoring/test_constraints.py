@@ -1,4 +1,4 @@
-"""Constraints: violations, the order of individuals, and what is said of wrong settings."""
+"""Constraints: violations, the order of individuals, and the messages for wrong settings."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_words() -> None:
     ],
 )
 def test_wrong_constraints(wrong: Any, line: str) -> None:
-    """One line, which says what is expected."""
+    """One line, with what is expected."""
     with pytest.raises(ConfigError) as error:
         read_settings({**plain(), "constraints": wrong})
     assert str(error.value).startswith(line)
@@ -104,8 +104,8 @@ def test_wrong_constraints(wrong: Any, line: str) -> None:
 def test_a_recorded_configuration() -> None:
     """Older runs have none, and a damaged one is reported."""
     assert recorded_constraints({}) == recorded_constraints({"constraints": None}) == {}
-    found = recorded_constraints({"constraints": {"a": {"at_most": 1, "at_least": None}}})
-    assert found == {"a": Bound(at_most=1)}
+    bounds = recorded_constraints({"constraints": {"a": {"at_most": 1, "at_least": None}}})
+    assert bounds == {"a": Bound(at_most=1)}
     for damaged in ([1], {"a": {"at_most": "x"}}, "text"):
         with pytest.raises(RunError, match=r"^Expected constraints by counter"):
             recorded_constraints({"constraints": damaged})
@@ -153,8 +153,8 @@ def test_candidates_come_feasible_first() -> None:
         record(0, ("fit", 90, 8), ("good", 50, 0), ("odd", 70, 3)),
         record(1, ("fit", 95, 8), ("good", 40, 1), ("odd", 70, 0)),
     ]
-    found = candidates(records, CLASSES, top=1, most=2, constraints=NO_PICKUPS)
-    assert [c.tree for c in found] == ["odd", "good"]
+    feasible_first = candidates(records, CLASSES, top=1, most=2, constraints=NO_PICKUPS)
+    assert [c.tree for c in feasible_first] == ["odd", "good"]
     free = candidates(records, CLASSES, top=1, most=1)
     assert [c.tree for c in free] == ["fit"]
     by_evidence = candidates_by_evidence(records, constraints=NO_PICKUPS)
@@ -168,11 +168,11 @@ def test_a_search_remembers_means() -> None:
     state = search.start()
     tree = "sequence { SeekCharger ExecuteCharge }"
     for g, pickups in enumerate((0.0, 3.0)):
-        told = [
+        population = [
             evaluated(f"{g}.0", 10.0, tree=tree, pickups=pickups),
             evaluated(f"{g}.1", 99.0, pickups=9.0),
         ]
-        state = search.tell(state, told, NO_ADVICE)
+        state = search.tell(state, population, NO_ADVICE)
     assert [e.counters for e in state.memory.entries] == [{"pickups": 1.5}, {"pickups": 9.0}]
 
 
@@ -191,17 +191,17 @@ class Worlds:
 
 
 def test_validation_chooses_a_feasible_robot() -> None:
-    """The race goes by Deb's rules in validation worlds, whatever training said."""
-    found = [
+    """The race goes by Deb's rules in validation worlds, for any training fitness."""
+    pool = [
         Candidate(0, "0.0", "fit\n", trained=100.0),
         Candidate(0, "0.1", "safe\n", trained=50.0, violation=3.0),
     ]
     (winner, verdict), (_, other) = validate(
-        found, range(20), Worlds(), 0, CLASSES, episodes=20, constraints=NO_PICKUPS
+        pool, range(20), Worlds(), 0, CLASSES, episodes=20, constraints=NO_PICKUPS
     )
     assert winner.tree == "safe\n"
     assert (verdict.violation, verdict.feasible) == (0.0, 1.0)
     assert (other.violation, other.feasible) == (7.0, 0.0)
-    ((first, free), _) = validate(found, range(20), Worlds(), 0, CLASSES, episodes=20)
+    ((first, free), _) = validate(pool, range(20), Worlds(), 0, CLASSES, episodes=20)
     assert first.tree == "fit\n"
     assert (free.violation, free.feasible) == (None, None)

@@ -26,7 +26,7 @@ EPOCHS = [
 def test_every_generation() -> None:
     """Generation 0 and 1-5 are epoch 1, then five generations an epoch, two epochs a stage."""
     curriculum = composed().curriculum
-    expected = {g: (epoch, stage) for epoch, stage, found in EPOCHS for g in found}
+    expected = {g: (epoch, stage) for epoch, stage, generations in EPOCHS for g in generations}
     assert sorted(expected) == list(range(41))
     assert {g: (curriculum.epoch(g), curriculum.stage(g)) for g in range(41)} == expected
 
@@ -64,14 +64,14 @@ def test_multipliers_that_cannot_be(multiplier: float) -> None:
         Curriculum.model_validate({"generations_per_epoch": 5, "stages": [stage]})
 
 
-def test_unknown_components_are_told_with_their_path() -> None:
+def test_unknown_components_are_reported_with_their_path() -> None:
     """Which components there are is the domain's."""
     stages = [
         {"epochs": [1, 2], "multipliers": {"garbage": 1}},
         {"epochs": [3, 4], "multipliers": {"garbage": 1, "trash": 2}},
     ]
-    found = Curriculum.model_validate({"generations_per_epoch": 5, "stages": stages})
-    (line,) = found.faults(SCHEMA)
+    curriculum = Curriculum.model_validate({"generations_per_epoch": 5, "stages": stages})
+    (line,) = curriculum.faults(SCHEMA)
     assert line.startswith("curriculum.stages.1.multipliers.trash: expected one of garbage, ")
     assert line.endswith(", found 'trash'")
 

@@ -16,10 +16,10 @@ def test_fitness_is_the_sum_of_the_components() -> None:
 
 def test_measure() -> None:
     """A counter or the fitness by name; any other name is an error, a component's too."""
-    found = outcome(7.0, pickups=2)
-    assert (found.measure("fitness"), found.measure("pickups")) == (7, 2)
+    result = outcome(7.0, pickups=2)
+    assert (result.measure("fitness"), result.measure("pickups")) == (7, 2)
     with pytest.raises(KeyError):
-        found.measure("garbage")
+        result.measure("garbage")
 
 
 def test_combine_one() -> None:
@@ -30,14 +30,14 @@ def test_combine_one() -> None:
 
 def test_combine_is_the_mean() -> None:
     """Several episodes give the mean of each number, and all endings."""
-    found = mean_outcome(
+    mean = mean_outcome(
         [
             outcome(components={"garbage": 6.0, "idle": 4.0}, pickups=1, seconds=420),
             outcome(components={"garbage": 31.0, "idle": -1.0}, seconds=60, endings=("shutdown",)),
         ]
     )
-    assert (found.fitness, found.seconds) == (20, 240)
-    assert (found.counters["pickups"], found.counters["battery"]) == (0.5, 50)
-    assert (found.components["garbage"], found.components["idle"]) == (18.5, 1.5)
-    assert found.components.keys() == NOTHING.components.keys()
-    assert found.endings == ("time", "shutdown")
+    assert (mean.fitness, mean.seconds) == (20, 240)
+    assert (mean.counters["pickups"], mean.counters["battery"]) == (0.5, 50)
+    assert (mean.components["garbage"], mean.components["idle"]) == (18.5, 1.5)
+    assert mean.components.keys() == NOTHING.components.keys()
+    assert mean.endings == ("time", "shutdown")

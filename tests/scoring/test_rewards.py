@@ -28,11 +28,11 @@ def components(
 ) -> dict[str, float]:
     """Eq. (1): the points of (event, amount) pairs, by component."""
     value = worth(table, weights)
-    found = dict.fromkeys(SCHEMA.components, 0.0)
+    points_of = dict.fromkeys(SCHEMA.components, 0.0)
     for event, amount in events:
         component, points = value(event, amount)
-        found[component] += points
-    return found
+        points_of[component] += points
+    return points_of
 
 
 @pytest.mark.parametrize(
@@ -176,8 +176,8 @@ def test_normalisation() -> None:
 def test_a_row(row: dict[str, Any], amount: float, points: float) -> None:
     """Points of one event by its amount."""
     bands = [{"below": below, "points": worth_it} for below, worth_it in row.get("bands", ())]
-    found = Reward.model_validate({**row, "component": "c", "bands": bands})
-    assert found.points(amount) == pytest.approx(points)
+    reward = Reward.model_validate({**row, "component": "c", "bands": bands})
+    assert reward.points(amount) == pytest.approx(points)
 
 
 @pytest.mark.parametrize(
@@ -226,7 +226,7 @@ def test_rows_that_make_no_sense(change: dict[str, object], message: str) -> Non
 )
 def test_names_that_the_domain_does_not_have(change: dict[str, Any], lines: list[str]) -> None:
     """One line each, with the path."""
-    found = list(rewards(**change).faults(SCHEMA))
-    assert len(found) == len(lines)
-    for line, start in zip(found, lines, strict=True):
+    faults = list(rewards(**change).faults(SCHEMA))
+    assert len(faults) == len(lines)
+    for line, start in zip(faults, lines, strict=True):
         assert line.startswith(start)

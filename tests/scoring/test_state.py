@@ -55,8 +55,8 @@ def test_a_new_stage_counts_afresh() -> None:
     """Other multipliers are another scale: a stage's first generation is never stagnant."""
     bests = [(0, 900.0), (0, 900.0), (1, 500.0), (1, 500.0), (1, 500.0), (1, 600.0), (2, 600.0)]
     history = [snapshot(g, stage=stage, best=best) for g, (stage, best) in enumerate(bests)]
-    found = [stagnant(history[: n + 1], 0.01) for n in range(len(history))]
-    assert found == [0, 1, 0, 1, 2, 0, 0]
+    stagnation = [stagnant(history[: n + 1], 0.01) for n in range(len(history))]
+    assert stagnation == [0, 1, 0, 1, 2, 0, 0]
 
 
 def test_measure() -> None:
@@ -70,20 +70,20 @@ def test_measure() -> None:
     ]  # fmt: skip
     labels = [classify(o, CLASSES) for o in outcomes]
     table = composed().curriculum
-    found = generation_stats(
+    stats = generation_stats(
         outcomes, labels, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3
     )
-    assert (found.generation, found.epoch, found.stage, found.rate) == (12, 3, 1, 0.3)
-    assert (found.best, found.mean) == (20000, 5175)
+    assert (stats.generation, stats.epoch, stats.stage, stats.rate) == (12, 3, 1, 0.3)
+    assert (stats.best, stats.mean) == (20000, 5175)
     # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875
-    assert found.sd == pytest.approx(73_306_875**0.5)
-    assert found.diversity == 0.75
-    assert found.working == 0.75
-    assert found.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
-    assert found.behaviour_counts == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
-    assert found.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
-    means = found.counters
-    assert (means["distance"], means["inactive"], means["pickups"], found.size) == (
+    assert stats.sd == pytest.approx(73_306_875**0.5)
+    assert stats.diversity == 0.75
+    assert stats.working == 0.75
+    assert stats.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
+    assert stats.behaviour_counts == {"pickup": 2, "humanoid": 2, "clearing": 2, "charging": 2}
+    assert stats.tiers == {"excellent": 0, "complete": 1, "full_service": 1, "balanced_elite": 1}
+    means = stats.counters
+    assert (means["distance"], means["inactive"], means["pickups"], stats.size) == (
         250,
         25,
         1.25,
@@ -94,10 +94,18 @@ def test_measure() -> None:
 
 def test_state_of_the_first_generation() -> None:
     """Without a past nothing has changed, and nothing is stagnant."""
-    found = state([snapshot(0)])
-    assert (found.best_change, found.mean_change, found.best_trend) == (0, 0, 0)
-    assert (found.diversity_change, found.stagnant_generations, found.stagnant_epochs) == (0, 0, 0)
-    assert found.history == (found.now,)
+    population_state = state([snapshot(0)])
+    assert (
+        population_state.best_change,
+        population_state.mean_change,
+        population_state.best_trend,
+    ) == (0, 0, 0)
+    assert (
+        population_state.diversity_change,
+        population_state.stagnant_generations,
+        population_state.stagnant_epochs,
+    ) == (0, 0, 0)
+    assert population_state.history == (population_state.now,)
 
 
 def test_state_after_seven_generations() -> None:
@@ -109,33 +117,36 @@ def test_state_after_seven_generations() -> None:
             for g in range(1, 7)
         ),
     ]
-    found = state(history)
-    assert [s.generation for s in found.history] == [2, 3, 4, 5, 6]
-    assert (found.best_change, found.best_trend) == (1000, pytest.approx(1000))
-    assert (found.mean_change, found.mean_trend) == (100, pytest.approx(100))
-    assert found.diversity_change == pytest.approx(-0.0625)
-    assert found.diversity_trend == pytest.approx(-0.0625)
-    assert (found.stagnant_generations, found.stagnant_epochs) == (6, 1.2)
-    assert found.milestones_reached == {"complete": True, "excellent": True}
-    assert (found.quality, found.ever_quality) == (0, True)
-    assert (found.dominant, found.mutation_rate) == ("patrol_only", 0.4)
+    population_state = state(history)
+    assert [s.generation for s in population_state.history] == [2, 3, 4, 5, 6]
+    assert (population_state.best_change, population_state.best_trend) == (
+        1000,
+        pytest.approx(1000),
+    )
+    assert (population_state.mean_change, population_state.mean_trend) == (100, pytest.approx(100))
+    assert population_state.diversity_change == pytest.approx(-0.0625)
+    assert population_state.diversity_trend == pytest.approx(-0.0625)
+    assert (population_state.stagnant_generations, population_state.stagnant_epochs) == (6, 1.2)
+    assert population_state.milestones_reached == {"complete": True, "excellent": True}
+    assert (population_state.quality, population_state.ever_quality) == (0, True)
+    assert (population_state.dominant, population_state.mutation_rate) == ("patrol_only", 0.4)
 
 
 def test_milestones() -> None:
     """Milestones are of the whole history, `quality` of the first one and the present."""
-    found = state([snapshot(0, complete=1), snapshot(1, complete=3)])
-    assert found.milestones_reached == {"complete": True, "excellent": False}
-    assert (found.quality, found.ever_quality) == (3, True)
+    population_state = state([snapshot(0, complete=1), snapshot(1, complete=3)])
+    assert population_state.milestones_reached == {"complete": True, "excellent": False}
+    assert (population_state.quality, population_state.ever_quality) == (3, True)
     assert (state([snapshot(0)]).quality, state([snapshot(0)]).ever_quality) == (0, False)
-    assert found.targets == CLASSES.targets
+    assert population_state.targets == CLASSES.targets
 
 
 def test_rarest_behaviours_are_sorted() -> None:
-    """Behaviours stand by rising number of individuals, equals in the order of configuration."""
+    """Behaviours are sorted by rising count, equals in the order of configuration."""
     counts = {"pickup": 9, "humanoid": 2, "clearing": 0, "charging": 2}
-    found = state([snapshot(0, behaviour_counts=counts, diversity=0.29)])
-    assert found.rarest_behaviours == ("clearing", "humanoid", "charging", "pickup")
-    assert found.diversity_warning is True
+    population_state = state([snapshot(0, behaviour_counts=counts, diversity=0.29)])
+    assert population_state.rarest_behaviours == ("clearing", "humanoid", "charging", "pickup")
+    assert population_state.diversity_warning is True
 
 
 @pytest.mark.parametrize(("diversity", "warning"), [(0.31, False), (0.3, False), (0.29, True)])

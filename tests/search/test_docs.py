@@ -16,7 +16,7 @@ from islandgp.bt.core.language import parse
 from islandgp.evolution.loop import evolve
 from islandgp.running.app import main
 from tests.evolution.fake import Fake
-from tests.evolution.runs import Says
+from tests.evolution.runs import Constant
 from tests.profiles import sweep
 from tests.running.commands import ROOT
 from tests.search.searches import NAMES
@@ -112,7 +112,7 @@ def test_a_user_s_loop_equals_the_run(name: str) -> None:
         def evaluate(self, jobs: Any) -> Any:
             return [experiment.evaluate(job.tree, [job.seed], stage=job.stage)[0] for job in jobs]
 
-    steps = evolve(experiment.plan, 3, Says(0.3), Serial(), search=experiment.search())
+    steps = evolve(experiment.plan, 3, Constant(0.3), Serial(), search=experiment.search())
     run = [[(i.id, i.tree, i.fitness) for i in step.record.individuals] for step in steps]
     # The paper's first rate is that of configuration, and advice follows from then on.
     assert loop == run

@@ -14,10 +14,10 @@ from islandgp.evolution.loop import evolve
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, SupervisorLifecycle
 from tests.evolution.fake import Fake
-from tests.evolution.runs import Says, plan, run
+from tests.evolution.runs import Constant, plan, run
 
 
-class Serves(Says):
+class Serves(Constant):
     """A supervisor that counts what it is asked, and can be told to hang."""
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class Serves(Says):
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""
-        return {"questions": float(len(self.seen))}
+        return {"questions": float(len(self.states))}
 
     def close(self) -> None:
         """See `SupervisorLifecycle`."""
@@ -47,7 +47,7 @@ class Serves(Says):
 def test_what_a_service_is() -> None:
     """Only those that say so are started, counted and closed."""
     assert isinstance(Serves(), SupervisorLifecycle)
-    assert not isinstance(Says(), SupervisorLifecycle)
+    assert not isinstance(Constant(), SupervisorLifecycle)
 
 
 def test_what_was_spent_is_in_each_generation_s_cost() -> None:
@@ -69,10 +69,10 @@ def test_a_run_closes_its_service_once() -> None:
 @pytest.mark.parametrize("lag", [0, 1, 3])
 def test_nothing_is_asked_that_nobody_waits_for(lag: int) -> None:
     """An answer that would take effect after the last generation is not asked for."""
-    supervisor = Says()
+    supervisor = Constant()
     steps = run(plan(f"supervisor.lag={lag}"), supervisor)
     used = [step.record.guidance.asked_at for step in steps if step.record.guidance is not None]
-    assert [s.now.generation for s in supervisor.seen] == list(range(8 - 1 - lag))
+    assert [s.now.generation for s in supervisor.states] == list(range(8 - 1 - lag))
     assert [g for g in used if g is not None] == list(range(8 - 1 - lag))
 
 
@@ -85,7 +85,7 @@ def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
         next(steps)
         next(steps)
     assert time.monotonic() - began < 2
-    assert supervisor.seen == []
+    assert supervisor.states == []
     supervisor.hangs.set()
 
 
@@ -93,7 +93,7 @@ def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
 def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
     """Whatever it raises ends the run, from whatever thread it comes, and names the class."""
 
-    class Fails(Says):
+    class Fails(Constant):
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
             if state.now.generation == 1:
                 raise LookupError("no such answer")

@@ -19,7 +19,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import summary
 from tests.composed import plain
-from tests.evolution.runs import SMALL, Says, plan, run
+from tests.evolution.runs import SMALL, Constant, plan, run
 from tests.made import CLASSES
 
 VALIDATION = Validation(
@@ -96,4 +96,4 @@ def changed_record(
 
 def supervised(rate: float = 0.5) -> list[Step]:
     """The steps of a small run with this mutation rate."""
-    return run(supervisor=Says(rate))
+    return run(supervisor=Constant(rate))
