@@ -353,7 +353,7 @@ def test_a_thing_is_rewarded_once() -> None:
     tree = parse("sequence { GoToKey PickUp Drop }", domain.schema.vocabulary)
     outcome = max(
         (domain.run_episode(tree, seed, {}) for seed in range(8)),
-        key=lambda found: found.counters["dropped"],
+        key=lambda result: result.counters["dropped"],
     )
     assert outcome.counters["dropped"] > 3
     assert outcome.counters["key"] == 1

@@ -1,4 +1,4 @@
-"""Damage to a finished run: whoever reads it says so, and nothing is made of damaged files."""
+"""Damage to a finished run: every reader reports it and uses no damaged file."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ TINY = (
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder in which the command has made a run, as it leaves it."""
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A working folder in which the command has finished a run."""
     home = tmp_path_factory.mktemp("made")
     before = Path.cwd()
     os.chdir(home)
@@ -44,12 +44,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The run in a copy of that folder, in which commands are given."""
-    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+def run(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run in a copy of that folder, the working folder."""
+    shutil.copytree(original, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    (found,) = run_folders(tmp_path / "runs")
-    return found.path
+    (folder,) = run_folders(tmp_path / "runs")
+    return folder.path
 
 
 def change(file: Path) -> None:
@@ -63,8 +63,8 @@ def test_all_files_of_a_run_have_an_entry(run: Path) -> None:
     """The page too, which is written after the end."""
     manifest = read_manifest(run)
     assert manifest is not None
-    shown = {f.name for f in run.iterdir() if not f.name.startswith(".")}
-    assert {*manifest.files} == shown - UNLISTED
+    visible = {f.name for f in run.iterdir() if not f.name.startswith(".")}
+    assert {*manifest.files} == visible - UNLISTED
     assert "run.html" in manifest.files
     assert damaged_files(run) == []
 
@@ -93,9 +93,9 @@ def test_a_changed_file_is_not_called_complete(
     (run / "run.html").unlink()
     before = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
     assert main([*TINY]) == 2
-    said = capsys.readouterr().err
-    assert f"{run / name}, found a damaged file (changed)" in said
-    assert "Traceback" not in said
+    errors = capsys.readouterr().err
+    assert f"{run / name}, found a damaged file (changed)" in errors
+    assert "Traceback" not in errors
     after = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
     assert after == before
 
@@ -154,8 +154,8 @@ READERS: dict[str, Callable[[Path], object]] = {
         ("start", "archive.json"),
     ],
 )
-def test_who_reads_a_damaged_file_says_so(reader: str, name: str, run: Path) -> None:
-    """Whatever number was changed in it."""
+def test_every_reader_reports_a_damaged_file(reader: str, name: str, run: Path) -> None:
+    """For any number that was changed in it."""
     READERS[reader](run)
     change(run / name)
     with pytest.raises(RunError, match=rf"{name}, found a damaged file \(changed\)"):
@@ -163,7 +163,7 @@ def test_who_reads_a_damaged_file_says_so(reader: str, name: str, run: Path) -> 
 
 
 def test_a_run_without_about_json_does_not_vanish(run: Path) -> None:
-    """It is listed, and whoever reads it says what is missing."""
+    """It is listed, and every reader names what is missing."""
     (run / "about.json").unlink()
     assert [folder.path for folder in run_folders(run.parent)] == [run]
     with pytest.raises(RunError, match=r"about\.json, found a damaged file \(missing\)"):
@@ -174,8 +174,8 @@ def test_a_run_without_about_json_does_not_vanish(run: Path) -> None:
 def test_sync_sends_no_damaged_run(name: str, run: Path) -> None:
     """The file is named, and no store is made for it."""
     change(run / name)
-    done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
-    assert f"{run / name}, found a damaged file (changed)" in str(done.failed[run])
+    report = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
+    assert f"{run / name}, found a damaged file (changed)" in str(report.failed[run])
     assert not Path("mlflow.db").exists()
 
 
@@ -186,8 +186,8 @@ def test_a_link_is_neither_followed_nor_sent(name: str, run: Path, tmp_path: Pat
     secret.write_text("mine")
     (run / name).unlink(missing_ok=True)
     (run / name).symlink_to(secret)
-    done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
-    assert isinstance(done.failed[run], UntrustedError)
+    report = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
+    assert isinstance(report.failed[run], UntrustedError)
     for reader in READERS.values():
         with pytest.raises(UntrustedError, match=f"{name}, found a link"):
             reader(run)
@@ -205,23 +205,23 @@ def test_a_pipe_is_not_read(run: Path) -> None:
 
 
 @pytest.mark.parametrize("last", [False, True])
-@pytest.mark.parametrize("how", ["changed", "longer", "gone"])
-def test_records_that_change_under_a_run_end_it(how: str, last: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", ["changed", "longer", "gone"])
+def test_records_that_change_under_a_run_end_it(damage: str, last: bool, tmp_path: Path) -> None:
     """At the next generation, or at the end: nothing is written over them."""
     folder = begun(tmp_path / "one", tmp_path)
-    done = steps()
-    end = finished(written(tmp_path / "two", tmp_path), done[-1].champion)
-    for step in done if last else done[:3]:
+    all_steps = steps()
+    end = finished(written(tmp_path / "two", tmp_path), all_steps[-1].champion)
+    for step in all_steps if last else all_steps[:3]:
         folder.append(step)
     file = folder.path / "generations.jsonl"
-    match how:
+    match damage:
         case "changed":
             change(file)
         case "longer":
             file.write_bytes(file.read_bytes() + b"x")
         case "gone":
             file.unlink()
-    goes_on = partial(folder.finish, end) if last else partial(folder.append, done[3])
+    goes_on = partial(folder.finish, end) if last else partial(folder.append, all_steps[3])
     with pytest.raises(RunError, match=r"generations\.jsonl as this run wrote them, found them"):
         goes_on()
     folder.close()

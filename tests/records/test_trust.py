@@ -49,18 +49,18 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run."""
     home = tmp_path_factory.mktemp("made")
     return written(home / "run", home).path
 
 
-def stranger(made: Path, folder: Path, what: str = "domain", name: str = "evil:Domain") -> Path:
-    """A finished run whose configuration names a class of a stranger's."""
-    shutil.copytree(made, folder)
+def stranger(original: Path, folder: Path, part: str = "domain", name: str = "evil:Domain") -> Path:
+    """A finished run whose configuration names an untrusted class."""
+    shutil.copytree(original, folder)
     config = yaml.safe_load((folder / "config.yaml").read_text())
     at: dict[str, Any] = config
-    *path, last = KEYS[what]
+    *path, last = KEYS[part]
     for key in path:
         at = at.setdefault(key, {})
     at[last] = name
@@ -69,9 +69,9 @@ def stranger(made: Path, folder: Path, what: str = "domain", name: str = "evil:D
     return folder
 
 
-def command(*words: str) -> Result:
-    """What a command says."""
-    return CliRunner().invoke(islandgp, [*words])
+def command(*arguments: str) -> Result:
+    """The result of a command."""
+    return CliRunner().invoke(islandgp, [*arguments])
 
 
 COMMANDS = {
@@ -91,94 +91,100 @@ COMMANDS = {
 @pytest.mark.parametrize("name", COMMANDS)
 @pytest.mark.parametrize("form", ["evil:Domain", "evil.Domain"])
 def test_no_command_imports_what_only_a_run_names(
-    made: Path, name: str, form: str, tmp_path: Path
+    original: Path, name: str, form: str, tmp_path: Path
 ) -> None:
-    """Whatever the command says, the stranger's module was not run."""
-    run = stranger(made, tmp_path / "run", name=form)
+    """For any result of the command, the untrusted module was not run."""
+    run = stranger(original, tmp_path / "run", name=form)
     command(*(word.replace("RUN", str(run)) for word in COMMANDS[name]))
     assert "evil" not in sys.modules
     assert not (tmp_path / "it ran").exists()
 
 
 @pytest.mark.parametrize("name", ["best", "sync", "distill"])
-def test_a_refusal_names_the_class_and_the_remedy(made: Path, name: str, tmp_path: Path) -> None:
+def test_a_refusal_names_the_class_and_the_remedy(
+    original: Path, name: str, tmp_path: Path
+) -> None:
     """One message; with --trust the class is imported."""
-    run = stranger(made, tmp_path / "run")
-    words = [word.replace("RUN", str(run)) for word in COMMANDS[name]]
-    said = command(*words)
-    text = said.output + str(said.exception)
+    run = stranger(original, tmp_path / "run")
+    arguments = [word.replace("RUN", str(run)) for word in COMMANDS[name]]
+    result = command(*arguments)
+    text = result.output + str(result.exception)
     assert "Expected code that your own configuration names, found 'evil:Domain'" in text
     assert "--config-dir FOLDER" in text
     if name == "best":
-        command(*words, "--trust")
+        command(*arguments, "--trust")
         assert (tmp_path / "it ran").exists()
         assert not is_trusted("evil:Domain")
 
 
-@pytest.mark.parametrize("what", KEYS)
-def test_distill_looks_at_all_code_that_a_run_names(made: Path, what: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("part", KEYS)
+def test_distill_looks_at_all_code_that_a_run_names(
+    original: Path, part: str, tmp_path: Path
+) -> None:
     """It reads the whole configuration, which imports each class and function."""
-    run = stranger(made, tmp_path / "run", what, "evil:Fn" if what == "function" else "evil:Domain")
-    said = command("distill", str(run), "-o", "policy")
-    assert isinstance(said.exception, UntrustedError)
+    run = stranger(
+        original, tmp_path / "run", part, "evil:Fn" if part == "function" else "evil:Domain"
+    )
+    result = command("distill", str(run), "-o", "policy")
+    assert isinstance(result.exception, UntrustedError)
     assert not (tmp_path / "it ran").exists()
 
 
-@pytest.mark.parametrize("what", ["domain", "environment"])
-def test_what_the_user_s_own_folder_names_is_used(what: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("group", ["domain", "environment"])
+def test_names_in_the_user_s_folder_are_trusted(group: str, tmp_path: Path) -> None:
     """A file of a group of --config-dir vouches for the class; a run below that folder does not."""
     config = plain()
-    config["domain"] = {"factory": "evil:Domain"} if what == "domain" else config["domain"]
-    config["world"] = {"environment": "evil:Env-v0"} if what == "environment" else {}
+    config["domain"] = {"factory": "evil:Domain"} if group == "domain" else config["domain"]
+    config["world"] = {"environment": "evil:Env-v0"} if group == "environment" else {}
     runs = tmp_path / "conf/runs/name/run"
     runs.mkdir(parents=True)
     (runs / "config.yaml").write_text(yaml.safe_dump(config))
     trust_folder(tmp_path / "conf")
     with pytest.raises(UntrustedError):
         Problem.recorded(config)
-    own = tmp_path / "conf/domain/mine.yaml"
-    own.parent.mkdir()
-    own.write_text(yaml.safe_dump({k: config[k] for k in ("domain", "world")}))
-    (own.parent / "broken.yaml").write_text("{")
+    file = tmp_path / "conf/domain/mine.yaml"
+    file.parent.mkdir()
+    file.write_text(yaml.safe_dump({k: config[k] for k in ("domain", "world")}))
+    (file.parent / "broken.yaml").write_text("{")
     trust_folder(tmp_path / "conf")
     must_trust_code({key: config[key] for key in ("domain", "world")})
 
 
-def test_a_composed_configuration_is_the_user_s_own(tmp_path: Path) -> None:
+def test_a_composed_configuration_is_trusted(tmp_path: Path) -> None:
     """A run of the user's own class needs no further word, in its own process."""
-    words = ("evaluator=serial", "evaluator.factory=tests.running.evaluators:Instant")
+    evaluator = ("evaluator=serial", "evaluator.factory=tests.running.evaluators:Instant")
     small = ("supervisor=baseline", "gp.population=4", "gp.generations=2", "progress=off")
-    assert main([*small, *words, "gp.validation=0", "tracking=off", f"runs={tmp_path}/r"]) == 0
+    assert main([*small, *evaluator, "gp.validation=0", "tracking=off", f"runs={tmp_path}/r"]) == 0
     assert is_trusted("tests.running.evaluators:Instant")
 
 
-def test_a_replayed_transcript_names_no_class_of_its_own(tmp_path: Path) -> None:
+def test_a_replayed_transcript_names_no_class(tmp_path: Path) -> None:
     """`supervisor=replay` reads settings from a transcript, with the class of the fallback."""
     policy = plain("supervisor=llm")["supervisor"]["policy"]
     policy["fallback"] = {"factory": "evil:Domain", "policy": {}}
     start = {"line": "start", "settings": policy, "dialect": None}
     (tmp_path / "transcript.jsonl").write_text(json.dumps(start) + "\n")
-    words = ("supervisor=replay", f"supervisor.policy.transcript={tmp_path}", "tracking=off")
-    assert main([*words, "gp.population=4", "gp.generations=2", "evaluator=serial"]) == 2
+    overrides = ("supervisor=replay", f"supervisor.policy.transcript={tmp_path}", "tracking=off")
+    assert main([*overrides, "gp.population=4", "gp.generations=2", "evaluator=serial"]) == 2
     assert not (tmp_path / "it ran").exists()
 
 
 def test_a_run_that_starts_from_a_stranger_s_archive_runs_none_of_its_code(
-    made: Path, tmp_path: Path
+    original: Path, tmp_path: Path
 ) -> None:
     """`start=RUN` and `supervisor=yoked` read text and JSON."""
-    run = stranger(made, tmp_path / "run")
+    run = stranger(original, tmp_path / "run")
     small = ("gp.population=4", "gp.generations=2", "evaluator=serial", "tracking=off")
     main([f"start={run}", *small])
     main(["supervisor=yoked", f"supervisor.policy.record={run}", *small])
     assert not (tmp_path / "it ran").exists()
 
 
-def test_sync_as_a_function_refuses_as_well(made: Path, tmp_path: Path) -> None:
+def test_sync_as_a_function_refuses_as_well(original: Path, tmp_path: Path) -> None:
     """The result names the folder; nothing was sent of it."""
-    run = stranger(made, tmp_path / "run")
-    done = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
-    assert isinstance(done.failed[run], UntrustedError)
+    run = stranger(original, tmp_path / "run")
+    report = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
+    assert isinstance(report.failed[run], UntrustedError)
     assert not (tmp_path / "mlflow.db").exists()
 
 

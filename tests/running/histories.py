@@ -40,14 +40,14 @@ def store(home: Path) -> Store:
     )
 
 
-def tracked(where: Store) -> list[Tracked]:
+def tracked(store: Store) -> list[Tracked]:
     """All runs, oldest first."""
-    found = where.client.search_runs([where.experiment], order_by=["attributes.start_time"])
-    return [_tracked(where, run) for run in found]
+    runs = store.client.search_runs([store.experiment], order_by=["attributes.start_time"])
+    return [_tracked(store, run) for run in runs]
 
 
-def _tracked(where: Store, run: Any) -> Tracked:
-    client, key = where.client, run.info.run_id
+def _tracked(store: Store, run: Any) -> Tracked:
+    client, key = store.client, run.info.run_id
     return Tracked(
         id=key,
         name=run.info.run_name,

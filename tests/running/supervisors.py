@@ -12,7 +12,7 @@ from islandgp.supervision.fixed import FixedSettings
 
 
 class Answers:
-    """Answers what it was made with."""
+    """A supervisor whose answer is set at its creation."""
 
     name = "answers"
     Settings = FixedSettings
@@ -27,8 +27,8 @@ class Answers:
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:  # noqa: ARG002 -- the protocol's
         """See `Supervisor`."""
-        found: Guidance = self.answer
-        return found
+        guidance: Guidance = self.answer
+        return guidance
 
 
 class TooMuch(Answers):

@@ -1,4 +1,4 @@
-"""The command: exit codes, messages, and what a sweep says of its jobs. In this process."""
+"""The command: exit codes, messages, and a sweep's report of its jobs. In this process."""
 
 from __future__ import annotations
 
@@ -35,53 +35,53 @@ INSTANT = (*TINY, "tracking=off", *fake("Instant"))
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder in which the command is given."""
+def cwd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def leaf(here: Path, name: str = "default") -> list[str]:
+def leaf(cwd: Path, name: str = "default") -> list[str]:
     """The folders of a name's runs."""
-    return sorted(path.name for path in (here / "runs" / name).iterdir() if path.is_dir())
+    return sorted(path.name for path in (cwd / "runs" / name).iterdir() if path.is_dir())
 
 
-def test_a_run_leaves_its_records_and_says_where(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_a_run_writes_its_records_and_prints_where(
+    cwd: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Exit code 0, a summary with the best tree, and nothing else in the folder.
 
     The configuration is composed once.
     """
-    composed: list[Any] = []
+    compositions: list[Any] = []
     compose = ConfigLoaderImpl.load_configuration
     monkeypatch.setattr(
         ConfigLoaderImpl,
         "load_configuration",
-        lambda *args, **named: composed.append(args) or compose(*args, **named),
+        lambda *args, **named: compositions.append(args) or compose(*args, **named),
     )
     assert main(INSTANT) == 0
-    assert len(composed) == 1
-    said = capsys.readouterr().out
-    (folder,) = leaf(here)
-    assert f"Results: {here}/runs/default/{folder}" in said
-    assert "Best robot" in said
-    assert {path.name for path in here.iterdir()} == {"runs"}
+    assert len(compositions) == 1
+    output = capsys.readouterr().out
+    (folder,) = leaf(cwd)
+    assert f"Results: {cwd}/runs/default/{folder}" in output
+    assert "Best robot" in output
+    assert {path.name for path in cwd.iterdir()} == {"runs"}
 
 
 @pytest.mark.replay
-def test_the_page_of_a_finished_run_holds_its_champions_episode(here: Path) -> None:
+def test_the_page_of_a_finished_run_holds_its_champions_episode(cwd: Path) -> None:
     """The replay is the champion's: it opens with the run's folder and the generation."""
     assert main([*INSTANT, "gp.generations=2"]) == 0
-    (name,) = leaf(here)
-    text = (here / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
+    (name,) = leaf(cwd)
+    text = (cwd / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
     (replay,) = re.findall(r'<script[^>]* id="replay"[^>]*>(.*?)</script>', text, re.DOTALL)
     assert f"{name}: the best individual, generation " in json.loads(replay)
 
 
 def test_what_a_runs_folder_is_called() -> None:
     """Supervisor, seed and the overrides that shape the records; no machinery, address or key."""
-    words = [
+    overrides = [
         "supervisor=llm",
         "supervisor.policy.base_url=http://localhost:11434",
         "supervisor.policy.temperature=0.2",
@@ -94,13 +94,13 @@ def test_what_a_runs_folder_is_called() -> None:
         "gp.population=12",
     ]
     config = {"runs": "runs", "name": "x", "supervisor": {"name": "llm"}, "seed": 7}
-    assert run_folder(config, words, Path("/home")) == Path(
+    assert run_folder(config, overrides, Path("/home")) == Path(
         "/home/runs/x/llm-seed7-gp.population=12-supervisor.lag=2-supervisor.policy.temperature=0.2"
     )
 
 
 def test_a_long_name_ends_in_a_digest_of_the_whole() -> None:
-    """Runs that differ where the name is cut have folders of their own, always the same ones."""
+    """Runs that differ where the name is cut have different folders, always the same ones."""
     config, many = named(composed()), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
     folders = [
         run_folder(config, [*many, f"world.robot.speed={speed}"], Path("/home")).name
@@ -112,13 +112,11 @@ def test_a_long_name_ends_in_a_digest_of_the_whole() -> None:
     assert len({name[:-8] for name in folders}) == 1
 
 
-def test_the_same_command_again_does_nothing(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """A finished run is shown, not made again."""
+def test_the_same_command_again_does_nothing(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A finished run is shown, not repeated."""
     main(INSTANT)
-    (folder,) = leaf(here)
-    file = here / "runs/default" / folder / "generations.jsonl"
+    (folder,) = leaf(cwd)
+    file = cwd / "runs/default" / folder / "generations.jsonl"
     before = file.stat().st_mtime_ns
     assert main(INSTANT) == 0
     assert "This run was complete already; resume=never runs it again." in capsys.readouterr().out
@@ -126,79 +124,79 @@ def test_the_same_command_again_does_nothing(
 
 
 def test_a_run_that_another_process_finishes_meanwhile_stays_complete(
-    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    cwd: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between the look at a folder and its lock the run may come to its end elsewhere."""
 
     def late(folder: RunFolder, config: str, about: RunMetadata) -> None:
-        (here / "elsewhere").rename(here / "runs")
+        (cwd / "elsewhere").rename(cwd / "runs")
         before(folder, config, about)
 
     before = RunFolder.open
     main(INSTANT)
-    (name,) = leaf(here)
-    folder = here / "runs/default" / name
-    made = {path.name: path.read_bytes() for path in folder.iterdir()}
-    (here / "runs").rename(here / "elsewhere")
+    (name,) = leaf(cwd)
+    folder = cwd / "runs/default" / name
+    files = {path.name: path.read_bytes() for path in folder.iterdir()}
+    (cwd / "runs").rename(cwd / "elsewhere")
     monkeypatch.setattr(RunFolder, "open", late)
     capsys.readouterr()
     assert main(INSTANT) == 0
     assert "This run was complete already" in capsys.readouterr().out
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == made
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
 
 
-def test_resume_never_takes_a_new_folder(here: Path) -> None:
+def test_resume_never_takes_a_new_folder(cwd: Path) -> None:
     """The old run stays as it is, and the new one has the same records."""
     main(INSTANT)
     assert main([*INSTANT, "resume=never"]) == 0
     assert main([*INSTANT, "resume=never"]) == 0
-    first, second, third = leaf(here)
+    first, second, third = leaf(cwd)
     assert (second, third) == (f"{first}~2", f"{first}~3")
     records = [
-        (here / "runs/default" / name / "generations.jsonl").read_bytes() for name in leaf(here)
+        (cwd / "runs/default" / name / "generations.jsonl").read_bytes() for name in leaf(cwd)
     ]
     assert records[0] == records[1] == records[2]
 
 
 def test_a_changed_configuration_is_refused_with_the_keys_that_differ(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2 and `key: old -> new`; the keys that do not shape the records may differ."""
     broken = [*TINY, "tracking=off", "name=x", *fake("Breaks", after=2, how="error")]
     assert main(broken) == 2
-    (folder,) = leaf(here, "x")
-    config = here / "runs/x" / folder / "config.yaml"
+    (folder,) = leaf(cwd, "x")
+    config = cwd / "runs/x" / folder / "config.yaml"
     config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     capsys.readouterr()
     assert main([*broken, "progress=off"]) == 2
-    said = capsys.readouterr().err
-    assert "  gp.tournament_size: 4 -> 3\n" in said
-    assert "progress" not in said
-    assert "Traceback" not in said
+    errors = capsys.readouterr().err
+    assert "  gp.tournament_size: 4 -> 3\n" in errors
+    assert "progress" not in errors
+    assert "Traceback" not in errors
 
 
-def test_resume_force_goes_on_with_the_new_configuration(here: Path) -> None:
+def test_resume_force_goes_on_with_the_new_configuration(cwd: Path) -> None:
     """Generations before the change stay; those after it are the new configuration's."""
     broken = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
     assert main(broken) == 2
-    (folder,) = leaf(here)
-    records = here / "runs/default" / folder / "generations.jsonl"
+    (folder,) = leaf(cwd)
+    records = cwd / "runs/default" / folder / "generations.jsonl"
     before = records.read_bytes()
-    config = here / "runs/default" / folder / "config.yaml"
+    config = cwd / "runs/default" / folder / "config.yaml"
     config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     assert main([*INSTANT, "resume=force"]) == 0
-    assert leaf(here) == [folder]
+    assert leaf(cwd) == [folder]
     assert records.read_bytes().startswith(before)
     assert "tournament_size: 3" in config.read_text()
 
 
 def test_resume_force_does_not_touch_a_finished_run(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """There is nothing to go on from: the message names the keys and `resume=never`."""
     main(INSTANT)
-    (folder,) = leaf(here)
-    config = here / "runs/default" / folder / "config.yaml"
+    (folder,) = leaf(cwd)
+    config = cwd / "runs/default" / folder / "config.yaml"
     config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
     add_to_manifest(config.parent, "config.yaml")
     assert main([*INSTANT, "resume=force"]) == 2
@@ -206,22 +204,22 @@ def test_resume_force_does_not_touch_a_finished_run(
 
 
 def test_a_fault_of_the_program_gives_its_traceback_once(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 1; the traceback is also in the run's folder."""
     assert main([*TINY, "tracking=off", *fake("Breaks", after=1, how="fault")]) == 1
-    said = capsys.readouterr().err
-    assert said.count("ZeroDivisionError: a fault of the program") == 1
-    (folder,) = leaf(here)
-    assert "ZeroDivisionError" in (here / "runs/default" / folder / "error.txt").read_text()
+    errors = capsys.readouterr().err
+    assert errors.count("ZeroDivisionError: a fault of the program") == 1
+    (folder,) = leaf(cwd)
+    assert "ZeroDivisionError" in (cwd / "runs/default" / folder / "error.txt").read_text()
 
 
-def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+def in_a_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The one line of a command that must end with exit code 2."""
     capsys.readouterr()
-    assert main([*words, "progress=off"]) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    return said
+    assert main([*arguments, "progress=off"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
 
 
 @sweep(
@@ -230,11 +228,11 @@ def in_a_line(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 def test_a_generation_that_cannot_be_written_down_ends_the_run(
     generation: int,
     reason: int,
-    here: Path,
+    cwd: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Told in a line; what was written before is kept, and the same command goes on from there."""
+    """One line; what was written before is kept, and the same command continues from there."""
 
     def append(lines: Lines, value: dict[str, Any]) -> bytes:
         if "snapshot" in value and value["snapshot"]["generation"] == generation:
@@ -245,19 +243,19 @@ def test_a_generation_that_cannot_be_written_down_ends_the_run(
     with monkeypatch.context() as full:
         full.setattr(Lines, "append", append)
         assert f"found: {os.strerror(reason)}; correct that" in in_a_line(capsys, *INSTANT)
-    (name,) = leaf(here)
-    folder = RunFolder(here / "runs/default" / name)
+    (name,) = leaf(cwd)
+    folder = RunFolder(cwd / "runs/default" / name)
     assert folder.completed_generations() == generation
     assert os.strerror(reason) in folder.reason()
     assert main(INSTANT) == 0
     assert len(list(folder.records())) == 6
 
 
-@pytest.mark.usefixtures("here")
-def test_a_disk_that_takes_nothing_more_is_told_all_the_same(
+@pytest.mark.usefixtures("cwd")
+def test_a_full_disk_is_reported_in_a_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Not even the file that says why: the line on the terminal still does."""
+    """Not even the file with the reason can be written: the terminal shows it."""
 
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -270,20 +268,20 @@ def test_a_disk_that_takes_nothing_more_is_told_all_the_same(
 
 @pytest.mark.parametrize("sweep", [(), ("-m",)], ids=["run", "sweep"])
 @pytest.mark.parametrize("place", ["a_file", "a_file/in_it", "/proc/nowhere"])
-def test_runs_that_cannot_be_kept_anywhere_are_told_in_a_line(
-    place: str, sweep: tuple[str, ...], here: Path, capsys: pytest.CaptureFixture[str]
+def test_an_impossible_folder_for_runs_is_one_line(
+    place: str, sweep: tuple[str, ...], cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A file where a folder is needed, or a place where none can be made."""
-    (here / "a_file").touch()
-    said = in_a_line(capsys, *INSTANT, f"runs={place}", *sweep)
-    assert f"{here / place}/default" in said
-    assert "choose another place with runs=" in said
+    (cwd / "a_file").touch()
+    message = in_a_line(capsys, *INSTANT, f"runs={place}", *sweep)
+    assert f"{cwd / place}/default" in message
+    assert "choose another place with runs=" in message
 
 
-def test_a_damaged_folder_is_told_in_a_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_folder_is_one_line(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The file, what is wrong with it, and a remedy that works."""
     main(INSTANT)
-    (name,) = leaf(here)
+    (name,) = leaf(cwd)
     for file, data, options in (
         ("summary.json", b'{"champion": ', ()),
         ("summary.json", b"{}", ("-m",)),
@@ -292,95 +290,95 @@ def test_a_damaged_folder_is_told_in_a_line(here: Path, capsys: pytest.CaptureFi
         ("config.yaml", b"", ()),
         ("config.yaml", b"\xff\xfe", ()),
     ):
-        path = here / "runs/default" / name / file
-        sound = path.read_bytes()
+        path = cwd / "runs/default" / name / file
+        content = path.read_bytes()
         path.write_bytes(data)
-        said = in_a_line(capsys, *INSTANT, *options)
-        assert f" in {path}, found a damaged file (" in said
-        assert said.endswith("delete the run's folder or use resume=never.")
+        message = in_a_line(capsys, *INSTANT, *options)
+        assert f" in {path}, found a damaged file (" in message
+        assert message.endswith("delete the run's folder or use resume=never.")
         if data in (b"{}", b""):
             assert main([*INSTANT, "resume=never", *options]) == 0
-        path.write_bytes(sound)
+        path.write_bytes(content)
 
 
-def test_a_damaged_sweep_is_told_in_a_line(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_sweep_is_one_line(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its list of jobs can be made again; no run is lost with it."""
     main([*INSTANT, "-m"])
-    file = here / "runs/default/sweep.json"
+    file = cwd / "runs/default/sweep.json"
     file.write_text('{"id": "1"}')
-    said = in_a_line(capsys, *INSTANT, "-m")
-    assert f" in {file}, found a damaged file (started: field required); delete it" in said
+    message = in_a_line(capsys, *INSTANT, "-m")
+    assert f" in {file}, found a damaged file (started: field required); delete it" in message
     file.unlink()
     assert main([*INSTANT, "-m"]) == 0
 
 
-def test_options_may_stand_anywhere(here: Path) -> None:
+def test_options_may_be_anywhere(cwd: Path) -> None:
     """`-m` before, among and behind the overrides."""
-    for i, words in enumerate(([INSTANT[0], "-m", *INSTANT[1:]],)):
-        assert main([*words, f"name=n{i}"]) == 0
-        assert (here / f"runs/n{i}/sweep.json").exists()
+    for i, arguments in enumerate(([INSTANT[0], "-m", *INSTANT[1:]],)):
+        assert main([*arguments, f"name=n{i}"]) == 0
+        assert (cwd / f"runs/n{i}/sweep.json").exists()
 
 
-@pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("words", [["--seed", "3"], ["--check"], ["--cfg", "bogus"]])
+@pytest.mark.usefixtures("cwd")
+@pytest.mark.parametrize("arguments", [["--seed", "3"], ["--check"], ["--cfg", "bogus"]])
 def test_an_unknown_option_gets_one_line(
-    words: list[str], capfd: pytest.CaptureFixture[str]
+    arguments: list[str], capfd: pytest.CaptureFixture[str]
 ) -> None:
     """Without argparse's usage: the option, and how settings are written."""
-    assert main(words) == 2
+    assert main(arguments) == 2
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert words[0] in err
+    assert arguments[0] in err
     assert "KEY=VALUE" in err
 
 
 def test_jobs_that_are_the_same_run_are_refused(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Before anything starts, with the name of the run."""
     assert main([*INSTANT, "seed=1,1", "-m"]) == 2
     assert "two that are the same run: baseline-seed1" in capsys.readouterr().err
-    assert not (here / "runs").exists()
+    assert not (cwd / "runs").exists()
 
 
 def test_a_wrong_job_stops_a_sweep_before_it_starts(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The last job's configuration is checked before the first job runs."""
     assert main([*INSTANT, "gp.tournament_size=3,99", "-m"]) == 2
     assert "gp.tournament_size" in capsys.readouterr().err
-    assert not (here / "runs").exists()
+    assert not (cwd / "runs").exists()
 
 
 def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 1, the reason, the file with the traceback, and a command that mends it."""
-    well = here / "well"
-    words = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error", unless=well)]
-    assert main([*words, "seed=0,1", "-m"]) == 1
-    said = capsys.readouterr().err
-    assert "2 of 2 jobs not finished" in said
-    assert "Expected an outcome, found trouble." in said
-    assert re.search(rf"error:  {here}/runs/default/baseline-seed0\S*/error.txt", said)
-    again = re.search(r"again:  python -m islandgp (.*seed=1.*)", said)
+    repaired = cwd / "well"
+    overrides = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error", unless=repaired)]
+    assert main([*overrides, "seed=0,1", "-m"]) == 1
+    errors = capsys.readouterr().err
+    assert "2 of 2 jobs not finished" in errors
+    assert "Expected an outcome, found trouble." in errors
+    assert re.search(rf"error:  {cwd}/runs/default/baseline-seed0\S*/error.txt", errors)
+    again = re.search(r"again:  python -m islandgp (.*seed=1.*)", errors)
     assert again is not None
-    well.touch()
+    repaired.touch()
     assert main(shlex.split(again[1])) == 0
-    assert main([*words, "seed=0,1", "-m"]) == 0
-    done = {path.parent.name for path in here.rglob("summary.json")}
-    assert done == set(leaf(here))
+    assert main([*overrides, "seed=0,1", "-m"]) == 0
+    finished = {path.parent.name for path in cwd.rglob("summary.json")}
+    assert finished == set(leaf(cwd))
 
 
 def test_a_job_on_which_another_process_works_is_not_failed(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is left as it is, nothing is written into its folder, and the others go on."""
     once = fake("Breaks", after=2, how="error", unless="mended", mark="true")
-    words = [*TINY, "tracking=off", *once]
-    assert main(words) == 2
-    (name,) = leaf(here)
-    folder = RunFolder(here / "runs/default" / name)
+    overrides = [*TINY, "tracking=off", *once]
+    assert main(overrides) == 2
+    (name,) = leaf(cwd)
+    folder = RunFolder(cwd / "runs/default" / name)
     (folder.path / "error.txt").unlink()
     before = {file.name: file.read_bytes() for file in folder.path.iterdir()}
     about = folder.about()
@@ -388,43 +386,43 @@ def test_a_job_on_which_another_process_works_is_not_failed(
     folder.open((folder.path / "config.yaml").read_text(), about)
     capsys.readouterr()
     try:
-        assert main([*words, "seed=0,1", "-m"]) == 1
+        assert main([*overrides, "seed=0,1", "-m"]) == 1
     finally:
         folder.close()
-    said = capsys.readouterr().err
-    assert said.count(f"{name}: another process is at work on it") == 2  # then, and at the end
-    assert "1 of 2 jobs not finished" in said
+    errors = capsys.readouterr().err
+    assert errors.count(f"{name}: another process is at work on it") == 2  # then, and at the end
+    assert "1 of 2 jobs not finished" in errors
     assert {file.name: file.read_bytes() for file in folder.path.iterdir()} == before
 
 
-def test_ctrl_c_in_a_sweep_stops_it(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ctrl_c_in_a_sweep_stops_it(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 130; the job after it was not started."""
-    words = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]
-    assert main([*words, "seed=0,1", "-m"]) == 130
+    overrides = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]
+    assert main([*overrides, "seed=0,1", "-m"]) == 130
     assert "the same command continues the run" in capsys.readouterr().err
-    assert len(leaf(here)) == 1
+    assert len(leaf(cwd)) == 1
 
 
-@pytest.mark.usefixtures("here")
-def test_a_sweep_says_how_far_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.usefixtures("cwd")
+def test_a_sweep_reports_its_progress(capsys: pytest.CaptureFixture[str]) -> None:
     """Before each job: jobs done, running, failed, generations; at the end a table of arms."""
     assert main([*INSTANT, "seed=0,1", "-m"]) == 0
-    said = capsys.readouterr()
-    assert "sweep default: 0 of 2 done, 1 running, 0 failed, generation 0 of 12" in said.err
-    assert "sweep default: 1 of 2 done, 1 running, 0 failed, generation 6 of 12" in said.err
-    assert re.search(r"baseline-seed1\S*: validation mean", said.err)
-    head, row = said.out.split("\n\n")[0].strip().splitlines()
+    captured = capsys.readouterr()
+    assert "sweep default: 0 of 2 done, 1 running, 0 failed, generation 0 of 12" in captured.err
+    assert "sweep default: 1 of 2 done, 1 running, 0 failed, generation 6 of 12" in captured.err
+    assert re.search(r"baseline-seed1\S*: validation mean", captured.err)
+    head, row = captured.out.split("\n\n")[0].strip().splitlines()
     assert head.split("  ")[0] == "arm"
     assert re.match(r"baseline +2 of 2 ", row)
 
 
 @pytest.mark.slow
-def test_sweeps_over_names_are_sweeps_of_their_own(here: Path) -> None:
+def test_each_name_of_a_sweep_is_a_sweep(cwd: Path) -> None:
     """Each name has its folder, its list of jobs and its own parent."""
     assert main([*INSTANT, "name=a,b", "-m"]) == 0
     for name in ("a", "b"):
-        (job,) = json.loads((here / "runs" / name / "sweep.json").read_text())["jobs"]
-        assert job["folder"] == leaf(here, name)[0]
+        (job,) = json.loads((cwd / "runs" / name / "sweep.json").read_text())["jobs"]
+        assert job["folder"] == leaf(cwd, name)[0]
 
 
 def test_a_tracked_sweep_is_a_parent_with_children(
@@ -433,10 +431,10 @@ def test_a_tracked_sweep_is_a_parent_with_children(
     """One parent run; each child has name, supervisor and seed; all FINISHED."""
     monkeypatch.chdir(home)
     assert main([*TINY, *fake("Instant"), "supervisor=baseline,fixed", "seed=3,4", "-m"]) == 0
-    found = tracked(store(home))
-    (parent,) = (run for run in found if run.parent is None)
-    children = [run for run in found if run is not parent]
-    assert {run.status for run in found} == {"FINISHED"}
+    runs = tracked(store(home))
+    (parent,) = (run for run in runs if run.parent is None)
+    children = [run for run in runs if run is not parent]
+    assert {run.status for run in runs} == {"FINISHED"}
     assert {run.parent for run in children} == {parent.id}
     assert {(run.tags["supervisor"], run.tags["seed"]) for run in children} == {
         (supervisor, seed) for supervisor in ("baseline", "fixed") for seed in ("3", "4")
@@ -449,34 +447,34 @@ def test_a_tracked_sweep_is_a_parent_with_children(
 
 
 def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The child is FAILED and tells its error; so is the parent; nothing stays RUNNING.
+    """The child is FAILED and has its error; so is the parent; nothing stays RUNNING.
 
     The error is no artifact, which could not be taken back when the run goes on.
     """
     monkeypatch.chdir(home)
-    words = [*TINY, *fake("Breaks", after=2, how="fault"), "seed=3", "-m"]
-    assert main(words) == 1
-    found = tracked(store(home))
-    assert [run.status for run in found] == ["FAILED", "FAILED"]
-    (child,) = (run for run in found if run.parent)
+    overrides = [*TINY, *fake("Breaks", after=2, how="fault"), "seed=3", "-m"]
+    assert main(overrides) == 1
+    runs = tracked(store(home))
+    assert [run.status for run in runs] == ["FAILED", "FAILED"]
+    (child,) = (run for run in runs if run.parent)
     assert "error.txt" not in child.artifacts
     assert "ZeroDivisionError" in child.tags["mlflow.note.content"]
 
 
-@pytest.mark.usefixtures("here")
-def test_another_evaluator_of_the_users_own_is_another_run(
+@pytest.mark.usefixtures("cwd")
+def test_another_user_evaluator_is_another_run(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """It may change the records: a finished run of the same name is not taken for this one."""
     assert main(INSTANT) == 0
     capsys.readouterr()
     assert main([*TINY, "tracking=off", *fake("Slow", seconds=0)]) == 2
-    said = capsys.readouterr().err
+    errors = capsys.readouterr().err
     assert (
         "evaluator.factory: tests.running.evaluators:Instant -> tests.running.evaluators:Slow"
-        in said
+        in errors
     )
-    assert "resume=never" in said
+    assert "resume=never" in errors
     assert main([*TINY, "tracking=off", "evaluator=serial"]) == 2  # nor for one of the package's
     assert main(INSTANT) == 0
     assert "complete already" in capsys.readouterr().out
@@ -497,7 +495,7 @@ def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[s
 
 
 @pytest.mark.parametrize(
-    "word",
+    "override",
     [
         "hydra.run.dir=out",
         "hydra.sweep.dir=out",
@@ -507,46 +505,46 @@ def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[s
     ],
 )
 def test_folders_by_hydras_keys_are_refused(
-    here: Path, capsys: pytest.CaptureFixture[str], word: str
+    cwd: Path, capsys: pytest.CaptureFixture[str], override: str
 ) -> None:
     """In one line that names ours; nothing is written."""
-    assert main([*INSTANT, word]) == 2
+    assert main([*INSTANT, override]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"islandgp: {word.partition('=')[0]}: expected")
+    assert line.startswith(f"islandgp: {override.partition('=')[0]}: expected")
     assert "choose these by runs=FOLDER and name=NAME." in line
-    assert not list(here.iterdir())
+    assert not list(cwd.iterdir())
 
 
-def test_a_configuration_of_the_users_own_comes_first(here: Path) -> None:
+def test_a_user_s_configuration_comes_first(cwd: Path) -> None:
     """By --config-name, as people who know Hydra expect."""
-    (here / "own").mkdir()
-    (here / "own/mine.yaml").write_text("defaults: [config, _self_]\nname: mine\nseed: 5\n")
+    (cwd / "own").mkdir()
+    (cwd / "own/mine.yaml").write_text("defaults: [config, _self_]\nname: mine\nseed: 5\n")
     assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
-    (leaf_,) = leaf(here, "mine")
+    (leaf_,) = leaf(cwd, "mine")
     assert leaf_.startswith("baseline-seed5")
 
 
 @pytest.mark.slow
-def test_a_first_file_that_is_whole_in_itself(here: Path) -> None:
+def test_a_first_file_without_defaults_of_a_domain(cwd: Path) -> None:
     """It names its domain's class itself, without the group whose files are called as domains."""
     parts = {"world": "island", "library": "single", "supervisor": "expert"}
     papers = dict.fromkeys(("rewards", "curriculum", "classes", "allocation", "gp"), "paper")
     machinery = {"evaluator": "processes", "tracking": "off"}
-    whole = yaml.safe_load(resource("conf/config.yaml").read_text(encoding="utf-8"))
-    whole["defaults"] = [
+    config = yaml.safe_load(resource("conf/config.yaml").read_text(encoding="utf-8"))
+    config["defaults"] = [
         "_self_",
         *({group: choice} for group, choice in {**parts, **papers, **machinery}.items()),
-        *(line for line in whole["defaults"] if "hydra" in str(line)),
+        *(line for line in config["defaults"] if "hydra" in str(line)),
     ]
-    whole |= {"domain": {"factory": "islandgp.domains.island:Island"}, "name": "whole"}
-    (here / "own").mkdir()
-    (here / "own/mine.yaml").write_text(yaml.safe_dump(whole, sort_keys=False))
+    config |= {"domain": {"factory": "islandgp.domains.island:Island"}, "name": "whole"}
+    (cwd / "own").mkdir()
+    (cwd / "own/mine.yaml").write_text(yaml.safe_dump(config, sort_keys=False))
     assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
-    (leaf_,) = leaf(here, "whole")
-    assert RunFolder(here / "runs/whole" / leaf_).summary()["champion"]
+    (leaf_,) = leaf(cwd, "whole")
+    assert RunFolder(cwd / "runs/whole" / leaf_).summary()["champion"]
 
 
-def test_tags_of_the_users_own(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_user_s_tags(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are in MLflow, and in no folder's name."""
     monkeypatch.chdir(home)
     assert main([*TINY, "progress=off", *fake("Instant"), "+tags.who=a b", "+tags.day=3"]) == 0
@@ -570,7 +568,7 @@ def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "early"),
+    ("arguments", "early"),
     [
         (["seed=3"], True),
         (["domain=cartpole"], False),
@@ -581,7 +579,7 @@ def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
     ],
 )
 def test_workers_are_prepared_before_the_configuration_is_composed(
-    words: list[str], early: bool, here: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], early: bool, cwd: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their server imports the default domain, unless the command may need none or another one."""
     started: list[str] = []
@@ -591,5 +589,5 @@ def test_workers_are_prepared_before_the_configuration_is_composed(
 
     monkeypatch.setattr(app, "start_forkserver", started.append)
     monkeypatch.setattr(app, "_planned", stop)
-    assert main([*words, f"runs={here}"]) == (0 if "--cfg" in words else 2)
+    assert main([*arguments, f"runs={cwd}"]) == (0 if "--cfg" in arguments else 2)
     assert started == ["islandgp.domains.island"] * early

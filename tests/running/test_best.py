@@ -35,17 +35,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return experiment.folder
 
 
-def best(run: Path, *words: str) -> Result:
-    """What the command says."""
-    return CliRunner().invoke(group, ["best", str(run), "--workers", "1", *words])
+def best(run: Path, *options: str) -> Result:
+    """The result of the command."""
+    return CliRunner().invoke(group, ["best", str(run), "--workers", "1", *options])
 
 
 def test_the_best_trees_meet_worlds_that_nobody_has_seen(run: Path, tmp_path: Path) -> None:
     """The race's winner comes first, and no test world trained or chose anybody."""
     file = tmp_path / "best tree.bt"
-    found = best(run, "--worlds", "3", "--json", "-o", str(file))
-    assert found.exit_code == 0, found.output
-    rows = json.loads(found.output)
+    result = best(run, "--worlds", "3", "--json", "-o", str(file))
+    assert result.exit_code == 0, result.output
+    rows = json.loads(result.output)
     assert [row["name"].endswith(", the run's best robot") for row in rows].count(True) == 1
     assert rows[0]["difference"] == 0
     assert rows[-1]["name"] == "library: multi_behaviour"
@@ -65,18 +65,18 @@ def test_the_same_again(run: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "message"),
     [
         (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
         (["--tier", "excellent"], "Expected excellent robots in the last stage"),
         (["--worlds", "1"], "1 is not in the range 2<=x<=10000"),
     ],
 )
-def test_mistakes(run: Path, words: list[str], said: str) -> None:
+def test_mistakes(run: Path, options: list[str], message: str) -> None:
     """One line each."""
-    found = best(run, *words)
-    assert found.exit_code != 0
-    assert said in (found.output + str(found.exception))
+    result = best(run, *options)
+    assert result.exit_code != 0
+    assert message in (result.output + str(result.exception))
 
 
 @pytest.mark.slow
@@ -86,9 +86,9 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     for seed in (3, 4):
         islandgp.compose(*SHORT, f"runs={runs}", f"seed={seed}").run()
     (folder,) = runs.iterdir()
-    found = best(folder, "--worlds", "4", "--json")
-    assert found.exit_code == 0, found.output
-    rows = json.loads(found.output)
+    result = best(folder, "--worlds", "4", "--json")
+    assert result.exit_code == 0, result.output
+    rows = json.loads(result.output)
     assert {row["name"].partition(",")[0] for row in rows if row["evolved"]} == {
         child.name for child in folder.iterdir()
     }
@@ -103,12 +103,12 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
 def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
     """Their points are not worth the same."""
     for seed, length in ((3, 20), (4, 30)):
-        words = (f"runs={tmp_path}", f"seed={seed}", f"world.episode.length={length}")
-        islandgp.compose(*SHORT, *words).run()
+        overrides = (f"runs={tmp_path}", f"seed={seed}", f"world.episode.length={length}")
+        islandgp.compose(*SHORT, *overrides).run()
     (folder,) = tmp_path.iterdir()
     assert "Expected runs with one world" in str(best(folder).exception)
 
 
 def test_a_folder_without_a_finished_run(tmp_path: Path) -> None:
-    """It says what it needs."""
+    """The message names what it needs."""
     assert "Expected a finished run" in str(best(tmp_path).exception)

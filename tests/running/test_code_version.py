@@ -17,9 +17,11 @@ from islandgp.running.resume import _commit
 def test_the_commit_is_read_without_writing_to_the_repository(tmp_path: Path) -> None:
     """Where git wrote its index, a disk limit would leave index.lock behind."""
 
-    def git(*words: str) -> None:
-        who = ("-c", "user.name=a", "-c", "user.email=a@b.c")
-        subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True)
+    def git(*arguments: str) -> None:
+        identity = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+        subprocess.run(
+            ["git", *identity, *arguments], cwd=tmp_path, check=True, capture_output=True
+        )
 
     file = tmp_path / "file"
     file.write_text("one")

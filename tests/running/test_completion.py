@@ -29,7 +29,7 @@ complete islandgp run supervisor = ex
 """
 
 
-def words(before: Sequence[str], incomplete: str) -> list[str]:
+def completions(before: Sequence[str], incomplete: str) -> list[str]:
     """What TAB offers."""
     return [item.value for item in overrides(before, incomplete)]
 
@@ -48,17 +48,17 @@ def words(before: Sequence[str], incomplete: str) -> list[str]:
 )
 def test_overrides_are_completed(before: list[str], incomplete: str, expected: list[str]) -> None:
     """Keys, groups and values; what is not yet right completes to nothing, without an error."""
-    assert words(before, incomplete) == expected
+    assert completions(before, incomplete) == expected
 
 
-def test_the_users_own_configuration_is_completed(tmp_path: Path) -> None:
+def test_a_user_s_configuration_is_completed(tmp_path: Path) -> None:
     """With --config-dir."""
     (tmp_path / "experiment").mkdir()
     (tmp_path / "experiment/mine.yaml").write_text("# @package _global_\nname: mine\n")
-    assert words(("--config-dir", str(tmp_path)), "experiment=mine") == ["experiment=mine"]
+    assert completions(("--config-dir", str(tmp_path)), "experiment=mine") == ["experiment=mine"]
 
 
-def test_the_line_is_told() -> None:
+def test_the_line_is_printed() -> None:
     """For the shell that is named, or for $SHELL; another one is refused in a line."""
     for shell, (file, line) in LINES.items():
         for arguments, env in (([shell], {}), ([], {"SHELL": f"/usr/bin/{shell}"})):
@@ -73,12 +73,12 @@ def test_the_line_is_told() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
 def test_bash_completes() -> None:
-    """In bash itself, with the line that `islandgp completion` tells."""
+    """In bash itself, with the line that `islandgp completion` prints."""
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "-c", BASH], capture_output=True, text=True, env={**os.environ, "PATH": path}
     )
-    assert done.stdout.split("\n")[:2] == ["completion", "expert"]
+    assert process.stdout.split("\n")[:2] == ["completion", "expert"]
 
 
 @pytest.mark.slow
@@ -89,21 +89,23 @@ def test_zsh_and_fish_read_the_line(shell: str) -> None:
         pytest.skip(f"{shell} is not installed")
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     env = {**os.environ, "PATH": path}
-    done = subprocess.run([shell, "-c", LINES[shell][1]], capture_output=True, text=True, env=env)
-    assert done.stderr == ""
+    process = subprocess.run(
+        [shell, "-c", LINES[shell][1]], capture_output=True, text=True, env=env
+    )
+    assert process.stderr == ""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_what_zsh_and_fish_ask_is_answered(shell: str) -> None:
+def test_requests_of_zsh_and_fish_are_answered(shell: str) -> None:
     """By the variables that click's lines for these shells set."""
-    asked = {
+    variables = {
         "_ISLANDGP_COMPLETE": f"{shell}_complete",
         "COMP_WORDS": "islandgp run supervisor=ex",
         "COMP_CWORD": "2" if shell == "zsh" else "supervisor=ex",
     }
     program = str(Path(sys.executable).parent / "islandgp")
-    env = {**os.environ, **asked}
-    done = subprocess.run([program], capture_output=True, text=True, env=env)
-    assert "supervisor=expert" in done.stdout
-    assert done.stderr == ""
+    env = {**os.environ, **variables}
+    process = subprocess.run([program], capture_output=True, text=True, env=env)
+    assert "supervisor=expert" in process.stdout
+    assert process.stderr == ""

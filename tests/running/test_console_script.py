@@ -1,4 +1,4 @@
-"""`islandgp run` is `python -m islandgp`: the user's own parts stand in the current folder."""
+"""`islandgp run` is `python -m islandgp`: the user's parts are in the current folder."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def work(setting, job):
     return simulate(setting, job)
 """
 
-WORDS = (
+OVERRIDES = (
     "supervisor=fixed",
     "supervisor.factory=mysup:Mine",
     "evaluator=serial",
@@ -57,19 +57,19 @@ WORDS = (
 )
 
 
-def script(here: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Runs `islandgp WORDS` in `here`, by a script elsewhere as an installer writes it."""
-    file = here / "bin" / "islandgp"
+def script(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Runs `islandgp ARGUMENTS` in `folder`, by a script elsewhere as an installer writes it."""
+    file = folder / "bin" / "islandgp"
     file.parent.mkdir()
     file.write_text(
         "import sys\nfrom islandgp.cli import main\n"
         "if __name__ == '__main__':\n    sys.exit(main())\n"
     )
-    (here / "mysup.py").write_text(SUPERVISOR)
-    (here / "myeval.py").write_text(EVALUATOR)
+    (folder / "mysup.py").write_text(SUPERVISOR)
+    (folder / "myeval.py").write_text(EVALUATOR)
     return subprocess.run(
-        [sys.executable, str(file), *words],
-        cwd=here,
+        [sys.executable, str(file), *arguments],
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
@@ -79,9 +79,9 @@ def script(here: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 def test_a_run_finds_parts_in_the_current_folder(tmp_path: Path) -> None:
     """Also in the processes that it starts."""
-    done = script(tmp_path, "run", *WORDS)
-    assert done.returncode == 0, done.stderr
-    assert "Best robot" in done.stdout
+    process = script(tmp_path, "run", *OVERRIDES)
+    assert process.returncode == 0, process.stderr
+    assert "Best robot" in process.stdout
 
 
 @pytest.mark.slow
@@ -89,8 +89,8 @@ def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> 
     """In joblib's workers, and in the processes that those start."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=0,1", "-m")
-    done = script(tmp_path, "run", *WORDS, *launcher)
-    assert done.returncode == 0, done.stderr
+    process = script(tmp_path, "run", *OVERRIDES, *launcher)
+    assert process.returncode == 0, process.stderr
     assert len(list(tmp_path.rglob("summary.json"))) == 2
 
 
@@ -98,11 +98,11 @@ def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> 
 def test_commands_with_settings_find_parts_in_the_current_folder(tmp_path: Path) -> None:
     """`--set` takes what a run takes."""
     tree = ROOT / "grammar/examples/poor.bt"
-    words = ("world.episode.length=5", *WORDS[2:4])
-    done = script(
-        tmp_path, "play", str(tree), "--seeds", "1", *(w for o in words for w in ("--set", o))
+    overrides = ("world.episode.length=5", *OVERRIDES[2:4])
+    process = script(
+        tmp_path, "play", str(tree), "--seeds", "1", *(w for o in overrides for w in ("--set", o))
     )
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
 
 
 def test_the_examples_are_listed_and_printed() -> None:
@@ -111,11 +111,11 @@ def test_the_examples_are_listed_and_printed() -> None:
     assert listed.exit_code == 0
     for file in EXAMPLES.glob("*.bt"):
         assert re.search(rf"^{file.stem} +\w", listed.stdout, re.MULTILINE)
-        printed = CliRunner().invoke(islandgp, ["examples", file.stem])
-        assert printed.stdout == file.read_text(encoding="utf-8")
+        example = CliRunner().invoke(islandgp, ["examples", file.stem])
+        assert example.stdout == file.read_text(encoding="utf-8")
 
 
-def test_an_example_that_is_not_there_is_told() -> None:
+def test_a_missing_example_is_reported() -> None:
     """With the names of those that are."""
     with pytest.raises(ConfigError, match=r"found all_round; there are all_rounder, charging"):
         CliRunner().invoke(islandgp, ["examples", "all_round"], catch_exceptions=False)

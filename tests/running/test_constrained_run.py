@@ -1,4 +1,4 @@
-"""A run with constraints and perturbed worlds: what its folder, page and reports say of them."""
+"""A run with constraints and perturbed worlds: its folder, its page and its reports."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from islandgp.study.tables.champions import constraints_table, generalisation_ta
 from islandgp.tracking.metrics import metrics
 from tests.tracking.test_metrics import COST
 
-WORDS = (
+OVERRIDES = (
     "experiment=smoke",
     "supervisor=baseline",
     "gp.population=12",
@@ -40,7 +40,7 @@ WORDS = (
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """A finished run."""
-    experiment = islandgp.compose(*WORDS, f"runs={tmp_path_factory.mktemp('a run')}")
+    experiment = islandgp.compose(*OVERRIDES, f"runs={tmp_path_factory.mktemp('a run')}")
     experiment.run()
     return RunFolder(experiment.folder)
 
@@ -67,9 +67,9 @@ def test_frames(folder: RunFolder) -> None:
     """Violations of individuals and runs, and the shares of those who keep all limits."""
     results = islandgp.load(folder.path)
     individuals, generations, runs = results.individuals, results.generations, results.runs
-    kept = individuals["constraints.violation"] == 0
-    shares = kept.groupby(individuals["generation"]).mean()
-    assert 0 < kept.sum() < len(kept)
+    feasible = individuals["constraints.violation"] == 0
+    shares = feasible.groupby(individuals["generation"]).mean()
+    assert 0 < feasible.sum() < len(feasible)
     assert list(shares) == list(generations["constraints.feasible"])
     assert list(runs["constraints.violation"]) == [0]
     assert list(runs["constraints.feasible"]) == [
@@ -81,17 +81,17 @@ def test_metrics(folder: RunFolder) -> None:
     """The share of feasible individuals, and the components of the best one, not the fittest."""
     constraints = recorded_constraints(folder.configuration())
     for record in folder.records():
-        found = metrics(record, COST, constraints)
-        assert found["constraints/violation_of_best"] == 0
-        assert 0 < found["constraints/feasible"] <= 1
-        assert sum(v for k, v in found.items() if k.startswith("components/")) == pytest.approx(
-            found["fitness/max"]
+        values = metrics(record, COST, constraints)
+        assert values["constraints/violation_of_best"] == 0
+        assert 0 < values["constraints/feasible"] <= 1
+        assert sum(v for k, v in values.items() if k.startswith("components/")) == pytest.approx(
+            values["fitness/max"]
         )
         assert not any(name.startswith("constraints/") for name in metrics(record, COST))
 
 
 def test_the_page(folder: RunFolder) -> None:
-    """Its sentence says whether the best robot keeps the constraints."""
+    """Its sentence states whether the best robot keeps the constraints."""
     page = (folder.path / "run.html").read_text(encoding="utf-8")
     assert "On average it keeps the constraints, and it keeps them in" in page
     assert "<dt>constraints</dt><dd>distance at most 200, interactions at most 0</dd>" in page
@@ -111,19 +111,19 @@ def test_the_archive_is_feasible(folder: RunFolder) -> None:
 @pytest.mark.slow
 def test_best(folder: RunFolder) -> None:
     """The share of worlds with all limits kept, and mean and worst of the perturbed worlds."""
-    words = ["best", str(folder.path), "--worlds", "2", "--workers", "1"]
-    rows = json.loads(CliRunner().invoke(group, [*words, "--json"]).output)
+    arguments = ["best", str(folder.path), "--worlds", "2", "--workers", "1"]
+    rows = json.loads(CliRunner().invoke(group, [*arguments, "--json"]).output)
     assert rows[0]["feasible"] > 0
     assert all(row["perturbed_worst"] <= row["perturbed"] for row in rows)
-    text = CliRunner().invoke(group, words).output
+    text = CliRunner().invoke(group, arguments).output
     assert "constraints kept" in text
     assert "perturbed" in text.splitlines()[0]
 
 
 def test_compare(folder: RunFolder) -> None:
     """A table of the constraints, and columns of the perturbed worlds."""
-    (found,) = find(folder.path)
-    run = read(found)
+    (located,) = find(folder.path)
+    run = read(located)
     arms = [Arm("a", "", (run,)), Arm("b", "", (replace(run, path=Path("b")),))]
     study = compare_arms(arms, force=True)
     assert study.arms[0].runs[0].feasible == folder.summary()["champion"]["validation"]["feasible"]
@@ -137,7 +137,7 @@ def test_compare(folder: RunFolder) -> None:
 
 def test_nothing_of_it_without_constraints(tmp_path: Path) -> None:
     """Summary, frames and page have no more than before."""
-    experiment = islandgp.compose(*WORDS[:-2], f"runs={tmp_path}")
+    experiment = islandgp.compose(*OVERRIDES[:-2], f"runs={tmp_path}")
     results = experiment.run()
     summary = RunFolder(experiment.folder).summary()
     assert "constraints" not in summary

@@ -16,7 +16,7 @@ from tests.running.commands import ROOT, TINY, fake
 
 pytestmark = pytest.mark.process
 
-WORDS = (*TINY, "tracking=off", *fake("Instant"))
+ARGUMENTS = (*TINY, "tracking=off", *fake("Instant"))
 SWEEP = ("seed=0,1", "-m")
 
 
@@ -38,7 +38,7 @@ def full() -> Iterator[int]:
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize(
-    ("where", "sweep"),
+    ("stream_kind", "sweep"),
     [
         pytest.param(full, (), id="full-run", marks=pytest.mark.slow),
         pytest.param(without_reader, (), id="no reader-run", marks=pytest.mark.slow),
@@ -47,20 +47,20 @@ def full() -> Iterator[int]:
     ],
 )
 def test_a_run_goes_on_when_its_display_takes_no_more(
-    where: type, sweep: tuple[str, ...], tmp_path: Path
+    stream_kind: type, sweep: tuple[str, ...], tmp_path: Path
 ) -> None:
     """Exit code 0, and the summary is there; the result still arrives."""
-    with where() as stderr:
-        done = subprocess.run(
-            [sys.executable, "-m", "islandgp", *WORDS, *sweep],
+    with stream_kind() as stderr:
+        process = subprocess.run(
+            [sys.executable, "-m", "islandgp", *ARGUMENTS, *sweep],
             cwd=tmp_path,
             env={**os.environ, "PYTHONPATH": str(ROOT)},
             stdout=subprocess.PIPE,
             stderr=stderr,
             check=False,
         )
-    assert done.returncode == 0
-    assert b"Results: " in done.stdout
+    assert process.returncode == 0
+    assert b"Results: " in process.stdout
     assert len(list(tmp_path.rglob("summary.json"))) == 1 + bool(sweep)
 
 
@@ -78,15 +78,15 @@ def test_a_run_goes_on_when_its_display_takes_no_more(
 def test_a_run_goes_on_without_streams(streams: str, tmp_path: Path) -> None:
     """Closed ones, and both into a pipe that ends; no other file takes their number."""
     script = f'"$0" -m islandgp "$@" {streams}; exit "${{PIPESTATUS[0]}}"'
-    done = subprocess.run(
-        ["bash", "-c", script, sys.executable, *WORDS],
+    process = subprocess.run(
+        ["bash", "-c", script, sys.executable, *ARGUMENTS],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+    assert process.returncode == 0, process.stderr
+    assert process.stderr == ""
     (summary,) = tmp_path.rglob("summary.json")
     assert "\n" in (summary.parent / "generations.jsonl").read_text()

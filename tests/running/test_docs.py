@@ -48,28 +48,28 @@ def commands(kind: str) -> list[list[str]]:
     return [shlex.split(line) for block in blocks for line in block.splitlines()]
 
 
-def small(words: list[str]) -> list[str]:
+def small(command: list[str]) -> list[str]:
     """A command's overrides with a run of seconds in place of the default one."""
-    searched = "hydra/sweeper=optuna" in words
-    kept = [word for word in words if searched or not word.startswith("gp.")]
-    return [*kept, *TINY, "progress=off"]
+    searched = "hydra/sweeper=optuna" in command
+    arguments = [word for word in command if searched or not word.startswith("gp.")]
+    return [*arguments, *TINY, "progress=off"]
 
 
 @pytest.mark.slow
-def test_the_commands_run_as_they_stand(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_run_unchanged(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after the other in one folder, on a small run; those of launchers are tested below."""
     monkeypatch.chdir(home)
-    found = commands("")
-    assert len(found) >= 8
-    for words in found:
-        if words[0] == "islandgp":
-            result = CliRunner().invoke(islandgp, words[1:])
-            assert result.exit_code == 0, (words, result.output)
-        elif not any(word.startswith("hydra/launcher") for word in words):
-            assert main(small(words[3:])) == 0, words
+    page_commands = commands("")
+    assert len(page_commands) >= 8
+    for command in page_commands:
+        if command[0] == "islandgp":
+            result = CliRunner().invoke(islandgp, command[1:])
+            assert result.exit_code == 0, (command, result.output)
+        elif not any(word.startswith("hydra/launcher") for word in command):
+            assert main(small(command[3:])) == 0, command
 
 
-def test_the_python_runs_as_it_stands(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_python_runs_unchanged(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its blocks one after the other, as one script, in a folder with a run."""
     monkeypatch.chdir(home)
     blocks = re.findall(r"^```python\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
@@ -84,7 +84,7 @@ def test_the_python_runs_as_it_stands(home: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_the_groups_of_columns_are_named() -> None:
-    """What the page says of the frames' columns is what they have."""
+    """The frames have the columns that the page describes."""
     part = TEXT.partition("# Results in Python")[2].partition("# MLflow")[0]
     for kind, name in (("runs", n) for n in ("validation_mean", "champion_fitness", "fitness_max")):
         assert f"`{name}`" in part
@@ -139,23 +139,23 @@ class Finished:
         return []
 
 
-def test_the_end_of_a_run_is_as_told() -> None:
+def test_the_report_of_a_run_is_the_page_s() -> None:
     """The example is what the program prints for its numbers."""
-    said = report(cast("RunFolder", Finished()))
-    assert f"```text\n{said.partition(chr(10) * 2)[0]}\n```" in TEXT
+    text = report(cast("RunFolder", Finished()))
+    assert f"```text\n{text.partition(chr(10) * 2)[0]}\n```" in TEXT
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["", "ray", "submitit", "optuna"])
 def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
-    """In a process of their own, as a user gives them."""
+    """In a separate process, as a user gives them."""
     if find_spec(MODULES[kind]) is None:
         pytest.skip(f"{MODULES[kind]} is not installed")
-    found = [words for words in commands(kind) if kind or "hydra/launcher=local" in words]
-    assert found
-    for words in found:
-        code, said = finish(start(tmp_path, *small(words[3:]), "tracking=off"), 300)
-        assert code == 0, said
+    page_commands = [words for words in commands(kind) if kind or "hydra/launcher=local" in words]
+    assert page_commands
+    for words in page_commands:
+        code, output = finish(start(tmp_path, *small(words[3:]), "tracking=off"), 300)
+        assert code == 0, output
 
 
 def test_the_files_of_a_run_are_all_named() -> None:
@@ -168,15 +168,15 @@ def test_every_section_of_charts_is_named() -> None:
     """The table of metrics has each section, and names metrics that exist."""
 
     records = [record_values(step.record) for step in steps()]
-    found = {**metrics(records[0], COST), **dict(final_metrics(records))}
+    names = {**metrics(records[0], COST), **dict(final_metrics(records))}
     table = TEXT.partition("| section of charts |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*?`) \| (.*) \|$", table, re.MULTILINE)
     named = {name for cell, _ in rows for name in re.findall(r"`(\w+)`", cell)}
-    assert {name.partition("/")[0] for name in found} <= named
+    assert {name.partition("/")[0] for name in names} <= named
     for cell, text in rows:
         (section, *others) = re.findall(r"`(\w+)`", cell)
         for metric in re.findall(r"`(\w+)`", text) if not others else []:
-            assert f"{section}/{metric}" in found
+            assert f"{section}/{metric}" in names
 
 
 def test_what_may_differ_at_a_resumption_is_named() -> None:

@@ -1,4 +1,4 @@
-"""docs/extending.md: its files are written, its changes made, its commands run, as they stand."""
+"""docs/extending.md: its files, its changes and its commands, unchanged."""
 
 from __future__ import annotations
 
@@ -59,18 +59,18 @@ def write_files(folder: Path) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def words_of(words: list[str]) -> list[str]:
+def arguments_of(command: list[str]) -> list[str]:
     """The arguments of `islandgp` in a command of the page, a run as a small one."""
-    if words[0] == "islandgp":
-        short = ("--set", "world.episode.length=20") if "--check" in words else ()
-        return [*words[1:], *short]
-    assert words[:3] == ["python", "-m", "islandgp"]
-    return ["run", *words[3:], "evaluator=serial", *SMALL]
+    if command[0] == "islandgp":
+        short = ("--set", "world.episode.length=20") if "--check" in command else ()
+        return [*command[1:], *short]
+    assert command[:3] == ["python", "-m", "islandgp"]
+    return ["run", *command[3:], "evaluator=serial", *SMALL]
 
 
 def in_a_process(folder: Path, *commands: list[str]) -> list[str]:
     """Runs commands with the package of a folder, in that folder; returns what each printed."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", IN_A_PROCESS, json.dumps(commands)],
         cwd=folder,
         env={**os.environ, "PYTHONPATH": str(folder)},
@@ -78,9 +78,9 @@ def in_a_process(folder: Path, *commands: list[str]) -> list[str]:
         text=True,
         check=False,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    found: list[str] = json.loads(done.stdout)
-    return found
+    assert process.returncode == 0, process.stdout + process.stderr
+    outputs: list[str] = json.loads(process.stdout)
+    return outputs
 
 
 def records(folder: Path, run: str) -> Iterator[Any]:
@@ -92,11 +92,11 @@ def records(folder: Path, run: str) -> Iterator[Any]:
 PLAY = ("play", "tree.bt", "--set", "curriculum=flat", "--seeds", "2", "--json")
 
 
-def played(say: Command, folder: Path, tree: str, *words: str) -> list[Any]:
+def played(run: Command, folder: Path, tree: str, *options: str) -> list[Any]:
     """A tree's outcomes in two worlds, without a multiplier."""
     (folder / "tree.bt").write_text(tree, encoding="utf-8")
-    found: list[Any] = json.loads(say(*PLAY, *words))
-    return found
+    outcomes: list[Any] = json.loads(run(*PLAY, *options))
+    return outcomes
 
 
 @pytest.fixture(scope="module")
@@ -104,14 +104,14 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the page's files, where each of its commands has been run."""
     folder = tmp_path_factory.mktemp("outside")
     write_files(folder)
-    say = in_process(folder)
-    found = commands("sh")
-    assert len(found) == 10
+    run = in_process(folder)
+    page_commands = commands("sh")
+    assert len(page_commands) == 10
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(DomainSuite, "random_trees", 2)
         patch.setattr(DomainSuite, "grown_trees", 8)
-        for words in found:
-            say(*words_of(words))
+        for command in page_commands:
+            run(*arguments_of(command))
     return folder
 
 
@@ -136,7 +136,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_a_world(outside: Path) -> None:
-    """The run's world is the pond: what the file says, and the island's values besides."""
+    """The run's world is the pond: the values of the file, and otherwise the island's."""
     assert list(outside.glob("runs/smoke/*world=pond*/summary.json"))
     (file,) = outside.glob("runs/smoke/*world=pond*/config.yaml")
     text = file.read_text(encoding="utf-8")
@@ -146,12 +146,12 @@ def test_a_world(outside: Path) -> None:
 
 @pytest.mark.slow
 def test_a_reward(outside: Path) -> None:
-    """A delivery earns what its band says, a collision four times the penalty."""
-    say = in_process(outside)
+    """A delivery earns the points of its band, a collision four times the penalty."""
+    run = in_process(outside)
     tree = COLLECT % "sequence { MoveToGarbage PickupGarbage } PatrolWaypoint"
-    own = played(say, outside, tree, "--config-dir", "mine", "--set", "rewards=careful")
-    paper = played(say, outside, tree)
-    for a, b in zip(own, paper, strict=True):
+    careful = played(run, outside, tree, "--config-dir", "mine", "--set", "rewards=careful")
+    paper = played(run, outside, tree)
+    for a, b in zip(careful, paper, strict=True):
         assert a["counters"] == b["counters"]
         n = a["counters"]["deliveries"]
         assert n > 0
@@ -180,13 +180,13 @@ def test_a_supervisor(outside: Path) -> None:
 @pytest.mark.slow
 def test_a_supervisor_that_edits(outside: Path) -> None:
     """Its edited tree is in the next generation, with the branch in front."""
-    found = list(records(outside, "recharging-"))
-    (edit,) = found[0]["guidance"]["edits"]
+    history = list(records(outside, "recharging-"))
+    (edit,) = history[0]["guidance"]["edits"]
     assert (edit["kind"], edit["refused"]) == ("front", "")
-    (child,) = [i for i in found[1]["individuals"] if i["origin"] == "edited"]
+    (child,) = [i for i in history[1]["individuals"] if i["origin"] == "edited"]
     assert child["parents"] == [edit["of"]]
     assert child["tree"].startswith("selector {\n  when batteryLevel < 45 abort lower")
-    assert [trial["id"] for trial in found[1]["trials"]] == [child["id"]]
+    assert [trial["id"] for trial in history[1]["trials"]] == [child["id"]]
 
 
 @pytest.mark.slow
@@ -202,9 +202,12 @@ def test_an_action(outside: Path) -> None:
     """Random trees have the action, and it drives the robot home."""
     (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
     assert "ReturnToStart" in file.read_text(encoding="utf-8")
-    own = ("--config-dir", "mine", "--set", "domain=homing")
-    say = in_process(outside)
-    homing, patrolling = played(say, outside, HOME, *own), played(say, outside, "PatrolWaypoint")
+    options = ("--config-dir", "mine", "--set", "domain=homing")
+    run = in_process(outside)
+    homing, patrolling = (
+        played(run, outside, HOME, *options),
+        played(run, outside, "PatrolWaypoint"),
+    )
     for a, b in zip(homing, patrolling, strict=True):
         assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2
 
@@ -213,10 +216,10 @@ def test_an_action(outside: Path) -> None:
 def test_an_event(checkout: Path) -> None:
     """The event pays by the file's row."""
     (checkout / "tree.bt").write_text(LAPS, encoding="utf-8")
-    own = (*PLAY, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
-    words = [*map(words_of, commands("sh checkout")), own, (*PLAY, *NEAR)]
-    *said, laps, paper = in_a_process(checkout, *map(list, words))
-    assert "FAILED" not in "".join(said)
+    with_rewards = (*PLAY, *NEAR, "--config-dir", "mine", "--set", "rewards=laps")
+    lines = [*map(arguments_of, commands("sh checkout")), with_rewards, (*PLAY, *NEAR)]
+    *outputs, laps, paper = in_a_process(checkout, *map(list, lines))
+    assert "FAILED" not in "".join(outputs)
     assert list(checkout.glob("runs/smoke/*rewards=laps*/generations.jsonl"))
     for a, b in zip(json.loads(laps), json.loads(paper), strict=True):
         assert a["counters"]["laps"] > 0

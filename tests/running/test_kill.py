@@ -49,26 +49,26 @@ def same_run(one: Path, other: Path, name: str) -> None:
 @pytest.mark.slow
 def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> None:
     """`kill -9` of the group after generations 2, 5 and 9; records, tree, history are equal."""
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    for home in (whole, killed):
+    straight, killed = tmp_path / "whole", tmp_path / "killed"
+    for home in (straight, killed):
         home.mkdir()
-    undisturbed = start(whole, *SLOW)
+    undisturbed = start(straight, *SLOW)
     records = killed / "runs/default/baseline-seed0-gp.generations=12-gp.population=8"
     for generations in (2, 5, 9):
         process = start(killed, *SLOW)
         wait_until(lambda: lines(records / "generations.jsonl") >= generations, process)  # noqa: B023 -- called at once
         kill_group(process)
     assert not (records / "summary.json").exists()
-    code, said = finish(start(killed, *SLOW))
-    assert code == 0, said
+    code, output = finish(start(killed, *SLOW))
+    assert code == 0, output
     assert finish(undisturbed)[0] == 0
-    same_run(whole, killed, f"default/{records.name}")
+    same_run(straight, killed, f"default/{records.name}")
 
 
 @pytest.mark.slow
 def test_a_run_killed_at_twenty_random_moments_ends_like_one_that_was_not(tmp_path: Path) -> None:
     """Real episodes in a pool; moments from start-up to the sending of records."""
-    words = (
+    overrides = (
         "supervisor=expert",
         "gp.population=12",
         "gp.generations=800",
@@ -76,24 +76,24 @@ def test_a_run_killed_at_twenty_random_moments_ends_like_one_that_was_not(tmp_pa
         "progress=off",
         "name=k",
     )
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
-    for home in (whole, killed):
+    straight, killed = tmp_path / "whole", tmp_path / "killed"
+    for home in (straight, killed):
         home.mkdir()
-    assert finish(start(whole, *words), 600)[0] == 0
-    name = next(path.name for path in (whole / "runs/k").iterdir() if path.is_dir())
+    assert finish(start(straight, *overrides), 600)[0] == 0
+    name = next(path.name for path in (straight / "runs/k").iterdir() if path.is_dir())
     moments, kills = random.Random(20), 0
     records = killed / "runs/k" / name / "generations.jsonl"
     while kills < 20:
-        process = start(killed, *words)
+        process = start(killed, *overrides)
         target = lines(records) + moments.choice((0, 1, 1, 2, 3))
         wait_until(lambda: lines(records) >= target, process)  # noqa: B023 -- called at once
         time.sleep(moments.uniform(0, 0.4) if moments.random() < 0.8 else moments.uniform(1, 4))
         assert process.poll() is None, "it ended before it was killed twenty times"
         kill_group(process)
         kills += 1
-    code, said = finish(start(killed, *words), 600)
-    assert code == 0, said
-    same_run(whole, killed, f"k/{name}")
+    code, output = finish(start(killed, *overrides), 600)
+    assert code == 0, output
+    same_run(straight, killed, f"k/{name}")
 
 
 TWO_WORKERS = ("evaluator=processes", "evaluator.policy.workers=2")
@@ -102,9 +102,9 @@ TWO_WORKERS = ("evaluator=processes", "evaluator.policy.workers=2")
 def assert_all_end(group: int) -> None:
     """Asserts that no process of a group is left after a while."""
     end = time.monotonic() + 20
-    while (left := group_members(group)) and time.monotonic() < end:
+    while (members := group_members(group)) and time.monotonic() < end:
         time.sleep(0.05)
-    assert left == []
+    assert members == []
 
 
 def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
@@ -124,14 +124,14 @@ def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> 
     process = start(tmp_path, *SLOW)
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
     process.send_signal(signal.SIGINT)
-    code, said = finish(process)
-    assert code == 130, said
-    assert "Traceback" not in said
+    code, output = finish(process)
+    assert code == 130, output
+    assert "Traceback" not in output
     assert group_members(process.pid) == []
     (stopped,) = tracked(store(tmp_path))
     assert stopped.status == "KILLED"
-    code, said = finish(start(tmp_path, *SLOW))
-    assert code == 0, said
+    code, output = finish(start(tmp_path, *SLOW))
+    assert code == 0, output
     (finished,) = tracked(store(tmp_path))
     assert (finished.id, finished.status) == (stopped.id, "FINISHED")
     assert finished.points["fitness/max"][0][0] == 0
@@ -152,7 +152,7 @@ def test_ctrl_c_in_another_command(tmp_path: Path) -> None:
     (tmp_path / "hydra.py").write_text(
         "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nopen(os.devnull)\n"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", "from islandgp.cli import main; main()", "run", *SLOW],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -160,8 +160,8 @@ def test_ctrl_c_in_another_command(tmp_path: Path) -> None:
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (130, "")
-    assert done.stderr.strip() == "islandgp: stopped"
+    assert (process.returncode, process.stdout) == (130, "")
+    assert process.stderr.strip() == "islandgp: stopped"
 
 
 @pytest.mark.parametrize(
@@ -186,32 +186,32 @@ def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
         os.kill(other, signal.SIGKILL)
         time.sleep(0.5)
     process.terminate()
-    code, said = finish(process, 60)
-    assert code == 130, said
-    assert "the same command continues the run" in said
+    code, output = finish(process, 60)
+    assert code == 130, output
+    assert "the same command continues the run" in output
     assert_all_end(process.pid)
 
 
 @pytest.mark.slow
 def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """No process left, nothing RUNNING, exit code 130; then all jobs and the parent FINISHED."""
-    words = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
-    process = start(tmp_path, *words)
+    overrides = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
+    process = start(tmp_path, *overrides)
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
 
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    code, said = finish(process)
-    assert code == 130, said
+    code, output = finish(process)
+    assert code == 130, output
     assert group_members(process.pid) == []
-    found = tracked(store(tmp_path))
-    assert found
-    assert {run.status for run in found} == {"KILLED"}
-    code, said = finish(start(tmp_path, *words))
-    assert code == 0, said
-    found = tracked(store(tmp_path))
-    assert sorted(run.status for run in found) == ["FINISHED"] * 4
-    (parent,) = (run for run in found if run.parent is None)
-    assert {run.parent for run in found if run is not parent} == {parent.id}
+    runs = tracked(store(tmp_path))
+    assert runs
+    assert {run.status for run in runs} == {"KILLED"}
+    code, output = finish(start(tmp_path, *overrides))
+    assert code == 0, output
+    runs = tracked(store(tmp_path))
+    assert sorted(run.status for run in runs) == ["FINISHED"] * 4
+    (parent,) = (run for run in runs if run.parent is None)
+    assert {run.parent for run in runs if run is not parent} == {parent.id}
 
 
 @pytest.mark.slow
@@ -219,15 +219,15 @@ def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=3", "seed=0,1", "-m")
-    words = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)
-    process = start(tmp_path, *words)
+    overrides = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)
+    process = start(tmp_path, *overrides)
     wait_until(lambda: len(list(tmp_path.rglob("checkpoint.json"))) == 2, process)
     process.kill()
     process.wait()
     assert_all_end(process.pid)
     process.communicate()
-    code, said = finish(start(tmp_path, *words))
-    assert code == 0, said
+    code, output = finish(start(tmp_path, *overrides))
+    assert code == 0, output
     assert list(tmp_path.rglob("error.txt")) == []
 
 
@@ -238,7 +238,7 @@ def test_ctrl_c_stops_a_sweep_on_ray(tmp_path: Path) -> None:
     process = start(tmp_path, *SLOW, "hydra/launcher=cluster", "seed=0,1", "-m")
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
     process.send_signal(signal.SIGINT)
-    code, said = finish(process)
-    assert code == 130, said
+    code, output = finish(process)
+    assert code == 130, output
     assert group_members(process.pid) == []
     assert {run.status for run in tracked(store(tmp_path))} == {"KILLED"}

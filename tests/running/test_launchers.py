@@ -17,7 +17,7 @@ from tests.running.commands import ROOT, finish, group_members, start
 
 pytestmark = pytest.mark.process
 
-WORDS = (
+OVERRIDES = (
     "supervisor=baseline",
     "experiment=smoke",
     "gp.population=4",
@@ -40,34 +40,34 @@ def alone(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs the sweep in this process, one job after the other."""
     home.mkdir()
     monkeypatch.chdir(home)
-    assert main([*WORDS, "evaluator=serial"]) == 0
+    assert main([*OVERRIDES, "evaluator=serial"]) == 0
 
 
-def sweep(home: Path, *words: str) -> str:
-    """Runs the sweep in a new folder; returns what it said."""
+def sweep(home: Path, *options: str) -> str:
+    """Runs the sweep in a new folder; returns its output."""
     home.mkdir()
-    process = start(home, *WORDS, *words)
-    code, said = finish(process, 300)
-    assert code == 0, said
+    process = start(home, *OVERRIDES, *options)
+    code, output = finish(process, 300)
+    assert code == 0, output
     if sys.platform == "linux":
         assert group_members(process.pid) == []
-    return said
+    return output
 
 
 @pytest.mark.slow
 def test_joblib_gives_the_same_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two jobs at a time, each in workers of its own; one progress line for all."""
+    """Two jobs at a time, each in its own workers; one progress line for all."""
     alone(tmp_path / "basic", monkeypatch)
-    said = sweep(tmp_path / "joblib", "hydra/launcher=local", "hydra.launcher.n_jobs=2")
+    output = sweep(tmp_path / "joblib", "hydra/launcher=local", "hydra.launcher.n_jobs=2")
     assert records(tmp_path / "joblib") == records(tmp_path / "basic")
     assert len(records(tmp_path / "basic")) == 2
-    assert "2 of 2 done, 0 running, 0 failed" in said
-    assert "generation       best" not in said  # no job shows a table of its own
+    assert "2 of 2 done, 0 running, 0 failed" in output
+    assert "generation       best" not in output  # no job shows a table of its own
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("module", "words"),
+    ("module", "options"),
     [
         ("hydra_plugins.hydra_ray_launcher", ["hydra/launcher=cluster"]),
         ("hydra_plugins.hydra_submitit_launcher", ["hydra/launcher=slurm_try"]),
@@ -75,12 +75,12 @@ def test_joblib_gives_the_same_records(tmp_path: Path, monkeypatch: pytest.Monke
     ],
 )
 def test_clusters_give_the_same_records(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, words: list[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, options: list[str]
 ) -> None:
     """Jobs on Ray, jobs as Slurm would start them, episodes on Ray."""
     pytest.importorskip(module)
     alone(tmp_path / "basic", monkeypatch)
-    sweep(tmp_path / "other", *words)
+    sweep(tmp_path / "other", *options)
     assert records(tmp_path / "other") == records(tmp_path / "basic")
 
 
@@ -88,7 +88,7 @@ def test_clusters_give_the_same_records(
 def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Path) -> None:
     """joblib gives up when a worker is killed; the launcher is started again for the rest."""
     flag = tmp_path / "flag"
-    words = (
+    overrides = (
         "supervisor=baseline",
         "gp.population=8",
         "gp.generations=4",
@@ -102,23 +102,23 @@ def test_a_job_whose_process_dies_does_not_take_the_others_with_it(tmp_path: Pat
         "hydra.launcher.n_jobs=2",
         "-m",
     )
-    code, said = finish(start(tmp_path, *words))
-    assert code == 0, said
-    assert "the launcher failed" in said
+    code, output = finish(start(tmp_path, *overrides))
+    assert code == 0, output
+    assert "the launcher failed" in output
     assert len(records(tmp_path)) == 3
 
 
 @pytest.mark.parametrize(
-    ("plugin", "words", "why"),
+    ("plugin", "options", "reason"),
     [
         ("joblib", ["hydra/launcher=local", "hydra.launcher.n_jobs=0"], "n_jobs == 0"),
         ("submitit", ["hydra/launcher=slurm"], 'Could not detect "srun"'),
     ],
 )
-def test_a_launcher_that_cannot_start_is_told_once(
+def test_a_launcher_that_cannot_start_is_reported_once(
     plugin: str,
-    words: list[str],
-    why: str,
+    options: list[str],
+    reason: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -127,12 +127,12 @@ def test_a_launcher_that_cannot_start_is_told_once(
     pytest.importorskip(f"hydra_plugins.hydra_{plugin}_launcher")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", "")
-    assert main([*WORDS, "progress=off", *words]) == 2
-    found = capsys.readouterr()
-    assert found.out == ""
-    (line,) = found.err.splitlines()
+    assert main([*OVERRIDES, "progress=off", *options]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    (line,) = captured.err.splitlines()
     assert line.startswith("islandgp: Expected the launcher to start the jobs, found that it")
-    assert why in line
+    assert reason in line
 
 
 def launcher(kind: str, **settings: object) -> dict[str, object]:
@@ -164,8 +164,8 @@ def test_each_launcher_has_a_configuration_that_composes(name: str) -> None:
     }
     module, kind = kinds[name]
     pytest.importorskip(module)
-    words = [f"hydra/launcher={name}", "-m"]
-    (job,) = planned(get_args_parser().parse_args(words), words, ROOT)
+    arguments = [f"hydra/launcher={name}", "-m"]
+    (job,) = planned(get_args_parser().parse_args(arguments), arguments, ROOT)
     assert job.launcher == kind
     assert "launcher" not in job.folder.name
 

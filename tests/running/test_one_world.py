@@ -22,10 +22,10 @@ from tests.tracking.folders import MILESTONES, begun, steps
 
 def _validated_once(path: Path, home: Path) -> RunFolder:
     """A finished run with one candidate, which met one world and a yardstick there."""
-    folder, done = begun(path, home), steps()
-    for step in done:
+    folder, finished_steps = begun(path, home), steps()
+    for step in finished_steps:
         folder.append(step)
-    champion = done[-1].champion
+    champion = finished_steps[-1].champion
     candidate = Candidate(0, champion.record.id, champion.record.tree, champion.record.fitness)
     (_, validation), *_ = validate(
         [candidate],
@@ -47,21 +47,21 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
     folder = _validated_once(tmp_path / "run", tmp_path)
     text = (folder.path / "summary.json").read_text(encoding="utf-8")
     assert "NaN" not in text
-    found = json.loads(text)["champion"]["validation"]
+    validation = json.loads(text)["champion"]["validation"]
     ends = ("low", "high", "difference_low", "difference_high")
-    assert [found[end] for end in ends] == [None] * 4
-    assert found["difference"] == 0
-    assert values(folder.summary())["validation_mean"] == found["mean"]
-    assert load(tmp_path).runs["validation_mean"][0] == found["mean"]
+    assert [validation[end] for end in ends] == [None] * 4
+    assert validation["difference"] == 0
+    assert values(folder.summary())["validation_mean"] == validation["mean"]
+    assert load(tmp_path).runs["validation_mean"][0] == validation["mean"]
     (run,) = find(tmp_path)
     assert read(run).validation == (123,)
 
 
-def test_the_end_of_such_a_run_says_why(tmp_path: Path) -> None:
+def test_the_report_of_such_a_run_gives_the_reason(tmp_path: Path) -> None:
     """No interval is shown, and the reason is."""
-    said = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
-    assert said[0].endswith("points (no interval: one world) in 1 unseen world")
-    (line,) = (line for line in said if line.startswith("Against the tree good"))
+    lines = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
+    assert lines[0].endswith("points (no interval: one world) in 1 unseen world")
+    (line,) = (line for line in lines if line.startswith("Against the tree good"))
     assert line.endswith("+0 points (no interval: one world)")
 
 

@@ -1,4 +1,4 @@
-"""A supervisor in a file of the user's own, with a fault: its author is told, and what to mend."""
+"""A user's supervisor with a fault: the message names its class and the remedy."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ FAULTS = [
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder in which commands are given, and whose modules can be imported."""
+def cwd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder whose modules can be imported."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
@@ -47,20 +47,20 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def command(here: Path, source: str, *words: str) -> int:
+def command(cwd: Path, source: str, *options: str) -> int:
     """The exit code of a run with a supervisor of that source."""
-    (here / "mysup.py").write_text(source, encoding="utf-8")
+    (cwd / "mysup.py").write_text(source, encoding="utf-8")
     sys.modules.pop("mysup", None)
-    mine = ["supervisor=fixed", "supervisor.factory=mysup:Mine"]
-    return main([*TINY, "tracking=off", *fake("Instant"), *mine, *words])
+    supervisor = ["supervisor=fixed", "supervisor.factory=mysup:Mine"]
+    return main([*TINY, "tracking=off", *fake("Instant"), *supervisor, *options])
 
 
 @sweep(("source", "error"), FAULTS, ids=[error[:14] for _, error in FAULTS], quick=4)
 def test_an_error_of_a_custom_class_names_the_class(
-    here: Path, source: str, error: str, capsys: pytest.CaptureFixture[str]
+    cwd: Path, source: str, error: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2, the traceback into the file, and at the end one line that names the class."""
-    assert command(here, source) == 2
+    assert command(cwd, source) == 2
     output = capsys.readouterr().err
     assert output.count("Traceback") == 1
     assert "mysup.py" in output or "takes 2" in error  # who calls it wrongly is not in the file
@@ -70,56 +70,54 @@ def test_an_error_of_a_custom_class_names_the_class(
     assert "a bug in islandgp" not in output
 
 
-def test_settings_that_are_no_pydantic_model(
-    here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Told before anything is called, in one line."""
-    assert command(here, WELL + "    class Settings:\n        rate = 1\n") == 2
+def test_settings_that_are_no_pydantic_model(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Reported before anything is called, in one line."""
+    assert command(cwd, WELL + "    class Settings:\n        rate = 1\n") == 2
     (line,) = capsys.readouterr().err.splitlines()
     start = "islandgp: supervisor.factory: expected Settings to be a pydantic model, found <class"
     assert line.startswith(start)
     assert "mysup.Mine.Settings" in line
 
 
-def test_a_supervisor_that_is_none(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_supervisor_that_is_none(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As when `make` has no return."""
     source = WELL + "    @classmethod\n    def make(cls, a, b): pass\n"
-    assert command(here, source) == 2
+    assert command(cwd, source) == 2
     last = capsys.readouterr().err.splitlines()[-1]
     assert "mysup:Mine failed (TypeError: expected make to return a supervisor" in last
 
 
 @pytest.mark.slow
 def test_a_job_of_a_sweep_names_the_class_too(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The reason is the line, the traceback is in the job's folder; a mended class goes on."""
     wrong = WELL.replace("return", "if state.now.generation == 2: 1 / 0\n        return")
-    assert command(here, wrong, "seed=4", "-m") == 1
-    said = capsys.readouterr().err
-    assert "mysup:Mine failed (ZeroDivisionError: division by zero, in " in said
-    assert "Traceback" not in said
-    (error,) = here.rglob("error.txt")
+    assert command(cwd, wrong, "seed=4", "-m") == 1
+    errors = capsys.readouterr().err
+    assert "mysup:Mine failed (ZeroDivisionError: division by zero, in " in errors
+    assert "Traceback" not in errors
+    (error,) = cwd.rglob("error.txt")
     assert "mysup.py" in error.read_text(encoding="utf-8")
     assert RunFolder(error.parent).completed_generations() == 2
-    assert command(here, WELL, "seed=4", "-m") == 0
+    assert command(cwd, WELL, "seed=4", "-m") == 0
 
 
-def test_a_module_may_stand_for_a_class(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its faults are told by its name."""
+def test_a_module_may_replace_a_class(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its faults are reported with its name."""
     source = (
         WELL + "Settings = Mine.Settings\nadvise = None.__class__\ndef make(*a): raise OSError\n"
     )
-    assert command(here, source, "supervisor.factory=mysup") == 2
+    assert command(cwd, source, "supervisor.factory=mysup") == 2
     assert "islandgp: mysup failed (OSError" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_a_supervisor_of_ours_is_not_blamed_on_the_user(
-    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    cwd: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An error in the package's own code has exit code 1 and is reported as a bug."""
     monkeypatch.setattr("islandgp.supervision.fixed.Guidance", None)
-    words = ["supervisor=fixed", "name=ours"]
-    assert main([*TINY, "tracking=off", *fake("Instant"), *words]) == 1
+    options = ["supervisor=fixed", "name=ours"]
+    assert main([*TINY, "tracking=off", *fake("Instant"), *options]) == 1
     assert "this is a bug in islandgp" in capsys.readouterr().err.splitlines()[-1]
-    assert (here / "runs" / "ours").exists()
+    assert (cwd / "runs" / "ours").exists()

@@ -41,19 +41,19 @@ def test_durations_are_for_people(seconds: float, text: str) -> None:
 
 def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
     """A title, a head, and one aligned line a generation, on the error stream."""
-    found = steps()
+    all_steps = steps()
     with Progress("auto", 5, "a title", MILESTONES) as progress:
-        for step in found:
+        for step in all_steps:
             progress.show(step)
     out, err = capsys.readouterr()
     title, head, *lines = err.splitlines()
     assert (out, title) == ("", "a title")
     assert head.split() == " ".join(columns(MILESTONES)).split()
     assert [line.split()[0] for line in lines] == [f"{g}/4" for g in range(5)]
-    assert lines[1].split()[1] == f"{found[1].record.snapshot.best:,.0f}"
+    assert lines[1].split()[1] == f"{all_steps[1].record.snapshot.best:,.0f}"
 
 
-def test_a_resumed_run_says_where_it_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_resumed_run_shows_where_it_continues(capsys: pytest.CaptureFixture[str]) -> None:
     """The title names the generation; the rest of the run is what is still to come."""
     with Progress("plain", 5, "a title", MILESTONES, done=3) as progress:
         progress.show(steps()[3])
@@ -96,18 +96,18 @@ def test_the_rate_has_a_column_only_if_the_search_uses_it() -> None:
 def test_a_narrow_terminal_has_fewer_columns(room: int) -> None:
     """What is shown fits and keeps its order; what is left out is known; nothing is lost."""
     widths = columns(MILESTONES)
-    shown, hidden = fitting(widths, room)
-    assert sum(widths[name] + 1 for name in shown) - 1 <= max(room, widths["generation"])
-    assert sorted([*shown, *hidden]) == sorted(widths)
-    assert shown == [name for name in widths if name in shown]
-    assert shown[0] == "generation"
+    visible, hidden = fitting(widths, room)
+    assert sum(widths[name] + 1 for name in visible) - 1 <= max(room, widths["generation"])
+    assert sorted([*visible, *hidden]) == sorted(widths)
+    assert visible == [name for name in widths if name in visible]
+    assert visible[0] == "generation"
     assert bool(hidden) == (room < 100)
 
 
 def test_the_live_table_names_the_columns_that_it_leaves_out(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """At 40 columns no cell is cut, and a line says what is not shown."""
+    """At 40 columns no cell is cut, and a line names what is not shown."""
 
     class Terminal(StringIO):
         def isatty(self) -> bool:
@@ -120,14 +120,14 @@ def test_the_live_table_names_the_columns_that_it_leaves_out(
     with Progress("auto", 5, "a title", MILESTONES) as progress:
         for step in steps():
             progress.show(step)
-    said = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
-    said = said.rpartition("a title")[2]
+    screen = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
+    screen = screen.rpartition("a title")[2]
     best = [f"{step.record.snapshot.best:,.0f}" for step in steps()]
-    assert all(f" {number} " in said for number in best)
+    assert all(f" {number} " in screen for number in best)
     hidden = fitting(columns(MILESTONES), 40)[1]
-    assert f"no room for {', '.join(hidden)}" in " ".join(said.split())
-    assert "…" not in said
-    assert max(map(len, said.splitlines())) <= 40
+    assert f"no room for {', '.join(hidden)}" in " ".join(screen.split())
+    assert "…" not in screen
+    assert max(map(len, screen.splitlines())) <= 40
 
 
 @pytest.mark.parametrize(("height", "generations"), [(5, 3), (20, 16), (60, 40)])
@@ -136,9 +136,9 @@ def test_the_live_table_takes_the_height_of_the_terminal(height: int, generation
     progress = Progress("off", 40, "a title", MILESTONES)
     progress.rows = [(f"{n}/39", *[""] * (len(progress.columns) - 1)) for n in range(40)]
     console = Console(file=StringIO(), width=100, height=height)
-    with console.capture() as said:
+    with console.capture() as capture:
         console.print(progress.drawn(height))
-    lines = said.get().splitlines()
+    lines = capture.get().splitlines()
     assert [n for n in range(40) if any(f" {n}/39 " in line for line in lines)] == [
         *range(40 - generations, 40)
     ]
@@ -164,7 +164,7 @@ def test_hints_name_a_command_that_can_be_given(
 
 
 def test_a_job_that_begins_counts_as_running(tmp_path: Path) -> None:
-    """The line before it says so, though it has not taken its folder yet."""
+    """The line before it counts it, though it has not taken its folder yet."""
     runs = [RunFolder(tmp_path / name) for name in ("one", "two")]
     jobs = {run.path: SweepJob(run.path.name, run.path.name, "b", 1, (), 5, "") for run in runs}
     assert "0 of 2 done, 1 running, 0 failed" in sweep_line(Start.now(jobs), runs[0])

@@ -34,69 +34,71 @@ OPTUNA = ("hydra/sweeper=optuna", "-m")
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder in which the command is given."""
+def cwd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def file_in(folder: Path) -> SweepFile:
-    """What a sweep's folder says was asked for."""
+    """The file of a sweep's folder: its command and jobs."""
     file = SweepFolder(folder).read()
     assert file is not None
     return file
 
 
 def results(folder: Path) -> dict[str, Any]:
-    """What the search has found."""
-    found: dict[str, Any] = yaml.safe_load((folder / "optimization_results.yaml").read_bytes())
-    return found
+    """The results of the search."""
+    content: dict[str, Any] = yaml.safe_load((folder / "optimization_results.yaml").read_bytes())
+    return content
 
 
 def test_two_keys_of_the_smoke_experiment_are_tuned_in_three_trials(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Optuna chooses them, and the best run's validated mean is what it finds."""
-    words = ["experiment=smoke", "supervisor=baseline", "tracking=off", "progress=off"]
-    words += ["gp.population=6", "gp.generations=3"]
-    words.append("gp.trees.kinds.parallel=0.5")  # fewer: with made-up outcomes they do everything
+    overrides = ["experiment=smoke", "supervisor=baseline", "tracking=off", "progress=off"]
+    overrides += ["gp.population=6", "gp.generations=3"]
+    overrides.append(
+        "gp.trees.kinds.parallel=0.5"
+    )  # fewer: with made-up outcomes they do everything
     space = ["gp.mutation_rate=interval(0.05,0.9)", "gp.tournament_size=range(2,6)"]
     trials = "hydra.sweeper.n_trials=3"
-    assert main([*words, *fake("Instant"), *space, trials, *OPTUNA]) == 0
-    file = file_in(here / "runs/smoke")
+    assert main([*overrides, *fake("Instant"), *space, trials, *OPTUNA]) == 0
+    file = file_in(cwd / "runs/smoke")
     assert len(file.jobs) == 3
-    runs = [RunFolder(here / "runs/smoke" / job.folder) for job in file.jobs]
+    runs = [RunFolder(cwd / "runs/smoke" / job.folder) for job in file.jobs]
     for run in runs:
         gp = run.configuration()["gp"]
         assert 0.05 <= gp["mutation_rate"] <= 0.9
         assert gp["tournament_size"] in range(2, 6)
-    found = results(here / "runs/smoke")
+    result = results(cwd / "runs/smoke")
     means = [run.summary()["champion"]["validation"]["mean"] for run in runs]
-    assert found["best_value"] == max(means)
+    assert result["best_value"] == max(means)
     best = runs[means.index(max(means))].configuration()["gp"]
-    assert found["best_params"] == {
+    assert result["best_params"] == {
         f"gp.{k}": best[k] for k in ("mutation_rate", "tournament_size")
     }
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     rate = best["mutation_rate"]
-    assert f"\nBest:\n  validation_mean {max(means):,.6g} with gp.mutation_rate={rate}" in said
-    assert "Search: 3 different runs, 0 pruned, 0 failed" in said
+    assert f"\nBest:\n  validation_mean {max(means):,.6g} with gp.mutation_rate={rate}" in output
+    assert "Search: 3 different runs, 0 pruned, 0 failed" in output
 
 
-def test_the_same_command_goes_on_with_a_search(here: Path) -> None:
+def test_the_same_command_goes_on_with_a_search(cwd: Path) -> None:
     """Finished trials are taken as they are, and more trials are added to them."""
-    words = [*INSTANT, "gp.mutation_rate=interval(0.05,0.9)", *OPTUNA]
-    assert main([*words, "hydra.sweeper.n_trials=1"]) == 0
-    before = {file: file.stat().st_mtime_ns for file in here.rglob("summary.json")}
-    assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
-    after = {file: file.stat().st_mtime_ns for file in here.rglob("summary.json")}
+    overrides = [*INSTANT, "gp.mutation_rate=interval(0.05,0.9)", *OPTUNA]
+    assert main([*overrides, "hydra.sweeper.n_trials=1"]) == 0
+    before = {file: file.stat().st_mtime_ns for file in cwd.rglob("summary.json")}
+    assert main([*overrides, "hydra.sweeper.n_trials=2"]) == 0
+    after = {file: file.stat().st_mtime_ns for file in cwd.rglob("summary.json")}
     assert len(before) == 1
     assert len(after) == 2
     assert after.items() >= before.items()
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("here")
+@pytest.mark.usefixtures("cwd")
 def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its finished trials are followed generation by generation, though they do not run again."""
     judged: list[tuple[int, int, float]] = []
@@ -106,25 +108,25 @@ def test_a_search_that_goes_on_judges_as_before(monkeypatch: pytest.MonkeyPatch)
         return False
 
     monkeypatch.setattr("islandgp.sweep.optuna_trials._judge", judge)
-    words = [*INSTANT, "gp.mutation_rate=0.1,0.2", "hydra/sweeper/pruner=halving", *OPTUNA]
-    assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
+    overrides = [*INSTANT, "gp.mutation_rate=0.1,0.2", "hydra/sweeper/pruner=halving", *OPTUNA]
+    assert main([*overrides, "hydra.sweeper.n_trials=2"]) == 0
     before = judged.copy()
     judged.clear()
-    assert main([*words, "hydra.sweeper.n_trials=2"]) == 0
+    assert main([*overrides, "hydra.sweeper.n_trials=2"]) == 0
     assert judged == before != []
 
 
 @pytest.mark.slow
-def test_more_than_one_objective(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_more_than_one_objective(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`objectives` names them, and the solutions are those that no other one is better than."""
-    words = [*INSTANT, "seed=range(4)", "objectives=[validation_mean,first.excellent]", *OPTUNA]
+    overrides = [*INSTANT, "seed=range(4)", "objectives=[validation_mean,first.excellent]", *OPTUNA]
     direction = "hydra.sweeper.direction=[maximize,minimize]"
-    assert main([*words, direction, "hydra.sweeper.n_trials=4"]) == 0
+    assert main([*overrides, direction, "hydra.sweeper.n_trials=4"]) == 0
     names = ("validation_mean", "first.excellent")
-    folders = [RunFolder(file.parent) for file in here.rglob("summary.json")]
+    folders = [RunFolder(file.parent) for file in cwd.rglob("summary.json")]
     points = {objectives(folder.summary(), names) for folder in folders}
     front = {p for p in points if not any(o != p and o[0] >= p[0] and o[1] <= p[1] for o in points)}
-    assert {tuple(s["values"]) for s in results(here / "runs/default")["solutions"]} == front
+    assert {tuple(s["values"]) for s in results(cwd / "runs/default")["solutions"]} == front
     assert "None of these is worse than another one in every objective:" in capsys.readouterr().out
 
 
@@ -153,10 +155,16 @@ def test_a_robot_that_never_came_came_after_the_end() -> None:
 def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the sweep's file, on the terminal and in MLflow; they are no failures."""
     monkeypatch.chdir(home)
-    words = [*TINY, "progress=off", *fake("Instant"), "seed=range(5)", "hydra.sweeper.n_trials=5"]
+    overrides = [
+        *TINY,
+        "progress=off",
+        *fake("Instant"),
+        "seed=range(5)",
+        "hydra.sweeper.n_trials=5",
+    ]
     pruner = ["hydra/sweeper/pruner=median", "hydra.sweeper.pruner.n_warmup_steps=1"]
     pruner += ["hydra.sweeper.pruner.n_startup_trials=1"]
-    assert main([*words, *pruner, *OPTUNA]) == 0
+    assert main([*overrides, *pruner, *OPTUNA]) == 0
     file = file_in(home / "runs/default")
     pruned = [job for job in file.jobs if job.pruned is not None]
     assert 0 < len(pruned) < len(file.jobs)
@@ -170,7 +178,7 @@ def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -
         assert runs[job.folder].tags["pruned"] == f"generation {job.pruned}"
     assert "pruned" not in next(r for r in runs.values() if r.status == "FINISHED").tags
     assert runs["sweep default"].status == "FINISHED"
-    again = [*words, *pruner, *OPTUNA]
+    again = [*overrides, *pruner, *OPTUNA]
     assert main(again) == 0  # judged as before, from their records
     now = file_in(home / "runs/default")
     assert [(j.slot, j.pruned) for j in now.jobs] == [(j.slot, j.pruned) for j in file.jobs]
@@ -178,32 +186,32 @@ def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -
 
 @pytest.mark.slow
 def test_a_trial_whose_values_do_not_fit_together_fails_alone(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is told like any failed job; the others go on."""
+    """It is reported like any failed job; the others continue."""
     space = ["gp.population=int(interval(4,12))", "gp.tournament_size=int(interval(2,11))"]
-    words = [*INSTANT, *space, "hydra.sweeper.n_trials=4"]
-    assert main([*words, *OPTUNA]) == 1
-    said = capsys.readouterr()
-    file = file_in(here / "runs/default")
+    overrides = [*INSTANT, *space, "hydra.sweeper.n_trials=4"]
+    assert main([*overrides, *OPTUNA]) == 1
+    captured = capsys.readouterr()
+    file = file_in(cwd / "runs/default")
     failed = [
         job
         for job in file.jobs
-        if not (here / "runs/default" / job.folder / "summary.json").exists()
+        if not (cwd / "runs/default" / job.folder / "summary.json").exists()
     ]
     assert 0 < len(failed) < len(file.jobs)
-    assert f"{len(failed)} of {len(file.jobs)} jobs not finished" in said.err
-    assert "gp.tournament_size: expected at most gp.population = " in said.err
-    assert f"{len(failed)} failed" in said.out
-    assert "Traceback" not in said.err
+    assert f"{len(failed)} of {len(file.jobs)} jobs not finished" in captured.err
+    assert "gp.tournament_size: expected at most gp.population = " in captured.err
+    assert f"{len(failed)} failed" in captured.out
+    assert "Traceback" not in captured.err
 
 
 @pytest.mark.slow
-def test_trials_side_by_side_are_launched_together(here: Path) -> None:
+def test_trials_side_by_side_are_launched_together(cwd: Path) -> None:
     """Two equal ones are one run."""
     space = ["gp.tournament_size=2,3", "hydra.sweeper.n_trials=3", "hydra.sweeper.n_jobs=3"]
     assert main([*INSTANT, *space, *OPTUNA]) == 0
-    file = file_in(here / "runs/default")
+    file = file_in(cwd / "runs/default")
     assert sorted(job.choices[-1] for job in file.jobs) == [
         "gp.tournament_size=2",
         "gp.tournament_size=3",
@@ -211,7 +219,7 @@ def test_trials_side_by_side_are_launched_together(here: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("overrides", "expected"),
     [
         (["gp.mutation_rate=interval(0.1,1.9)"], "gp.mutation_rate=1.9: input should be less"),
         (
@@ -226,14 +234,14 @@ def test_trials_side_by_side_are_launched_together(here: Path) -> None:
     ],
 )
 def test_a_search_that_cannot_be_is_refused(
-    here: Path, capsys: pytest.CaptureFixture[str], words: list[str], expected: str
+    cwd: Path, capsys: pytest.CaptureFixture[str], overrides: list[str], expected: str
 ) -> None:
     """In one line, before anything runs."""
-    assert main([*INSTANT, *words, *OPTUNA]) == 2
-    said = capsys.readouterr().err
-    assert expected in said
-    assert "Traceback" not in said
-    assert not list(here.rglob("about.json"))
+    assert main([*INSTANT, *overrides, *OPTUNA]) == 2
+    errors = capsys.readouterr().err
+    assert expected in errors
+    assert "Traceback" not in errors
+    assert not list(cwd.rglob("about.json"))
 
 
 SWEEPER: dict[str, Any] = {
@@ -295,12 +303,12 @@ def test_names_of_objectives_are_checked() -> None:
         composed("objectives=[bast]")
     override = OverridesParser.create().parse_override("gp.tournament_size=2,3")
     job = Planned((), {}, settings, Path("/h"), "", "BasicLauncher")
-    found = Searched(SWEEPER | {"direction": ["maximize"] * 2}, (override,), (job, job), ())
+    searched = Searched(SWEEPER | {"direction": ["maximize"] * 2}, (override,), (job, job), ())
     with pytest.raises(ConfigError, match=r"set gp\.validation above 0"):
-        check(found)
+        check(searched)
 
 
-def test_an_interval_without_a_search_is_told_how_to_have_one(
+def test_an_interval_without_a_search_names_the_remedy(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Hydra's own sweeper runs combinations of values."""
@@ -309,9 +317,9 @@ def test_an_interval_without_a_search_is_told_how_to_have_one(
 
 
 class Twice(Sweeper):
-    """Somebody else's sweeper: two jobs, one after the other."""
+    """A sweeper of another package: two jobs, one after the other."""
 
-    seen: ClassVar[list[Any]] = []  # what the jobs returned
+    returned_values: ClassVar[list[Any]] = []  # what the jobs returned
 
     def __init__(self, **_: Any) -> None: ...
 
@@ -328,7 +336,7 @@ class Twice(Sweeper):
             returned: list[JobReturn] = list(
                 self.launcher.launch([[*arguments, f"seed={n}"]], initial_job_idx=n)
             )
-            self.seen.append(returned[0].return_value)
+            self.returned_values.append(returned[0].return_value)
 
 
 Twice.__module__ = "hydra_plugins.twice"  # Hydra takes sweepers from there only
@@ -341,17 +349,17 @@ def twice(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Any]]:
     module.Twice = Twice  # type: ignore[attr-defined] # made here
     monkeypatch.setitem(sys.modules, module.__name__, module)
     Plugins.instance().register(Twice)
-    Twice.seen.clear()
-    yield Twice.seen
+    Twice.returned_values.clear()
+    yield Twice.returned_values
     del Plugins.instance().class_name_to_class["hydra_plugins.twice.Twice"]
 
 
 @pytest.mark.slow
-def test_the_program_returns_its_score_to_any_sweeper(here: Path, twice: list[Any]) -> None:
+def test_the_program_returns_its_score_to_any_sweeper(cwd: Path, twice: list[Any]) -> None:
     """The validated champion's mean: what other plug-ins of Hydra's need."""
     assert main([*INSTANT, "hydra.sweeper._target_=hydra_plugins.twice.Twice", "-m"]) == 0
     folders = [
-        RunFolder(here / "runs/default" / job.folder) for job in file_in(here / "runs/default").jobs
+        RunFolder(cwd / "runs/default" / job.folder) for job in file_in(cwd / "runs/default").jobs
     ]
     assert twice == [values(f.summary())["validation_mean"] for f in folders]
-    assert len(json.loads((here / "runs/default/sweep.json").read_text())["jobs"]) == 2
+    assert len(json.loads((cwd / "runs/default/sweep.json").read_text())["jobs"]) == 2

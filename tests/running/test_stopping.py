@@ -43,10 +43,12 @@ def test_a_signal_that_a_finalizer_swallows_comes_again() -> None:
     assert sys.unraisablehook is ours
 
 
-def test_other_faults_of_finalizers_are_told_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_faults_of_finalizers_are_reported_as_before(monkeypatch: pytest.MonkeyPatch) -> None:
     """They end nothing."""
-    told: list[object] = []
-    monkeypatch.setattr(sys, "unraisablehook", lambda found: told.append(found.exc_value))
+    reported: list[object] = []
+    monkeypatch.setattr(
+        sys, "unraisablehook", lambda unraisable: reported.append(unraisable.exc_value)
+    )
 
     class Faulty:
         def __del__(self) -> None:
@@ -54,7 +56,7 @@ def test_other_faults_of_finalizers_are_told_as_before(monkeypatch: pytest.Monke
 
     with as_ctrl_c("SIGTERM"):
         Faulty()
-    assert [str(fault) for fault in told] == ["no"]
+    assert [str(fault) for fault in reported] == ["no"]
 
 
 @pytest.fixture
@@ -127,11 +129,11 @@ STARTS = {
 def test_a_signal_while_a_command_starts(name: str, start: str, module: str) -> None:
     """A line and exit code 130 while modules are imported, in place of a traceback or -15."""
     code = AT_AN_IMPORT.format(module=module, signal=name, start=STARTS[start])
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code, "--version"],
         cwd=ROOT, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "islandgp: stopped\n")
+    assert (process.returncode, process.stdout, process.stderr) == (130, "", "islandgp: stopped\n")
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
@@ -145,8 +147,8 @@ def test_a_signal_stops_any_command_with_a_line(
         return ""
 
     monkeypatch.setattr(fmt_command, "read_text", read)
-    said = shell(monkeypatch, capsys)("fmt", "-")
-    assert (said.code, said.err.strip()) == (130, "islandgp: stopped")
+    result = shell(monkeypatch, capsys)("fmt", "-")
+    assert (result.code, result.err.strip()) == (130, "islandgp: stopped")
 
 
 DRAWS = """
@@ -164,8 +166,8 @@ os.kill(os.getpid(), signal.SIGTERM)
 def test_sigterm_ends_a_script_that_has_drawn_a_scene() -> None:
     """The library that draws CartPole leaves the signal alone."""
     pytest.importorskip("pygame")
-    words = [sys.executable, "-c", DRAWS]
-    assert subprocess.run(words, cwd=ROOT, check=False).returncode == -signal.SIGTERM
+    command = [sys.executable, "-c", DRAWS]
+    assert subprocess.run(command, cwd=ROOT, check=False).returncode == -signal.SIGTERM
 
 
 def test_garbage_is_collected_after_imports() -> None:
@@ -202,7 +204,7 @@ def test_ctrl_c_while_a_run_starts_its_processes(tmp_path: Path, delay: float) -
     )
     time.sleep(delay)
     os.killpg(run.pid, signal.SIGINT)
-    _, printed = run.communicate(timeout=60)
+    _, errors = run.communicate(timeout=60)
     assert run.returncode in (130, -signal.SIGINT)
-    assert "Traceback" not in printed
-    assert printed.splitlines()[-1].startswith("islandgp: stopped")
+    assert "Traceback" not in errors
+    assert errors.splitlines()[-1].startswith("islandgp: stopped")

@@ -1,4 +1,4 @@
-"""Sweeps over any values: no job is lost, and each has a folder of its own."""
+"""Sweeps over any values: no job is lost, and each has its own folder."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from tests.running.histories import store, tracked
 INSTANT = (*TINY, "tracking=off", "progress=off", *fake("Instant"))
 
 
-def jobs_of(home: Path, *words: str) -> list[Planned]:
+def jobs_of(home: Path, *arguments: str) -> list[Planned]:
     """The jobs of a sweep, without running them."""
-    args = get_args_parser().parse_args([*words, "tracking=off", "progress=off", "-m"])
-    return list(planned(args, words, home))
+    args = get_args_parser().parse_args([*arguments, "tracking=off", "progress=off", "-m"])
+    return list(planned(args, arguments, home))
 
 
 def file_in(folder: Path) -> SweepFile:
-    """What a sweep's folder says was asked for."""
+    """The file of a sweep's folder: its command and jobs."""
     file = SweepFolder(folder).read()
     assert file is not None
     return file
@@ -52,16 +52,16 @@ def numbers() -> st.SearchStrategy[list[str]]:
     """Mutation rates that differ, each spelled in some way."""
     thousandths = st.lists(st.integers(0, 1000), min_size=2, max_size=3, unique=True)
     spelled = thousandths.flatmap(
-        lambda found: st.tuples(*(st.sampled_from(spellings(n / 1000)) for n in found))
+        lambda values: st.tuples(*(st.sampled_from(spellings(n / 1000)) for n in values))
     )
-    return spelled.map(lambda found: [f"gp.mutation_rate={','.join(found)}"])
+    return spelled.map(lambda values: [f"gp.mutation_rate={','.join(values)}"])
 
 
 def lists() -> st.SearchStrategy[list[str]]:
     """Lists that differ."""
     pairs = st.tuples(st.integers(), st.integers())
     return st.lists(pairs, min_size=2, max_size=3, unique=True).map(
-        lambda found: [f"gp.trees.depth={','.join(f'[{a}, {b}]' for a, b in found)}"]
+        lambda depths: [f"gp.trees.depth={','.join(f'[{a}, {b}]' for a, b in depths)}"]
     )
 
 
@@ -70,9 +70,9 @@ def texts() -> st.SearchStrategy[list[str]]:
     signs = st.sampled_from("aA0 .,-_=/|[](){}'\"$~:;#%&*?<>!äß東")
     text = st.text(signs, min_size=1, max_size=20) | st.integers(300, 302).map("x".__mul__)
     return st.lists(text.map(str.strip).filter(bool), min_size=2, max_size=3, unique=True).map(
-        lambda found: [
+        lambda values: [
             "supervisor=yoked",
-            f"supervisor.policy.record={','.join(map(quoted, found))}",
+            f"supervisor.policy.record={','.join(map(quoted, values))}",
         ]
     )
 
@@ -82,12 +82,14 @@ def quoted(text: str) -> str:
     return '"' + text.replace('"', '\\"') + '"'
 
 
-def split(home: Path, *words: str) -> list[Planned]:
+def split(home: Path, *arguments: str) -> list[Planned]:
     """The jobs of a sweep as `planned` gives them, but not composed, which takes long.
 
     Their configurations hold the overrides alone.
     """
-    (batch,) = BasicSweeper.split_arguments(OverridesParser.create().parse_overrides(words), None)
+    (batch,) = BasicSweeper.split_arguments(
+        OverridesParser.create().parse_overrides(arguments), None
+    )
     return [
         Planned(
             tuple(overrides),
@@ -101,15 +103,15 @@ def split(home: Path, *words: str) -> list[Planned]:
     ]
 
 
-def check_all_there(jobs: list[Planned], said: str, file: SweepFile) -> None:
-    """Each job once, in a folder of its own, and two seeds in each arm."""
+def check_all_there(jobs: list[Planned], output: str, file: SweepFile) -> None:
+    """Each job once, in its own folder, and two seeds in each arm."""
     assert [job.slot for job in file.jobs] == [job.folder.name for job in jobs]
     assert [job.folder for job in file.jobs] == [job.slot for job in file.jobs]
     assert len({job.folder for job in file.jobs}) == len(jobs)
     arms = file.arms()
-    assert {tuple(job.seed for job in own) for own in arms.values()} == {(0, 1)}
+    assert {tuple(job.seed for job in arm_jobs) for arm_jobs in arms.values()} == {(0, 1)}
     assert sum(map(len, arms.values())) == len(jobs)
-    assert all(" ".join(arm.split()) in said for arm in arms)
+    assert all(" ".join(arm.split()) in output for arm in arms)
 
 
 @examples(
@@ -117,11 +119,11 @@ def check_all_there(jobs: list[Planned], said: str, file: SweepFile) -> None:
 )
 @given(numbers() | lists() | texts())
 def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
-    capsys: pytest.CaptureFixture[str], words: list[str]
+    capsys: pytest.CaptureFixture[str], overrides: list[str]
 ) -> None:
-    """Whatever the values are."""
+    """For any values."""
     with TemporaryDirectory() as name:
-        jobs = split(Path(name), *words, "seed=0,1")
+        jobs = split(Path(name), *overrides, "seed=0,1")
         run_sweep(jobs, "c", lambda _job, _extra: None)
         file = file_in(jobs[0].folder.parent)
     check_all_there(jobs, capsys.readouterr().out, file)
@@ -140,10 +142,10 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
     quick=2,
 )
 def test_the_same_of_composed_jobs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], overrides: list[str]
 ) -> None:
     """As a command plans them."""
-    jobs = jobs_of(tmp_path, *words, "seed=0,1")
+    jobs = jobs_of(tmp_path, *overrides, "seed=0,1")
     run_sweep(jobs, "c", lambda _job, _extra: None)
     check_all_there(jobs, capsys.readouterr().out, file_in(jobs[0].folder.parent))
 
@@ -154,7 +156,7 @@ def test_a_launcher_that_breaks_down_is_started_again(
     """Once a job has begun, for those that are not finished; by joblib: test_launchers."""
     jobs, begun = jobs_of(tmp_path, "seed=0,1"), list[Path]()
 
-    def launch(_job: object, _words: object) -> None:
+    def launch(_job: object, _overrides: object) -> None:
         begun.append(jobs[len(begun)].folder / "about.json")
         begun[-1].parent.mkdir()
         begun[-1].write_text("{}")
@@ -181,7 +183,7 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
 
 
 @pytest.mark.parametrize(
-    "words",
+    "override",
     [
         "gp.mutation_rate=0.30,0.3",
         "gp.mutation_rate=1e-1,0.1",
@@ -190,19 +192,19 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
         "evaluator=serial,processes",
     ],
 )
-def test_one_run_in_two_spellings_is_refused(tmp_path: Path, words: str) -> None:
+def test_one_run_in_two_spellings_is_refused(tmp_path: Path, override: str) -> None:
     """It would count twice; the message names it, before anything is written."""
     with pytest.raises(ConfigError, match="found two that are the same run: expert-seed0"):
-        run_sweep(jobs_of(tmp_path, words), "c", lambda _job, _extra: None)
+        run_sweep(jobs_of(tmp_path, override), "c", lambda _job, _extra: None)
     assert not list(tmp_path.iterdir())
 
 
-def test_jobs_that_differ_in_what_no_folder_tells_are_refused(tmp_path: Path) -> None:
+def test_jobs_with_one_folder_name_are_refused(tmp_path: Path) -> None:
     """With the key in which they differ, and a remedy."""
-    words = ["supervisor=llm", "supervisor.policy.base_url='http://a','http://b'"]
+    overrides = ["supervisor=llm", "supervisor.policy.base_url='http://a','http://b'"]
     expected = r"supervisor.policy.base_url: http://a -> http://b; give each of them another name="
     with pytest.raises(ConfigError, match=expected):
-        run_sweep(jobs_of(tmp_path, *words), "c", lambda _job, _extra: None)
+        run_sweep(jobs_of(tmp_path, *overrides), "c", lambda _job, _extra: None)
 
 
 @pytest.mark.slow
@@ -211,18 +213,18 @@ def test_a_sweep_over_decimals_keeps_its_arms(
 ) -> None:
     """Four runs are four jobs in two arms: in the file, the table and MLflow."""
     monkeypatch.chdir(home)
-    words = [*TINY, *fake("Instant"), "gp.mutation_rate=0.1,0.3", "seed=range(2)", "name=d"]
-    assert main([*words, "progress=off", "-m"]) == 0
-    said = capsys.readouterr().out
+    overrides = [*TINY, *fake("Instant"), "gp.mutation_rate=0.1,0.3", "seed=range(2)", "name=d"]
+    assert main([*overrides, "progress=off", "-m"]) == 0
+    output = capsys.readouterr().out
     file = file_in(home / "runs/d")
     assert {arm: [job.seed for job in jobs] for arm, jobs in file.arms().items()} == {
         "baseline gp.mutation_rate=0.1": [0, 1],
         "baseline gp.mutation_rate=0.3": [0, 1],
     }
-    assert all(f"{arm}  2 of 2 " in said for arm in file.arms())
-    found = tracked(store(home))
-    (parent,) = (run for run in found if run.parent is None)
-    children = [run for run in found if run is not parent]
+    assert all(f"{arm}  2 of 2 " in output for arm in file.arms())
+    runs = tracked(store(home))
+    (parent,) = (run for run in runs if run.parent is None)
+    children = [run for run in runs if run is not parent]
     assert [run.parent for run in children] == [parent.id] * 4
     assert sorted(run.tags[ARM] for run in children) == sorted([*file.arms()] * 2)
     for rate in ("0.1", "0.3"):
@@ -234,17 +236,17 @@ def test_a_sweep_keeps_no_configuration_of_a_job_that_is_over(
 ) -> None:
     """A long sweep would need half a GiB for each thousand jobs."""
     monkeypatch.chdir(home)
-    kept: list[JobReturn] = []
+    returns: list[JobReturn] = []
     forget = Forget.on_job_end
 
     def ended(self: Forget, config: DictConfig, job_return: JobReturn) -> None:
-        kept.append(job_return)
+        returns.append(job_return)
         forget(self, config, job_return)
 
     monkeypatch.setattr(Forget, "on_job_end", ended)
-    words = [*TINY, *fake("Instant"), "tracking=off", "progress=off", "seed=0,1", "-m"]
-    assert main(words) == 0
-    assert [(job.status, job.cfg, job.hydra_cfg) for job in kept] == [
+    overrides = [*TINY, *fake("Instant"), "tracking=off", "progress=off", "seed=0,1", "-m"]
+    assert main(overrides) == 0
+    assert [(job.status, job.cfg, job.hydra_cfg) for job in returns] == [
         (JobStatus.COMPLETED, None, None)
     ] * 2
 
@@ -253,22 +255,22 @@ def test_a_sweep_may_be_started_in_any_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also in one whose name means something to Hydra."""
-    here = tmp_path / "it's a,b=[ä]"
-    here.mkdir()
-    monkeypatch.chdir(here)
+    folder = tmp_path / "it's a,b=[ä]"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
     assert main([*INSTANT, "-m"]) == 0
-    assert [path.name for path in here.iterdir()] == ["runs"]
+    assert [path.name for path in folder.iterdir()] == ["runs"]
 
 
 @pytest.mark.slow
-def test_a_run_made_anew_never_takes_the_folder_of_another(
+def test_a_repeated_run_never_takes_the_folder_of_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The second run of rate 0 is not in the folder of rate 0.2, which comes later."""
     monkeypatch.chdir(tmp_path)
-    words = [*INSTANT, "name=d.2", "-m"]
-    assert main([*words, "gp.mutation_rate=0"]) == 0
-    assert main([*words, "gp.mutation_rate=0,0.2", "resume=never"]) == 0
+    overrides = [*INSTANT, "name=d.2", "-m"]
+    assert main([*overrides, "gp.mutation_rate=0"]) == 0
+    assert main([*overrides, "gp.mutation_rate=0,0.2", "resume=never"]) == 0
     jobs = file_in(tmp_path / "runs/d.2").jobs
     assert [job.choices[-1] for job in jobs] == ["gp.mutation_rate=0", "gp.mutation_rate=0.2"]
     assert [job.folder.removeprefix(job.slot) for job in jobs] == ["~2", ""]

@@ -1,4 +1,4 @@
-"""Tuning: which numbers stand in a file, which are tuned, and what CMA-ES finds."""
+"""Tuning: which numbers a file has, which are tuned, and what CMA-ES finds."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from islandgp.errors import ConfigError
 from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
 from tests.profiles import examples
 
-WORDS = Vocabulary(
+MAZE = Vocabulary(
     "maze",
     {"Go": Action("goes")},
     {
@@ -48,9 +48,9 @@ selector {
 
 
 def test_each_number_has_its_purposes() -> None:
-    """Constants and parameters have those of all their uses; what nothing asks for has none."""
-    found = [(n.label, n.value, set(n.purposes), n.line) for n in numbers_of(FILE, WORDS)]
-    assert found == [
+    """Constants and parameters have those of all their uses; what nothing reads has none."""
+    rows = [(n.label, n.value, set(n.purposes), n.line) for n in numbers_of(FILE, MAZE)]
+    assert rows == [
         ("constant low =", 20.0, {"charge", "lap"}, 2),
         ("constant n =", 3.0, {COUNT}, 4),
         ("constant nobody =", 9.0, set(), 5),
@@ -64,9 +64,9 @@ def test_each_number_has_its_purposes() -> None:
 
 def test_only_numbers_change() -> None:
     """With its own numbers a file is itself; with others, names and comments stay."""
-    found = numbers_of(FILE, WORDS)
-    assert with_numbers(FILE, found, [n.value for n in found]) == FILE
-    changed = with_numbers(FILE, found, [n.value + 0.25 if n.value == 20 else 1 for n in found])
+    numbers = numbers_of(FILE, MAZE)
+    assert with_numbers(FILE, numbers, [n.value for n in numbers]) == FILE
+    changed = with_numbers(FILE, numbers, [n.value + 0.25 if n.value == 20 else 1 for n in numbers])
     assert "constant low = 20.25  # percent\nconstant other = low\nconstant n = 1\n" in changed
     assert re.sub(r"-?\d[\d.]*", "", changed) == re.sub(r"-?\d[\d.]*", "", FILE)
 
@@ -77,8 +77,8 @@ def test_included_numbers_are_left_out(tmp_path: Path) -> None:
         "constant m = 4\nsubtree s(t) = repeater t { repeater m { Go }}"
     )
     text = 'include "lib.bt"\nsequence { use s(5) repeater m { Go } }'
-    found = numbers_of(text, WORDS, folder=tmp_path)
-    assert [(n.label, n.value, set(n.purposes)) for n in found] == [("use s: t =", 5.0, {COUNT})]
+    numbers = numbers_of(text, MAZE, folder=tmp_path)
+    assert [(n.label, n.value, set(n.purposes)) for n in numbers] == [("use s: t =", 5.0, {COUNT})]
 
 
 def test_equality_is_a_purpose() -> None:
@@ -86,8 +86,8 @@ def test_equality_is_a_purpose() -> None:
     text = (
         "constant n = 2 selector { when lap == n { Go } when lap != 3 { Go } when lap > 1 { Go } }"
     )
-    found = [(n.value, set(n.purposes)) for n in numbers_of(text, WORDS)]
-    assert found == [(2.0, {"lap", EQUAL}), (3.0, {"lap", EQUAL}), (1.0, {"lap"})]
+    purposes = [(n.value, set(n.purposes)) for n in numbers_of(text, MAZE)]
+    assert purposes == [(2.0, {"lap", EQUAL}), (3.0, {"lap", EQUAL}), (1.0, {"lap"})]
 
 
 def test_which_numbers_are_tuned() -> None:
@@ -107,11 +107,11 @@ def test_which_numbers_are_tuned() -> None:
       when charge >= 150 { repeater 3 { Go } }
     }
     """
-    found = [
+    tuned_numbers = [
         (t.number.label, t.number.value, (t.key.low, t.key.high, t.key.step), t.bounds)
-        for t in thresholds_of(text, WORDS)
+        for t in thresholds_of(text, MAZE)
     ]
-    assert found == [
+    assert tuned_numbers == [
         ("constant shared =", 3, (1, 4, 1), (1, 4)),
         ("use s: t =", 20, (0, 100, 5), (0, 100)),
         ("charge >=", 150, (0, 100, 5), (0, 250)),
@@ -121,22 +121,22 @@ def test_which_numbers_are_tuned() -> None:
 def test_keys_without_a_common_range_share_no_threshold() -> None:
     """Nor is anything tuned in a range that is narrower than the digits of a file."""
     keys = {"a": number("", 0, 1), "b": number("", 2, 3), "c": number("", 0, 1e-9, 1e-9)}
-    words = Vocabulary("maze", {"Go": Action("")}, keys)
+    vocabulary = Vocabulary("maze", {"Go": Action("")}, keys)
     text = "constant n = 1 when a < n and b < n and c < 0.5 and b > 2 { Go }"
-    assert [t.number.label for t in thresholds_of(text, words)] == ["b >"]
+    assert [t.number.label for t in thresholds_of(text, vocabulary)] == ["b >"]
 
 
 class Hill:
     """Points are highest at some thresholds, the same in all worlds but for the world's luck."""
 
-    def __init__(self, *best: float, words: Vocabulary = WORDS, ends: int = 10**9) -> None:
+    def __init__(self, *best: float, vocabulary: Vocabulary = MAZE, ends: int = 10**9) -> None:
         """The best thresholds of a tree, in its order; episode `ends` is interrupted."""
-        self.best, self.words, self.ends = best, words, ends
+        self.best, self.vocabulary, self.ends = best, vocabulary, ends
         self.calls: list[tuple[tuple[str, ...], tuple[int, ...]]] = []
 
     @property
     def episodes(self) -> int:
-        """That were asked for."""
+        """The number of requested episodes."""
         return sum(len(trees) * len(worlds) for trees, worlds in self.calls)
 
     def __call__(self, trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
@@ -151,7 +151,7 @@ class Hill:
         """How far a tree's thresholds are from the best ones."""
         return sum(
             abs(t.number.value - best) / (t.key.high - t.key.low)
-            for t, best in zip(thresholds_of(tree, self.words), self.best, strict=True)
+            for t, best in zip(thresholds_of(tree, self.vocabulary), self.best, strict=True)
         )
 
     def points(self, loss: float, luck: int) -> float:
@@ -163,40 +163,42 @@ TREE = "selector { when charge < 60 { Go } when lap > 1.5 abort none { Go } Go }
 SMALL = NumberSettings(episodes=2_400, worlds=4)  # 40 generations
 
 
-def run(hill: Hill, text: str = TREE, how: NumberSettings = SMALL, seed: int = 1) -> Tuned:
+def run(
+    hill: Hill, text: str = TREE, number_settings: NumberSettings = SMALL, seed: int = 1
+) -> Tuned:
     """A tree that is tuned on the hill."""
-    return tuned(text, hill, hill.words, how, seed=seed)
+    return tuned(text, hill, hill.vocabulary, number_settings, seed=seed)
 
 
 @cache
 def tuned_once() -> tuple[Hill, Tuned, list[int]]:
     """A hill, its tuned tree and the progress that was reported."""
-    hill, told = Hill(33.7, 2.62), list[int]()
-    return hill, tuned(TREE, hill, WORDS, SMALL, seed=1, progress=told.append), told
+    hill, progress = Hill(33.7, 2.62), list[int]()
+    return hill, tuned(TREE, hill, MAZE, SMALL, seed=1, progress=progress.append), progress
 
 
 def test_the_optimum_is_found_off_the_grid() -> None:
     """Thresholds come within the rounding of the best ones, which random trees cannot have."""
-    _, found, _ = tuned_once()
-    assert found.comparison is not None
-    assert found.comparison.accepted
-    assert found.comparison.better == found.comparison.worlds
-    charge, lap = found.values
+    _, result, _ = tuned_once()
+    assert result.comparison is not None
+    assert result.comparison.accepted
+    assert result.comparison.better == result.comparison.worlds
+    charge, lap = result.values
     assert abs(charge - 33.7) <= 0.3
     assert abs(lap - 2.62) <= 0.03
     expected = TREE.replace("60", f"{charge:g}").replace("1.5", f"{lap:g}")
-    assert found.text == expected
+    assert result.text == expected
 
 
 def test_the_episodes_are_counted() -> None:
-    """The costs are what the evaluator ran, within the budget; progress is told of each call."""
-    hill, found, told = tuned_once()
-    assert found.comparison is not None
-    assert found.costs.total == hill.episodes == told[-1] <= 2_400
-    assert 12 * 4 * 10 < found.costs.search <= 1_920  # it converges before
-    assert found.costs.comparison == 2 * found.comparison.worlds == 240
-    assert 0 < found.costs.race <= 240
-    assert len(told) == len(hill.calls)
+    """The costs are what the evaluator ran, within the budget; progress is reported for each call."""
+    hill, result, progress = tuned_once()
+    assert result.comparison is not None
+    assert result.costs.total == hill.episodes == progress[-1] <= 2_400
+    assert 12 * 4 * 10 < result.costs.search <= 1_920  # it converges before
+    assert result.costs.comparison == 2 * result.comparison.worlds == 240
+    assert 0 < result.costs.race <= 240
+    assert len(progress) == len(hill.calls)
 
 
 def test_who_meets_which_worlds() -> None:
@@ -219,9 +221,9 @@ def test_a_function_of_the_seed() -> None:
 
 def test_the_best_tree_stays() -> None:
     """Where the written numbers are the best, they win the race and nothing is compared."""
-    found = run(Hill(60, 1.5))
-    assert (found.text, found.values, found.comparison) == (TREE, (60, 1.5), None)
-    assert found.costs.comparison == 0
+    result = run(Hill(60, 1.5))
+    assert (result.text, result.values, result.comparison) == (TREE, (60, 1.5), None)
+    assert result.costs.comparison == 0
 
 
 def test_numbers_without_effect_stay() -> None:
@@ -232,13 +234,13 @@ def test_numbers_without_effect_stay() -> None:
         calls.append(len(trees) * len(worlds))
         return [list(map(float, worlds)) for _ in trees]
 
-    found = tuned(TREE, flat, WORDS, SMALL, seed=0)
-    assert (found.text, found.comparison) == (TREE, None)
-    assert found.costs.search < 0.8 * 2_400 * 0.6
+    result = tuned(TREE, flat, MAZE, SMALL, seed=0)
+    assert (result.text, result.comparison) == (TREE, None)
+    assert result.costs.search < 0.8 * 2_400 * 0.6
 
 
 def test_luck_is_not_accepted() -> None:
-    """A difference that may be chance leaves the tree as it was, with the comparison told."""
+    """A difference that may be chance leaves the tree as it was, and reports the comparison."""
 
     def lucky(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
         return [[float(hash_of(tree, world)) for world in worlds] for tree in trees]
@@ -246,18 +248,18 @@ def test_luck_is_not_accepted() -> None:
     def hash_of(tree: str, world: int) -> int:
         return (sum(map(ord, tree)) * 7919 + world) * 104_729 % 1_000
 
-    ends = [tuned(TREE, lucky, WORDS, SMALL, seed=seed) for seed in range(3)]
-    kept = [end for end in ends if end.comparison and not end.comparison.accepted]
-    assert kept
-    assert all(end.text == TREE and end.values == (60, 1.5) for end in kept)
+    ends = [tuned(TREE, lucky, MAZE, SMALL, seed=seed) for seed in range(3)]
+    rejected = [end for end in ends if end.comparison and not end.comparison.accepted]
+    assert rejected
+    assert all(end.text == TREE and end.values == (60, 1.5) for end in rejected)
 
 
 def test_one_number() -> None:
     """CMA-ES searches one dimension, too."""
     text = "when charge > 40 { Go }"
-    found = run(Hill(51.3), text)
-    assert abs(found.values[0] - 51.3) <= 0.3
-    assert found.text == f"when charge > {found.values[0]:g} {{ Go }}"
+    result = run(Hill(51.3), text)
+    assert abs(result.values[0] - 51.3) <= 0.3
+    assert result.text == f"when charge > {result.values[0]:g} {{ Go }}"
 
 
 def test_a_constant_has_one_value() -> None:
@@ -269,13 +271,13 @@ def test_a_constant_has_one_value() -> None:
     )
 
     def points(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
-        found = [[t.number.value for t in thresholds_of(tree, WORDS)] for tree in trees]
-        assert all(a == b for a, b in found)
-        return [[world % 7 - abs(a - 63.4) for world in worlds] for a, _ in found]
+        values = [[t.number.value for t in thresholds_of(tree, MAZE)] for tree in trees]
+        assert all(a == b for a, b in values)
+        return [[world % 7 - abs(a - 63.4) for world in worlds] for a, _ in values]
 
-    found = tuned(text, points, WORDS, SMALL, seed=3)
-    assert abs(found.values[0] - 63.4) <= 0.3
-    assert found.text == text.replace("40.0", f"{found.values[0]:g}")
+    result = tuned(text, points, MAZE, SMALL, seed=3)
+    assert abs(result.values[0] - 63.4) <= 0.3
+    assert result.text == text.replace("40.0", f"{result.values[0]:g}")
 
 
 @pytest.mark.parametrize(
@@ -291,14 +293,14 @@ def test_a_constant_has_one_value() -> None:
 def test_no_numbers(text: str) -> None:
     """A tree without thresholds costs nothing and comes out as it is."""
     hill = Hill()
-    found = run(hill, text)
-    assert (found.text, found.values, found.comparison) == (text, (), None)
+    result = run(hill, text)
+    assert (result.text, result.values, result.comparison) == (text, (), None)
     assert hill.calls == []
-    assert found.costs.total == 0
+    assert result.costs.total == 0
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "step", "written"),
+    ("low", "high", "step", "value"),
     [
         (-1e6, 1e6, 1, 7),
         (0, 1e6, 1e-9, 500_000),
@@ -308,15 +310,17 @@ def test_no_numbers(text: str) -> None:
         (999_999, 1e6, 1, 999_999),
     ],
 )
-def test_any_range(low: float, high: float, step: float, written: float) -> None:
+def test_any_range(low: float, high: float, step: float, value: float) -> None:
     """Candidates of a key with any range stay in it and can be read."""
-    words = Vocabulary("maze", {"Go": Action("")}, {"far": number("", low, high, step)})
-    hill = Hill(0, words=words)
-    found = run(hill, f"when far < {written} {{ Go }}", NumberSettings(episodes=300, worlds=2))
-    seen = [t for trees, _ in hill.calls for tree in trees for t in thresholds_of(tree, words)]
-    least, most = found.thresholds[0].bounds
-    assert len(seen) > 12
-    assert all(least <= t.number.value <= most for t in seen)
+    vocabulary = Vocabulary("maze", {"Go": Action("")}, {"far": number("", low, high, step)})
+    hill = Hill(0, vocabulary=vocabulary)
+    result = run(hill, f"when far < {value} {{ Go }}", NumberSettings(episodes=300, worlds=2))
+    tuned_thresholds = [
+        t for trees, _ in hill.calls for tree in trees for t in thresholds_of(tree, vocabulary)
+    ]
+    least, most = result.thresholds[0].bounds
+    assert len(tuned_thresholds) > 12
+    assert all(least <= t.number.value <= most for t in tuned_thresholds)
 
 
 @given(st.integers(2, 40), st.integers(1, 20_000), st.integers(1, 100), st.integers(2, 30))
@@ -324,10 +328,10 @@ def test_any_range(low: float, high: float, step: float, written: float) -> None
 def test_a_plan_keeps_to_its_episodes(
     worlds: int, episodes: int, dimensions: int, population: int
 ) -> None:
-    """There is a generation, a race of two and a comparison, or an error that says the least."""
-    how = NumberSettings(episodes=episodes, worlds=worlds, population=population)
+    """There is a generation, a race of two and a comparison, or an error with the minimum."""
+    number_settings = NumberSettings(episodes=episodes, worlds=worlds, population=population)
     try:
-        plan = how.plan(dimensions)
+        plan = number_settings.plan(dimensions)
     except ConfigError as error:
         match = re.search(r"at least ([\d,]+) episodes", str(error))
         assert match is not None
@@ -346,15 +350,15 @@ def test_a_plan_keeps_to_its_episodes(
 def test_small_budgets(worlds: int, episodes: int) -> None:
     """The least budget is enough, and none is overspent."""
     hill = Hill(33.7, 2.62)
-    found = run(hill, how=NumberSettings(episodes, worlds))
-    assert found.costs.total == hill.episodes <= episodes
+    result = run(hill, number_settings=NumberSettings(episodes, worlds))
+    assert result.costs.total == hill.episodes <= episodes
 
 
 def test_too_few_episodes() -> None:
     """It is one error, before any episode."""
     hill = Hill(33.7, 2.62)
     with pytest.raises(ConfigError, match="Expected at least 240 episodes: a generation is 12"):
-        run(hill, how=NumberSettings(episodes=239))
+        run(hill, number_settings=NumberSettings(episodes=239))
     assert hill.calls == []
 
 
@@ -378,7 +382,7 @@ def test_the_intervals() -> None:
 
 def test_words_and_texts_in_place_of_parameters_are_no_numbers() -> None:
     """A word, a text and a key are passed beside a number; a constant may have a word's name."""
-    words = Vocabulary(
+    vocabulary = Vocabulary(
         "bot",
         {
             "Go": Action(
@@ -394,16 +398,16 @@ subtree go(where, speed, what) = when place == where {
 }
 use go(door, 0.5, "on my way")
 """
-    numbers = numbers_of(text, words)
+    numbers = numbers_of(text, vocabulary)
     assert [(n.value, n.purposes) for n in numbers] == [(1, set()), (0.5, {"Go.speed"})]
 
     def evaluate(trees: Sequence[str], worlds: Sequence[int]) -> list[list[float]]:
         for tree in trees:
-            assert to_text(parse(tree, words)) == tree
-        found = [re.search(r"speed: ([0-9.]+)", tree) for tree in trees]
-        speeds = [float(each[1]) if each else 1.0 for each in found]  # the default is left out
+            assert to_text(parse(tree, vocabulary)) == tree
+        matches = [re.search(r"speed: ([0-9.]+)", tree) for tree in trees]
+        speeds = [float(each[1]) if each else 1.0 for each in matches]  # the default is left out
         return [[-abs(speed - 1.5)] * len(worlds) for speed in speeds]
 
-    result = tuned(text, evaluate, words, SMALL, seed=0)
+    result = tuned(text, evaluate, vocabulary, SMALL, seed=0)
     assert result.text.startswith("constant dock = 1\n")
     assert isclose(result.values[0], 1.5, abs_tol=0.1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from islandgp.search.base import NoSettings
 
 
-class Unsaid:
-    """Says not what it takes of a guidance."""
+class Undeclared:
+    """A search that does not declare what it takes of a guidance."""
 
     Settings = NoSettings
 
@@ -16,7 +16,7 @@ class Unsaid:
     make = ask = tell = start
 
 
-class Forgetful(Unsaid):
+class Forgetful(Undeclared):
     """Has no type for its memory."""
 
     uses: frozenset[str] = frozenset()

@@ -29,7 +29,7 @@ def together(*groups: str) -> list[dict[str, str]]:
     """Choices in which each option of each group occurs; groups with fewer repeat theirs."""
     names = [options(group) for group in groups]
     return [
-        {group: found[n % len(found)] for group, found in zip(groups, names, strict=True)}
+        {group: choices[n % len(choices)] for group, choices in zip(groups, names, strict=True)}
         for n in range(max(map(len, names)))
     ]
 
@@ -84,7 +84,7 @@ def test_settings_are_values() -> None:
 
 @pytest.mark.parametrize("path", sorted(CONF.rglob("*.yaml")), ids=lambda p: p.stem)
 def test_files_say_what_they_are(path: Path) -> None:
-    """Each file opens with a comment that says what it holds."""
+    """Each file opens with a comment on its content."""
     first = path.read_text(encoding="utf-8").removeprefix("# @package _global_\n").splitlines()[0]
     assert first.startswith("# ")
     assert len(first) > 15

@@ -13,21 +13,23 @@ from islandgp.errors import ConfigError
 from islandgp.resources import resource
 
 
-@pytest.mark.parametrize("words", [("seed=1,2", "-m"), ("--nope",), ("--version",), ("--cfg=job",)])
-def test_options_are_refused_and_the_program_goes_on(words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "arguments", [("seed=1,2", "-m"), ("--nope",), ("--version",), ("--cfg=job",)]
+)
+def test_options_are_refused_and_the_program_goes_on(arguments: tuple[str, ...]) -> None:
     """They are the command line's: here there is one experiment, and nothing to print."""
     with pytest.raises(ConfigError, match=r"Expected overrides .*, found the option -"):
-        islandgp.compose(*words)
+        islandgp.compose(*arguments)
 
 
 def test_threads_may_compose_at_the_same_time() -> None:
     """Each gets its own experiment."""
     with ThreadPoolExecutor(4) as pool:
-        found = pool.map(lambda seed: islandgp.compose(f"seed={seed}").settings.seed, range(4))
-        assert list(found) == list(range(4))
+        seeds = pool.map(lambda seed: islandgp.compose(f"seed={seed}").settings.seed, range(4))
+        assert list(seeds) == list(range(4))
 
 
-def test_a_program_that_uses_hydra_itself_keeps_its_own() -> None:
+def test_a_program_that_uses_hydra_keeps_its_configuration() -> None:
     """Composing inside of its block neither fails nor takes its configuration away."""
     with hydra.initialize_config_dir(str(resource("conf")), version_base="1.3"):
         assert islandgp.compose("seed=3").settings.seed == 3
@@ -35,7 +37,7 @@ def test_a_program_that_uses_hydra_itself_keeps_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    ("how", "message"),
+    ("options", "message"),
     [
         ({"stage": 9}, r"^stage: expected 0 to 3, found 9$"),
         ({"stage": -1}, r"^stage: expected 0 to 3, found -1$"),
@@ -43,7 +45,7 @@ def test_a_program_that_uses_hydra_itself_keeps_its_own() -> None:
         ({"worlds": ["one"]}, r"^worlds: expected seeds .*, found 'one'$"),
     ],
 )
-def test_a_stage_or_world_that_is_not_there(how: dict[str, Any], message: str) -> None:
-    """It is told before any episode."""
+def test_a_stage_or_world_that_is_not_there(options: dict[str, Any], message: str) -> None:
+    """The error comes before any episode."""
     with pytest.raises(ConfigError, match=message):
-        islandgp.compose().evaluate("PatrolWaypoint", **how)
+        islandgp.compose().evaluate("PatrolWaypoint", **options)

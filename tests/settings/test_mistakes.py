@@ -24,19 +24,19 @@ OFF = ("tracking=off", "evaluator=serial", "progress=off")
 
 @pytest.fixture(autouse=True)
 def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each command is given in a folder of its own."""
+    """Each command has its own working folder."""
     monkeypatch.chdir(tmp_path)
 
 
-def errors(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+def errors(capsys: pytest.CaptureFixture[str], *arguments: str) -> list[str]:
     """The lines of a command that must fail and leave nothing behind."""
-    assert main([*OFF, *words]) == 2
-    found = capsys.readouterr()
-    assert found.out == ""
-    assert found.err.startswith("islandgp: ")
-    assert "Traceback" not in found.err
+    assert main([*OFF, *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("islandgp: ")
+    assert "Traceback" not in captured.err
     assert list(Path.cwd().iterdir()) == []
-    return found.err.removeprefix("islandgp: ").splitlines()
+    return captured.err.removeprefix("islandgp: ").splitlines()
 
 
 ONE_LINE = [
@@ -324,18 +324,18 @@ HUGE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("words_line", HUGE.values(), ids=HUGE)
+@pytest.mark.parametrize("case", HUGE.values(), ids=HUGE)
 def test_what_would_never_end_is_one_line(
-    words_line: tuple[list[str], str], capsys: pytest.CaptureFixture[str]
+    case: tuple[list[str], str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """At once, before anything of the size is made."""
-    words, line = words_line
-    (found,) = errors(capsys, *words)
-    assert found.startswith(line)
+    arguments, line = case
+    (message,) = errors(capsys, *arguments)
+    assert message.startswith(line)
 
 
 def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Whatever the command is."""
+    """For any command."""
     Path.cwd().rmdir()
     assert main([*OFF]) == 2
     assert capsys.readouterr().err == (
@@ -345,28 +345,28 @@ def test_a_deleted_working_folder_is_one_line(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_version_is_that_of_this_package(capsys: pytest.CaptureFixture[str]) -> None:
-    """Hydra's stands beside it."""
+    """Hydra's version is beside it."""
     assert main(["gp.population=3", "--version"]) == 0
-    said = capsys.readouterr().out
-    assert said == f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}\n"
+    output = capsys.readouterr().out
+    assert output == f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}\n"
 
 
 @pytest.mark.process
-def test_a_file_in_the_place_of_python_s_own_is_named() -> None:
-    """Whatever breaks because of it, the program says which file it is."""
+def test_a_file_that_shadows_a_python_module_is_named() -> None:
+    """The message names the file, for any error that it causes."""
     assert in_the_way(Path.cwd()) == ""
     Path("inspect.py").touch()
     Path("mine.py").touch()
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "islandgp", "experiment=smoke"],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=False,
     )
-    assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"islandgp: {in_the_way(Path.cwd())}\n"
-    assert "found inspect.py in" in done.stderr
+    assert (process.returncode, process.stdout) == (2, "")
+    assert process.stderr == f"islandgp: {in_the_way(Path.cwd())}\n"
+    assert "found inspect.py in" in process.stderr
     Path("numpy.py").touch()  # a module that is installed
     assert "found inspect.py, numpy.py in" in in_the_way(Path.cwd())
 
@@ -388,26 +388,28 @@ FILE = "tracking.policy.uri: expected a SQLite file that can be written, found"
         ("sqlite:///.", f"{FILE} "),
     ],
 )
-def test_a_store_that_can_never_be_is_told_before_the_start(
+def test_an_impossible_store_is_reported_before_the_start(
     uri: str, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """No run waits for it at its end, and no piece of a password is shown."""
-    words = ["evaluator=serial", "progress=off", "tracking=mlflow"]
-    assert main([*words, f"tracking.policy.uri='{uri}'"]) == 2
-    found = capsys.readouterr().err
-    assert found.startswith(f"islandgp: {line}")
-    assert found.count("\n") == 1
-    assert "me:" not in found
+    arguments = ["evaluator=serial", "progress=off", "tracking=mlflow"]
+    assert main([*arguments, f"tracking.policy.uri='{uri}'"]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"islandgp: {line}")
+    assert message.count("\n") == 1
+    assert "me:" not in message
     assert list(Path.cwd().iterdir()) == []
 
 
-@sweep(("words", "line"), ONE_LINE, ids=[" ".join(words) for words, _ in ONE_LINE], quick=40)
+@sweep(
+    ("words", "line"), ONE_LINE, ids=[" ".join(arguments) for arguments, _ in ONE_LINE], quick=40
+)
 def test_one_error_one_line(
-    words: list[str], line: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The line names the key and what was found, and what would be right."""
-    (found,) = errors(capsys, *words)
-    assert found.startswith(line)
+    (message,) = errors(capsys, *arguments)
+    assert message.startswith(line)
 
 
 FILES = [
@@ -432,24 +434,26 @@ FILES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "words", "line"), FILES, ids=[str(text) for text, *_ in FILES])
+@pytest.mark.parametrize(
+    ("text", "arguments", "line"), FILES, ids=[str(text) for text, *_ in FILES]
+)
 def test_a_file_of_the_users_that_is_wrong_is_named(
     text: bytes,
-    words: list[str],
+    arguments: list[str],
     line: str,
     capsys: pytest.CaptureFixture[str],
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
-    """One line tells the file, or the key in it, and what is wrong there."""
+    """One line names the file, or the key in it, and what is wrong there."""
     folder = tmp_path_factory.mktemp("conf")
     file = folder / "world" / "mine.yaml"
     file.parent.mkdir()
     file.write_bytes(text)
-    found = errors(capsys, *words, "--config-dir", str(folder), "world=mine")
-    assert found == [line.replace("{file}", str(file))]
+    lines = errors(capsys, *arguments, "--config-dir", str(folder), "world=mine")
+    assert lines == [line.replace("{file}", str(file))]
 
 
-def test_a_file_that_another_one_hides_is_told(
+def test_a_file_that_another_one_hides_is_reported(
     capsys: pytest.CaptureFixture[str], tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     """Hydra would read the package's file of that name and never look at the user's."""
@@ -475,10 +479,10 @@ def test_a_domain_is_called_as_its_trees_name_it(
 
 
 def test_unknown_keys_of_a_launcher(capsys: pytest.CaptureFixture[str]) -> None:
-    """A launcher that is chosen has keys of its own."""
+    """The chosen launcher has its own keys."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
-    found = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jbs=2", "-m")
-    assert found == ["hydra.launcher.n_jbs: unknown key; did you mean hydra.launcher.n_jobs?"]
+    lines = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jbs=2", "-m")
+    assert lines == ["hydra.launcher.n_jbs: unknown key; did you mean hydra.launcher.n_jobs?"]
     (line,) = errors(capsys, "hydra/launcher=local", "hydra.launcher.n_jobs=two", "-m")
     assert line.startswith("hydra.launcher.n_jobs=two: Value 'two' ")
 
@@ -496,15 +500,15 @@ def test_unknown_options_list_those_there_are(
     word: str, line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An unknown supervisor, or any other option, lists those there are."""
-    (found,) = errors(capsys, word)
-    assert found.startswith(line)
+    (message,) = errors(capsys, word)
+    assert message.startswith(line)
     group = word.partition("=")[0]
-    assert found.split("there are ")[1].split(", ") == options(group)
+    assert message.split("there are ")[1].split(", ") == options(group)
 
 
 def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    """All that is wrong is told at once, a line for each."""
-    found = errors(
+    """All errors are reported at once, a line for each."""
+    lines = errors(
         capsys,
         "gp.population=1",
         "gp.generations=none",
@@ -514,7 +518,7 @@ def test_several_errors_several_lines(capsys: pytest.CaptureFixture[str]) -> Non
         "supervisor.policy.patience=0",
         "supervisor.policy.up=0.5",
     )
-    assert [line.partition(":")[0] for line in found] == [
+    assert [line.partition(":")[0] for line in lines] == [
         "gp.generations='none'",
         "gp.population=1",
         "rewards.events.pickup.bonus",
@@ -528,22 +532,22 @@ def test_settings_that_exclude_others_are_reported_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A line for each."""
-    found = errors(capsys, "gp.tournament_size=50", "supervisor.lag=41", "+tags.seed=1")
-    assert [line.partition(":")[0] for line in found] == [
+    lines = errors(capsys, "gp.tournament_size=50", "supervisor.lag=41", "+tags.seed=1")
+    assert [line.partition(":")[0] for line in lines] == [
         "gp.tournament_size", "supervisor.lag", "tags.seed",
     ]  # fmt: skip
 
 
 def test_several_unknown_names_several_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    """What the domain does not declare is told at once, too: rewards, curriculum, classes."""
-    found = errors(
+    """What the domain does not declare is reported at once, too: rewards, curriculum, classes."""
+    lines = errors(
         capsys,
         "rewards.events.pickup.component=trash",
         "+curriculum.stages.0.multipliers.trash=3",
         "classes.behaviours.charging=chargings",
         "+classes.tiers.complete.above.fun=3",
     )
-    assert [line.partition(":")[0] for line in found] == [
+    assert [line.partition(":")[0] for line in lines] == [
         "rewards.events.pickup.component",
         "curriculum.stages.0.multipliers.trash",
         "classes.behaviours.charging",
@@ -552,9 +556,9 @@ def test_several_unknown_names_several_lines(capsys: pytest.CaptureFixture[str])
 
 
 def test_an_override_that_is_none(capsys: pytest.CaptureFixture[str]) -> None:
-    """A word that is no override is told as what it is."""
-    (found,) = errors(capsys, "gp.population")
-    assert found == "gp.population: expected KEY=VALUE, found no =; write gp.population=VALUE"
+    """An argument that is no override is reported as such."""
+    (message,) = errors(capsys, "gp.population")
+    assert message == "gp.population: expected KEY=VALUE, found no =; write gp.population=VALUE"
 
 
 @pytest.mark.parametrize("value", ["runs/default/expert=seed0", "it's", "[1,", 'a"=b', "{a: (}"])
@@ -562,64 +566,72 @@ def test_a_value_that_cannot_be_read_is_quoted(
     value: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The line names the override, and ends in words for a shell that mean the value as a text."""
-    (found,) = errors(capsys, "supervisor=replay", f"supervisor.policy.transcript={value}")
-    told = f"supervisor.policy.transcript={value}: expected a value, found one that cannot be read;"
-    assert found.startswith(told)
-    (word,) = shlex.split(found.partition("where it is a text: ")[2])
+    (message,) = errors(capsys, "supervisor=replay", f"supervisor.policy.transcript={value}")
+    expected = (
+        f"supervisor.policy.transcript={value}: expected a value, found one that cannot be read;"
+    )
+    assert message.startswith(expected)
+    (word,) = shlex.split(message.partition("where it is a text: ")[2])
     (override,) = OverridesParser.create().parse_overrides([word])
     assert override.value() == value
 
 
 def test_a_key_that_cannot_be_read(capsys: pytest.CaptureFixture[str]) -> None:
     """Quotes would not help there."""
-    (found,) = errors(capsys, "gp:population=3")
-    assert found == (
+    (message,) = errors(capsys, "gp:population=3")
+    assert message == (
         "gp:population=3: expected KEY=VALUE, found a key that cannot be read; correct the key"
     )
 
 
 def test_a_secret_that_cannot_be_read_is_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     """Its name is."""
-    (found,) = errors(capsys, "supervisor.policy.my_token=a=b")
-    assert found.startswith("supervisor.policy.my_token=***: expected a value")
+    (message,) = errors(capsys, "supervisor.policy.my_token=a=b")
+    assert message.startswith("supervisor.policy.my_token=***: expected a value")
 
 
 def test_a_sweep_is_checked_before_it_starts(capsys: pytest.CaptureFixture[str]) -> None:
     """One wrong job of a sweep, even the last, and none starts."""
-    found = errors(capsys, "experiment=smoke", "gp.population=12,8,3", "-m")
-    assert found == ["gp.population=3: input should be greater than or equal to 4"]
+    lines = errors(capsys, "experiment=smoke", "gp.population=12,8,3", "-m")
+    assert lines == ["gp.population=3: input should be greater than or equal to 4"]
 
 
 def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
     """`glob` takes the options whose names fit, also those in the user's own folder."""
     (tmp_path / "conf/supervisor").mkdir(parents=True)
     (tmp_path / "conf/supervisor/basic.yaml").write_text("defaults: [baseline]\nname: basic\n")
-    words = [
+    overrides = [
         *OFF,
         "experiment=smoke",
         "gp.population=4",
         "gp.generations=2",
         "gp.tournament_size=2",
     ]
-    words += ["world.episode.length=5", "evaluator=serial", "supervisor=glob(bas*)", "-m"]
-    assert main([*words, "--config-dir", "conf"]) == 0
-    found = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
-    assert found == {"baseline", "basic"}
+    overrides += ["world.episode.length=5", "evaluator=serial", "supervisor=glob(bas*)", "-m"]
+    assert main([*overrides, "--config-dir", "conf"]) == 0
+    supervisors = {path.name.partition("-")[0] for path in tmp_path.glob("runs/smoke/*/")}
+    assert supervisors == {"baseline", "basic"}
 
 
 def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
     """The same words without a mistake run, and write into `runs` alone."""
-    words = [*OFF, "experiment=smoke", "gp.population=4", "gp.generations=2", "supervisor=baseline"]
-    assert main([*words, "gp.tournament_size=2", "world.episode.length=5"]) == 0
-    found = capsys.readouterr()
-    assert "Best robot" in found.out
+    overrides = [
+        *OFF,
+        "experiment=smoke",
+        "gp.population=4",
+        "gp.generations=2",
+        "supervisor=baseline",
+    ]
+    assert main([*overrides, "gp.tournament_size=2", "world.episode.length=5"]) == 0
+    captured = capsys.readouterr()
+    assert "Best robot" in captured.out
     assert [path.name for path in Path.cwd().iterdir()] == ["runs"]
 
 
 def test_run_errors_have_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
     """What only the run finds out is one message, too: a tree that is not there."""
     assert main([*OFF, "experiment=smoke", "library.trees.pickup=[nope]"]) == 2
-    found = capsys.readouterr()
-    assert "nope.bt, found none (No such file or directory); there are all_rounder" in found.err
-    assert "Traceback" not in found.err
+    captured = capsys.readouterr()
+    assert "nope.bt, found none (No such file or directory); there are all_rounder" in captured.err
+    assert "Traceback" not in captured.err
     assert list(Path.cwd().iterdir()) == []

@@ -1,4 +1,4 @@
-"""Every number that the paper states stands in `conf/`, under the key that docs/paper.md names."""
+"""Every number that the paper states is in `conf/`, under the key that docs/paper.md names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TEXT = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 BAND = [{"below": 15, "points": 800}, {"below": 25, "points": 400}, {"below": 45, "points": 200}]
 
 PAPER: list[tuple[str, str, Any]] = [
-    # where the paper says it, the key, the value
+    # the place in the paper, the key, the value
     ("2.2.2", "world.side", 300),
     ("2.2.2", "world.start", [150, 150]),
     ("2.2.2", "world.robot.capacity", 30),
@@ -105,28 +105,28 @@ def at(config: Any, key: str) -> Any:
     return config
 
 
-@pytest.mark.parametrize(("where", "key", "value"), PAPER)
-def test_numbers(where: str, key: str, value: object) -> None:
+@pytest.mark.parametrize(("section", "key", "value"), PAPER)
+def test_numbers(section: str, key: str, value: object) -> None:
     """The default configuration has the paper's number."""
-    assert at(plain(), key) == value, where
+    assert at(plain(), key) == value, section
 
 
 def test_table_2() -> None:
     """The multipliers of the four stages."""
-    found = [
+    rows = [
         (stage["epochs"], *stage["multipliers"].values())
         for stage in plain()["curriculum"]["stages"]
     ]
     assert list(plain()["curriculum"]["stages"][0]["multipliers"]) == [
         "garbage", "battery", "humanoid", "delivery", "leftover",
     ]  # fmt: skip
-    assert found == TABLE_2
+    assert rows == TABLE_2
 
 
-@pytest.mark.parametrize(("where", "key", "value"), LLM)
-def test_llm_numbers(where: str, key: str, value: object) -> None:
+@pytest.mark.parametrize(("section", "key", "value"), LLM)
+def test_llm_numbers(section: str, key: str, value: object) -> None:
     """`supervisor=llm` has the paper's model, limits and sizes."""
-    assert at(plain("supervisor=llm"), key) == value, where
+    assert at(plain("supervisor=llm"), key) == value, section
 
 
 def test_docs_name_the_keys() -> None:
@@ -141,7 +141,7 @@ def test_docs_name_the_keys() -> None:
 
 
 def test_docs_name_keys_that_exist() -> None:
-    """Each dotted key that docs/paper.md names stands in some configuration."""
+    """Each dotted key that docs/paper.md names is in some configuration."""
     default, llm = plain(), plain("supervisor=llm")
     groups = {key for key in default if isinstance(default[key], dict)}
     named = {
@@ -173,7 +173,7 @@ def test_docs_name_files_that_exist() -> None:
     assert absent == []
 
 
-def test_docs_tell_the_size_of_random_trees() -> None:
+def test_docs_state_the_size_of_random_trees() -> None:
     """6,000 random trees, and the trees that the expert injects until a Complete Robot exists."""
     settings = composed()
     domain = settings.make_domain()
@@ -191,8 +191,8 @@ def test_docs_tell_the_size_of_random_trees() -> None:
         for target in early_targets(settings.classes.targets)
         for name in expert.fitting(target, compact=True)
     ]
-    words = " ".join(TEXT.split())
-    assert f"the median has {median:g} nodes, half have {least:g} to {most:g}" in words
-    assert f"{nearly_all:g}, the largest {max(sizes)}" in words
+    text = " ".join(TEXT.split())
+    assert f"the median has {median:g} nodes, half have {least:g} to {most:g}" in text
+    assert f"{nearly_all:g}, the largest {max(sizes)}" in text
     assert min(injected) == max(injected)
-    assert f"have {min(injected)} nodes each" in words
+    assert f"have {min(injected)} nodes each" in text
