@@ -54,10 +54,10 @@ def expected() -> tuple[Outcome, ...]:
     return tuple(Serial(setting()).evaluate(JOBS))
 
 
-def ray(how: Problem | None = None) -> Ray:
+def ray(problem: Problem | None = None) -> Ray:
     """A cluster of two workers on this machine."""
     settings = Ray.Settings(address="local", cpus=1, retries=2, workers=2)
-    return Ray(settings, how or setting())
+    return Ray(settings, problem or setting())
 
 
 Make = Callable[[], Evaluator]
@@ -78,9 +78,9 @@ def evaluator(request: pytest.FixtureRequest) -> Iterator[Evaluator]:
     """Each evaluator in turn."""
     if request.param == "ray":
         pytest.importorskip("ray")
-    made = MAKERS[request.param]()
-    yield made
-    made.close()
+    instance = MAKERS[request.param]()
+    yield instance
+    instance.close()
 
 
 def test_outcomes_are_the_same_wherever_they_come_from(evaluator: Evaluator) -> None:
@@ -110,7 +110,7 @@ def test_episodes_are_counted(evaluator: Evaluator) -> None:
 
 
 def test_a_job_that_cannot_be_run_is_named(evaluator: Evaluator) -> None:
-    """The error tells the world seed and the tree; the evaluator is of use afterwards."""
+    """The error names the world seed and the tree; the evaluator works afterwards."""
     bad = Job("NoSuchAction", 0, 77)
     with pytest.raises(EvaluationError, match=r"world seed 77[\s\S]*NoSuchAction"):
         evaluator.evaluate([JOBS[0], bad, JOBS[1]])
@@ -180,7 +180,7 @@ KILLER = Job(TREES[1], DEADLY, 9_001)
 
 
 def test_a_job_that_kills_its_workers_is_named() -> None:
-    """The pool tries again, and then says which tree and seed it was; the pool is of use after."""
+    """The pool tries again, and then names tree and seed; it works afterwards."""
     pool = Processes(deadly(), 2)
     try:
         with pytest.raises(
@@ -196,11 +196,11 @@ def test_a_worker_that_dies_once_costs_nothing_but_time(tmp_path: Path) -> None:
     """The other jobs of the batch, and the job itself, have their outcomes."""
     pool = Processes(deadly(tmp_path / "died"), 2)
     try:
-        found = pool.evaluate([*JOBS, KILLER])
+        outcomes = pool.evaluate([*JOBS, KILLER])
     finally:
         pool.close()
-    assert tuple(found[:-1]) == expected()
-    assert found[-1].seconds > 0
+    assert tuple(outcomes[:-1]) == expected()
+    assert outcomes[-1].seconds > 0
 
 
 def test_workers_that_die_between_batches_are_replaced() -> None:
@@ -235,11 +235,11 @@ def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyP
     started: list[Any] = []
 
     def spawn(pool: Any) -> None:
-        whole(pool)
+        spawn_process(pool)
         started.extend(pool._processes.values())
         raise KeyboardInterrupt
 
-    whole = ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined] -- not public
+    spawn_process = ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined] -- not public
     monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", spawn)
     evaluator = Processes(setting(), 2)
     with pytest.raises(KeyboardInterrupt):
@@ -251,7 +251,7 @@ def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("failure", "said"),
+    ("failure", "error"),
     [
         pytest.param(
             "synchronize.Lock.__new__(synchronize.Lock).__setstate__((0, 1, 1, '/gone'))",
@@ -263,16 +263,16 @@ def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyP
     ],
 )
 @pytest.mark.skipif(os.name != "posix", reason="the server of forks")
-def test_a_worker_without_its_run_says_nothing(failure: str, said: str) -> None:
+def test_a_worker_without_its_run_prints_nothing(failure: str, error: str) -> None:
     """A run that is stopped while a worker starts takes its queues away from it."""
     imports = "import islandgp.evaluation.forked\nfrom multiprocessing import spawn, synchronize"
     program = f"{imports}\n{failure}"
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", program], stdin=subprocess.DEVNULL, capture_output=True, text=True
     )
-    assert done.returncode == 1
-    assert bool(done.stderr) == bool(said)
-    assert said in done.stderr
+    assert process.returncode == 1
+    assert bool(process.stderr) == bool(error)
+    assert error in process.stderr
 
 
 def test_closing_does_not_wait_for_long_episodes() -> None:
@@ -292,7 +292,7 @@ def test_an_episode_that_never_ends_is_named() -> None:
     """After the time limit, with tree and seed; the pool is of use afterwards."""
     pool = Processes(deadly_slow(), 2, episode_timeout=300)
     try:
-        pool.evaluate(JOBS[:2])  # workers are at hand, whatever their start took
+        pool.evaluate(JOBS[:2])  # workers are at hand, however long their start takes
         pool.episode_timeout = 1
         began = time.monotonic()
         with pytest.raises(
@@ -314,7 +314,7 @@ def deadly_slow() -> Problem:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
 def test_a_server_of_forks_that_is_killed_while_it_starts_is_replaced() -> None:
-    """The jobs have their outcomes. In a process of its own, where none has started yet."""
+    """The jobs have their outcomes. In a separate process, where none has started yet."""
     code = f"from {__name__} import evaluate_beside_a_kill; evaluate_beside_a_kill()"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
@@ -362,7 +362,7 @@ def evaluate_without_an_address() -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
 def test_a_forkserver_may_start_early_for_another_domain() -> None:
-    """Workers import their own domain then. In a process of its own, where none has started."""
+    """Workers import their own domain then. In a separate process, where none has started."""
     code = f"from {__name__} import evaluate_after_an_early_start as e; e()"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
 
@@ -388,16 +388,16 @@ def test_a_ray_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None
     pytest.importorskip("ray")
     evaluator = ray(deadly(tmp_path / "died"))
     try:
-        found = evaluator.evaluate([*JOBS[:6], KILLER, *JOBS[6:]])
+        outcomes = evaluator.evaluate([*JOBS[:6], KILLER, *JOBS[6:]])
     finally:
         evaluator.close()
     assert (tmp_path / "died").exists()
-    assert tuple(found[:6] + found[7:]) == expected()
+    assert tuple(outcomes[:6] + outcomes[7:]) == expected()
 
 
 @pytest.mark.slow
 def test_a_job_that_kills_ray_workers_is_named() -> None:
-    """After its retries the error tells tree and seed."""
+    """After its retries the error names tree and seed."""
     pytest.importorskip("ray")
     evaluator = ray(deadly())
     try:
@@ -433,15 +433,15 @@ def test_a_task_has_episodes_for_a_quarter_of_a_second(
 
 @pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_named() -> None:
-    """The message tells how to start one, or to do without."""
+    """The message gives the command to start one, or to do without."""
     pytest.importorskip("ray")
     settings = Ray.Settings(address="127.0.0.1:9", cpus=1, retries=0, workers=0)
     with pytest.raises(EvaluationError, match=r"Expected a Ray cluster at '127\.0\.0\.1:9'"):
         Ray(settings, setting())
 
 
-def test_a_cluster_that_has_ended_is_told() -> None:
-    """Ray would end the process without a word; an address at which nobody listens is enough."""
+def test_a_cluster_that_has_ended_is_reported() -> None:
+    """Ray would end the process silently; an address without a listener is enough."""
     evaluator = Ray.__new__(Ray)
     evaluator._head = evaluator._node = "127.0.0.1:9"
     with pytest.raises(
@@ -450,7 +450,7 @@ def test_a_cluster_that_has_ended_is_told() -> None:
         evaluator._must_be_there()
 
 
-def test_a_cluster_of_a_runs_own_leaves_no_token(
+def test_the_cluster_of_a_run_leaves_no_token(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its token is in the environment alone; one that the user has chosen stays."""
@@ -480,7 +480,7 @@ class Broken:
 
 
 @pytest.mark.parametrize("points", [float("nan"), float("inf"), -1e200])
-def test_points_that_cannot_be_counted_are_told(points: float) -> None:
+def test_points_must_be_finite_and_not_huge(points: float) -> None:
     """Statistics could not be made of them."""
     setting: Any = SimpleNamespace(
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
@@ -492,7 +492,7 @@ def test_points_that_cannot_be_counted_are_told(points: float) -> None:
         simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))
 
 
-def test_an_error_names_the_line_of_the_user_s_own_code() -> None:
+def test_an_error_names_the_line_of_the_user_s_code() -> None:
     """Where it was raised, among all that the program itself called."""
     setting: Any = SimpleNamespace(
         curriculum=SimpleNamespace(multipliers=lambda _: {}), in_world=lambda *_: Broken()

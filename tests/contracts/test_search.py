@@ -1,4 +1,4 @@
-"""What every search guarantees, whatever the outcomes: each of `conf/search`, and one of one's own.
+"""What every search guarantees, for any outcomes: each of `conf/search`, and a user's.
 
 A search of yours is checked in the same way: add it to SEARCHES below.
 """
@@ -93,7 +93,7 @@ def run(
 
 
 SEARCHES = [Case(name) for name in NAMES]
-QUICK = ("compose", "paper", "racing")  # of different families; the others have tests of their own
+QUICK = ("compose", "paper", "racing")  # of different families; the others have separate tests
 
 
 @pytest.fixture(
@@ -104,8 +104,8 @@ QUICK = ("compose", "paper", "racing")  # of different families; the others have
 )
 def case(request: pytest.FixtureRequest) -> Case:
     """Each search in turn."""
-    found: Case = request.param
-    return found
+    search_case: Case = request.param
+    return search_case
 
 
 @cache
@@ -119,8 +119,8 @@ class Sometimes(Constant):
 
     def advise(self, state: Any, rng: Any) -> Any:
         """See `Supervisor`."""
-        given = super().advise(state, rng)
-        return replace(given, tree=CHARGER if state.now.generation % 2 else None)
+        guidance = super().advise(state, rng)
+        return replace(guidance, tree=CHARGER if state.now.generation % 2 else None)
 
 
 def test_the_suite_has_all_searches() -> None:
@@ -149,8 +149,8 @@ def test_resuming_changes_nothing(case: Case, tmp_path: Path) -> None:
     for step in steps[:-1:2]:
         assert step.state is not None
         save_state(tmp_path / "checkpoint.json", step.state)
-        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
-        start = replace(found, history=step.state.history)
+        checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(checkpoint, history=step.state.history)
         rest = case.run("supervisor.inject=true", supervisor=Sometimes(), start=start)
         assert list(lines(rest)) == expected[start.generation :]
 
@@ -207,7 +207,7 @@ TREES = sweep(
 def test_populations(case: Case, overrides: tuple[str, ...]) -> None:
     """Ids, sizes, limits and words; also with few slots, tight limits, founders and late answers.
 
-    A search that cannot work there says so before the run begins.
+    A search that cannot work there raises an error before the run begins.
     """
     settings = case.settings("gp.generations=5", *overrides)
     plan = plan_of(settings, settings.make_domain())
@@ -239,16 +239,16 @@ def check(steps: list[Step], plan: Plan, fewer: bool = False) -> None:
         earlier |= {i.id for i in individuals}
 
 
-@sweep("words", [LONELY, BLIND, WAITING], quick=1, ids=lambda words: words.domain)
+@sweep("vocabulary", [LONELY, BLIND, WAITING], quick=1, ids=lambda vocabulary: vocabulary.domain)
 @sweep("overrides", [("gp.population=4", "gp.max_depth=2", "gp.max_nodes=3"), ()], quick=1)
-def test_small_vocabularies(case: Case, words: Vocabulary, overrides: tuple[str, ...]) -> None:
+def test_small_vocabularies(case: Case, vocabulary: Vocabulary, overrides: tuple[str, ...]) -> None:
     """One action, no keys: there may be no new tree, but there is always a population."""
     children = ("gp.trees.children=[1,3]",)
     settings = case.settings("library=automatic", *children, *overrides)
-    plan = replace(settings.plan(settings.make_domain()), vocabulary=words)
+    plan = replace(settings.plan(settings.make_domain()), vocabulary=vocabulary)
 
     def library() -> Mapping[str, Node]:
-        return {name: leaf(name) for name in words.actions}
+        return {name: leaf(name) for name in vocabulary.actions}
 
     part = settings.search
     search = part.factory.make(part.settings(), SearchContext(plan, library))
@@ -264,10 +264,10 @@ def test_advice_is_obeyed_or_refused(case: Case) -> None:
     for before, after in itertools.pairwise(steps):
         guidance = before.record.guidance
         assert guidance is not None
-        given = [i for i in after.record.individuals if i.origin == "injected"]
+        injected = [i for i in after.record.individuals if i.origin == "injected"]
         assert guidance.injected is ("tree" in uses)
-        assert len(given) == int(guidance.injected)
-        assert all(parse(i.tree) == CHARGER for i in given if not i.mutation)
+        assert len(injected) == int(guidance.injected)
+        assert all(parse(i.tree) == CHARGER for i in injected if not i.mutation)
         assert ("no mutation rate" in guidance.refused) is ("rate" not in uses)
         assert ("takes no trees" in guidance.refused) is ("tree" not in uses)
         if "rate" in uses:
@@ -277,21 +277,21 @@ def test_advice_is_obeyed_or_refused(case: Case) -> None:
 class Edits(Constant):
     """Edits the first individuals of each generation, and injects a tree."""
 
-    seen_now: GenerationView | None = None
+    current: GenerationView | None = None
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
-        self.seen_now = generation
+        self.current = generation
 
     def advise(self, state: Any, rng: Any) -> Any:
         """See `Supervisor`."""
-        given = super().advise(state, rng)
-        assert self.seen_now is not None
+        guidance = super().advise(state, rng)
+        assert self.current is not None
         edits = (
             Edit("front", of=i.id, branch=GUARDED, reason="charge")
-            for i in self.seen_now.individuals
+            for i in self.current.individuals
         )
-        return replace(given, edits=tuple(edits))
+        return replace(guidance, edits=tuple(edits))
 
 
 @sweep(
@@ -315,34 +315,37 @@ def test_edits_are_obeyed_or_refused(case: Case, overrides: tuple[str, ...]) -> 
     takes = "edits" in settings.search.factory.uses
     steps = run(plan, make_search(settings, plan), supervisor=Edits(1.0, CHARGER))
     check(steps, plan, case.name in FEWER)
-    seen = 0
+    count = 0
     for before, after in itertools.pairwise(steps):
         guidance = before.record.guidance
         assert guidance is not None
-        taken = [edit for edit in guidance.edits if not edit.refused]
-        found = [i for i in after.record.individuals if i.origin == "edited"]
-        assert [(i.parents[0], i.mutation) for i in found] == [(e.of, "edit:front") for e in taken]
+        accepted = [edit for edit in guidance.edits if not edit.refused]
+        edited = [i for i in after.record.individuals if i.origin == "edited"]
+        assert [(i.parents[0], i.mutation) for i in edited] == [
+            (e.of, "edit:front") for e in accepted
+        ]
         assert all(
-            parse(i.tree) != parse(edit.branch or "") for i, edit in zip(found, taken, strict=True)
+            parse(i.tree) != parse(edit.branch or "")
+            for i, edit in zip(edited, accepted, strict=True)
         )
-        assert len(found) <= plan.switches.edits
+        assert len(edited) <= plan.switches.edits
         assert all(edit.refused == "the search takes no edits" for edit in guidance.edits) or takes
-        assert [trial.id for trial in after.record.trials] == [i.id for i in found]
-        seen += len(found)
-    assert (seen > 0) is takes
+        assert [trial.id for trial in after.record.trials] == [i.id for i in edited]
+        count += len(edited)
+    assert (count > 0) is takes
 
 
 def test_resuming_with_edits_changes_nothing(case: Case, tmp_path: Path) -> None:
     """From an early and a late state, through a checkpoint, the rest is the same."""
-    words = ("+supervisor.edits=2",)
-    steps = case.run(*words, supervisor=Edits())
+    overrides = ("+supervisor.edits=2",)
+    steps = case.run(*overrides, supervisor=Edits())
     expected = list(lines(steps))
     for step in steps[1:5:2]:
         assert step.state is not None
         save_state(tmp_path / "checkpoint.json", step.state)
-        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
-        start = replace(found, history=step.state.history)
-        rest = case.run(*words, supervisor=Edits(), start=start)
+        checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(checkpoint, history=step.state.history)
+        rest = case.run(*overrides, supervisor=Edits(), start=start)
         assert list(lines(rest)) == expected[start.generation :]
 
 
@@ -352,8 +355,8 @@ def test_a_tree_is_injected_once(case: Case) -> None:
     for before, after in itertools.pairwise(steps):
         guidance = before.record.guidance
         assert guidance is not None
-        given = [i for i in after.record.individuals if i.origin == "injected"]
-        assert len(given) == int(guidance.injected)
+        injected = [i for i in after.record.individuals if i.origin == "injected"]
+        assert len(injected) == int(guidance.injected)
 
 
 LIMITED = ("constraints={pickups: {at_most: 0}, distance: {at_most: 1500}}",)
@@ -392,10 +395,10 @@ def test_feasible_comes_before_fit(case: Case) -> None:
         sum(
             not broken(case, i.counters)
             for seed in range(1, 5)
-            for step in case.run(*words, seed=seed)[4:]
+            for step in case.run(*overrides, seed=seed)[4:]
             for i in step.record.individuals
         )
-        for words in ((), LIMITED)
+        for overrides in ((), LIMITED)
     )
     assert bound > free
 
@@ -406,8 +409,8 @@ def test_resuming_with_constraints_changes_nothing(case: Case, tmp_path: Path) -
     for step in steps[1:5:2]:
         assert step.state is not None
         save_state(tmp_path / "checkpoint.json", step.state)
-        found, _ = read_checkpoint(tmp_path / "checkpoint.json")
-        start = replace(found, history=step.state.history)
+        checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
+        start = replace(checkpoint, history=step.state.history)
         rest = case.run(*LIMITED, start=start)
         assert list(lines(rest)) == list(lines(steps))[start.generation :]
 

@@ -1,4 +1,4 @@
-"""What every supervisor promises, whoever it is.
+"""What every supervisor guarantees.
 
 A new supervisor is one entry of MAKERS.
 """
@@ -62,8 +62,10 @@ class Recorder:
 
 def yoked() -> Yoked:
     tree = parse("PatrolWaypoint")
-    given = Guidance(0.25, tree, "yoked", Phase.REFINEMENT, None, "pickup", notes={"led_by": "x"})
-    return Yoked([given] * 41)
+    guidance = Guidance(
+        0.25, tree, "yoked", Phase.REFINEMENT, None, "pickup", notes={"led_by": "x"}
+    )
+    return Yoked([guidance] * 41)
 
 
 def distilled() -> Distilled:
@@ -114,20 +116,20 @@ def test_guidance_is_of_the_promised_kind(name: str, state: PopulationState, see
     """
     before = deepcopy(state)
     supervisor = MAKERS[name]()
-    found = supervisor.advise(state, np.random.default_rng(seed))
-    assert found.mutation_rate is None or 0 <= found.mutation_rate <= 1
-    assert found.tree is None or within(found.tree, LIMITS)
-    assert found.phase is None or isinstance(found.phase, Phase)
-    assert found.pattern is None or isinstance(found.pattern, Pattern)
-    assert found.target is None or found.target in state.targets
-    assert found.source
-    assert type(found.intervention) is bool
-    texts = [found.source, found.risk, found.reasoning, found.rationale, found.notes]
+    guidance = supervisor.advise(state, np.random.default_rng(seed))
+    assert guidance.mutation_rate is None or 0 <= guidance.mutation_rate <= 1
+    assert guidance.tree is None or within(guidance.tree, LIMITS)
+    assert guidance.phase is None or isinstance(guidance.phase, Phase)
+    assert guidance.pattern is None or isinstance(guidance.pattern, Pattern)
+    assert guidance.target is None or guidance.target in state.targets
+    assert guidance.source
+    assert type(guidance.intervention) is bool
+    texts = [guidance.source, guidance.risk, guidance.reasoning, guidance.rationale, guidance.notes]
     dump(texts).encode()
-    assert all(isinstance(k, str) and isinstance(v, str) for k, v in found.notes.items())
-    assert found.tree is None or parse(to_text(found.tree), VOCABULARY) == found.tree
-    assert supervisor.advise(state, np.random.default_rng(seed)) == found
-    assert MAKERS[name]().advise(state, np.random.default_rng(seed)) == found
+    assert all(isinstance(k, str) and isinstance(v, str) for k, v in guidance.notes.items())
+    assert guidance.tree is None or parse(to_text(guidance.tree), VOCABULARY) == guidance.tree
+    assert supervisor.advise(state, np.random.default_rng(seed)) == guidance
+    assert MAKERS[name]().advise(state, np.random.default_rng(seed)) == guidance
     assert state == before
 
 
@@ -155,16 +157,16 @@ def test_order_does_not_matter(name: str) -> None:
 )
 def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
     """Each file of conf/supervisor names a class with Settings, make and the option's own name."""
-    found = composed(f"supervisor={option}").supervisor
-    assert found.name == option
-    assert found.factory.name == option
-    assert isinstance(found.settings(), found.factory.Settings)
+    chosen = composed(f"supervisor={option}").supervisor
+    assert chosen.name == option
+    assert chosen.factory.name == option
+    assert isinstance(chosen.settings(), chosen.factory.Settings)
     settings = composed(f"supervisor={option}")
     assert run_context(settings, tmp_path).folder == tmp_path
 
 
 def test_services_can_be_closed_unused_and_twice() -> None:
-    """A supervisor that holds something open lets it go whatever was done before."""
+    """A supervisor releases its resources, whatever was done before."""
     for name, make in MAKERS.items():
         supervisor = make()
         assert isinstance(supervisor, SupervisorLifecycle) == name.startswith("llm")

@@ -108,8 +108,8 @@ def test_a_tracker_takes_any_end(make: Make, status: Status, home: Path) -> None
     for _ in range(2):
         tracker = make(home)
         tracker.start(folder)
-        said = tracker.finish(status)
-        assert ("islandgp sync" in said) == (make is mlflow_away)
+        message = tracker.finish(status)
+        assert ("islandgp sync" in message) == (make is mlflow_away)
         store = Store(place(home))
         runs = store.client.search_runs([store.experiment])
         ends.append([run.info.status for run in runs])
@@ -121,9 +121,9 @@ def test_a_tracker_takes_any_end(make: Make, status: Status, home: Path) -> None
 def test_a_tracker_can_be_given_a_run_that_is_over(make: Make, home: Path) -> None:
     """A command for a finished run sends what is missing, and nothing twice."""
     folder = written(home / "runs/a/one", home)
-    said = []
+    messages = []
     for _ in range(2):
         tracker = make(home)
         tracker.start(folder)
-        said.append(tracker.finish(Status.FINISHED))
-    assert said[0] == said[1]
+        messages.append(tracker.finish(Status.FINISHED))
+    assert messages[0] == messages[1]

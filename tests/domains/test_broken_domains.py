@@ -266,7 +266,7 @@ HANGS = {
 }  # fmt: skip
 
 
-@sweep("how", HANGS, quick=2)
+@sweep("case", HANGS, quick=2)
 def test_an_action_that_does_not_return_is_named(broken: Broken, case: str) -> None:
     """The suite ends after the first episode that takes too long, with the action and the line."""
     code, function = HANGS[case]
@@ -349,7 +349,7 @@ def test_a_sound_domain_reaches_all(example: Path, islandgp: Cli) -> None:
 
 
 @sweep(
-    ("old", "new", "words", "line"),
+    ("old", "new", "options", "line"),
     [
         ('        self.log("moved")\n', "", (), "events never logged: moved"),
         ("at == \"place\" and self.have_block)", "at == 'nowhere')", ("--strict",),
@@ -412,7 +412,7 @@ def test_what_a_domain_prints_is_reported_once(example: Path, islandgp: Cli) -> 
 
 
 @sweep(
-    "words",
+    "arguments",
     [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)],
     quick=2,
 )

@@ -318,7 +318,7 @@ def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
         if robot.step():
             break
         cells |= _in_view(robot.env)
-        assert robot.memory.boards == sum(robot.memory.at(x, y) for x, y in cells)
+        assert robot.memory.seen == sum(robot.memory.at(x, y) for x, y in cells)
 
 
 @pytest.mark.parametrize(

@@ -87,8 +87,8 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
                 episodes = 0
 
                 def __init__(self, world: object, seed: int, log: object) -> None:
-                    type(self).made += 1
-                    super().__init__(world, seed + self.made, log)
+                    type(self).episodes += 1
+                    super().__init__(world, seed + self.episodes, log)
 
                 def sense(self) -> dict[str, float]:
                     return {**super().sense(), "blocks_left": 12.0}

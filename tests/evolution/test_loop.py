@@ -49,7 +49,7 @@ def test_forty_one_generations_forty_of_them_supervised() -> None:
     supervisor = Constant()
     steps = run(composed_plan("supervisor=baseline"), supervisor)
     assert [step.record.snapshot.generation for step in steps] == list(range(41))
-    assert [state.now.generation for state in supervisor.seen] == list(range(40))
+    assert [state.now.generation for state in supervisor.states] == list(range(40))
     assert steps[-1].record.guidance is None
     assert steps[-1].state is None
     assert all(step.record.guidance is not None for step in steps[:-1])

@@ -221,14 +221,14 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
 
         def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
             evaluating.set()
-            if 0 < self.batches < 8:  # the last one comes too late for advice to be of use
+            if 0 < self.evaluations < 8:  # the last one comes too late for advice to be of use
                 assert answered.acquire(timeout=10)
                 assert answered.acquire(timeout=10)
             evaluating.clear()
-            self.batches += 1
+            self.evaluations += 1
             return super().evaluate(jobs)
 
-        batches = 0
+        evaluations = 0
 
     with MessagesServer(answer=answer) as server:
         settings = composed("supervisor=llm", QUICK[0], "gp.generations=9", "supervisor.lag=1")

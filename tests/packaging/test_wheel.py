@@ -24,15 +24,20 @@ FOLDERS = ("conf", "grammar", "prompts")
 pytestmark = pytest.mark.packaging
 
 
-def call(*words: str | Path, cwd: Path, env: Mapping[str, str] | None = None) -> str:
+def call(*arguments: str | Path, cwd: Path, env: Mapping[str, str] | None = None) -> str:
     """Runs a command that must succeed, without this checkout on its path; returns its output."""
     if env is None:
         env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    found = subprocess.run(
-        [str(word) for word in words], cwd=cwd, env=env, capture_output=True, text=True, check=False
+    process = subprocess.run(
+        [str(argument) for argument in arguments],
+        cwd=cwd,
+        env=env,
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    assert found.returncode == 0, found.stdout + found.stderr
-    return found.stdout
+    assert process.returncode == 0, process.stdout + process.stderr
+    return process.stdout
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +45,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from this checkout."""
     folder = tmp_path_factory.mktemp("wheel")
     call(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=ROOT)
-    (found,) = folder.glob("*.whl")
-    return found
+    (file,) = folder.glob("*.whl")
+    return file
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +56,12 @@ def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     venv.create(folder, with_pip=False, symlinks=True)
     (library,) = folder.glob("lib/python*/site-packages")
     (library / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    found = folder / "bin" / "python"
+    interpreter = folder / "bin" / "python"
     options = ("--no-deps", "--no-index", "--disable-pip-version-check", "--quiet")
-    call(sys.executable, "-m", "pip", "--python", found, "install", *options, wheel, cwd=folder)
-    return found
+    call(
+        sys.executable, "-m", "pip", "--python", interpreter, "install", *options, wheel, cwd=folder
+    )
+    return interpreter
 
 
 def test_everything_travels(wheel: Path) -> None:
@@ -81,9 +88,9 @@ def test_nothing_else_travels(wheel: Path) -> None:
 
 def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
     """`python -m islandgp` runs in an empty folder, from the wheel's own configuration."""
-    words = ("experiment=smoke", "tracking=off", "progress=off", "evaluator.policy.workers=1")
-    found = call(python, "-m", "islandgp", *words, cwd=tmp_path)
-    assert "Best robot" in found
+    overrides = ("experiment=smoke", "tracking=off", "progress=off", "evaluator.policy.workers=1")
+    output = call(python, "-m", "islandgp", *overrides, cwd=tmp_path)
+    assert "Best robot" in output
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
     code = "import islandgp.resources as r; print(r.resource('prompts'), r.resource('grammar'))"
     places = call(python, "-c", code, cwd=tmp_path)
@@ -92,17 +99,17 @@ def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
 
 
 def test_the_command(python: Path, tmp_path: Path) -> None:
-    """The `islandgp` command is there, and tells its version."""
+    """The `islandgp` command is there, and prints its version."""
     assert "0.3.0" in call(python.with_name("islandgp"), "--version", cwd=tmp_path)
 
 
 @pytest.mark.slow
 def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
     """The installed program writes the same records as the checkout."""
-    words = ("experiment=smoke", "tracking=off", "progress=off", "gp.generations=3")
-    call(python, "-m", "islandgp", *words, "runs=installed", cwd=tmp_path)
+    overrides = ("experiment=smoke", "tracking=off", "progress=off", "gp.generations=3")
+    call(python, "-m", "islandgp", *overrides, "runs=installed", cwd=tmp_path)
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "islandgp", *words, "runs=checkout"]
+    command = [sys.executable, "-m", "islandgp", *overrides, "runs=checkout"]
     subprocess.run(command, cwd=tmp_path, env=env, check=True, capture_output=True)
     one, two = (tmp_path / name for name in ("installed", "checkout"))
     (first,), (second,) = (list(p.rglob("generations.jsonl")) for p in (one, two))
@@ -110,26 +117,26 @@ def test_same_records_as_the_checkout(python: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_domain_of_your_own(python: Path, tmp_path: Path) -> None:
+def test_a_user_s_domain(python: Path, tmp_path: Path) -> None:
     """docs/own_domain.md, each command of it, with the wheel alone."""
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
-    def place(here: Path) -> Command:
-        return lambda *words: call(python.with_name("islandgp"), *words, cwd=here, env=env)
+    def place(folder: Path) -> Command:
+        return lambda *words: call(python.with_name("islandgp"), *words, cwd=folder, env=env)
 
     assert "First Placed One Robot" in follow(tmp_path, place)
 
 
 @pytest.mark.slow
 def test_other_rewards(python: Path, tmp_path: Path) -> None:
-    """Another reward table is a file in a folder of one's own."""
+    """Another reward table is a file in a user's folder."""
     folder = tmp_path / "mine" / "rewards"
     folder.mkdir(parents=True)
     text = "defaults: [paper, _self_]\nevents:\n  patrol: {component: patrol, base: 500}\n"
     (folder / "patrol.yaml").write_text(text, encoding="utf-8")
-    words = ("--config-dir", "mine", "rewards=patrol", "experiment=smoke", "tracking=off")
-    found = call(python, "-m", "islandgp", *words, "progress=off", cwd=tmp_path)
-    assert "Best robot" in found
+    overrides = ("--config-dir", "mine", "rewards=patrol", "experiment=smoke", "tracking=off")
+    output = call(python, "-m", "islandgp", *overrides, "progress=off", cwd=tmp_path)
+    assert "Best robot" in output
 
 
 @pytest.mark.slow
@@ -140,14 +147,14 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     shutil.copytree(EXAMPLE, robot)
     env = {**os.environ, "PYTHONPATH": str(robot), "COLUMNS": "40"}
     env.pop("ANTHROPIC_API_KEY", None)
-    own = ("--config-dir", robot / "conf")
+    options = ("--config-dir", robot / "conf")
 
-    def islandgp(*words: str | Path) -> str:
-        return call(python.with_name("islandgp"), *words, cwd=empty, env=env)
+    def islandgp(*arguments: str | Path) -> str:
+        return call(python.with_name("islandgp"), *arguments, cwd=empty, env=env)
 
-    def run(*words: str) -> str:
+    def run(*overrides: str) -> str:
         small = ("domain=pick_place", "experiment=smoke", "tracking=off", "progress=off")
-        return islandgp("run", *own, *small, "evaluator=serial", *words)
+        return islandgp("run", *options, *small, "evaluator=serial", *overrides)
 
     for supervisor in ("baseline", "fixed", "untargeted", "expert"):
         assert "Best robot" in run(f"supervisor={supervisor}")
@@ -157,15 +164,15 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     (recorded,) = (empty / "runs" / "smoke").glob("llm-*")
     assert "Best robot" in run("supervisor=replay", f"supervisor.policy.transcript='{recorded}'")
     tree = robot / "carry.bt"
-    assert "no warnings" in islandgp("check", tree, *own)
-    assert "finished" in islandgp("play", tree, *own, "--seeds", "3")
-    assert "progress" in islandgp("trace", tree, *own)
-    islandgp("replay", tree, *own, "-o", "a replay.html")
-    islandgp("replay", recorded / "best.bt", *own, "-o", "best.html")
-    islandgp("export", tree, *own, "-o", "carry.xml")
+    assert "no warnings" in islandgp("check", tree, *options)
+    assert "finished" in islandgp("play", tree, *options, "--seeds", "3")
+    assert "progress" in islandgp("trace", tree, *options)
+    islandgp("replay", tree, *options, "-o", "a replay.html")
+    islandgp("replay", recorded / "best.bt", *options, "-o", "best.html")
+    islandgp("export", tree, *options, "-o", "carry.xml")
     assert "MoveToPick" in (empty / "carry.xml").read_text(encoding="utf-8")
     arms = ("--arm", "expert=supervisor=expert", "--arm", "fixed=supervisor=fixed")
-    said = islandgp("compare", *own, *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
-    assert "study/expert-fixed/index.html" in said
+    output = islandgp("compare", *options, *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
+    assert "study/expert-fixed/index.html" in output
     page = empty / "study" / "expert-fixed" / "index.html"
     assert "expert against fixed" in page.read_text(encoding="utf-8")

@@ -130,7 +130,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
 
 
 @sweep(
-    "words",
+    "overrides",
     [
         ["gp.mutation_rate=1e-1,+0.30,0"],
         ["gp.mutation_rate=range(0.1,0.4,0.1)"],

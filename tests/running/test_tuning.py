@@ -191,7 +191,7 @@ def test_the_optimum_is_found_off_the_grid() -> None:
 
 
 def test_the_episodes_are_counted() -> None:
-    """The costs are what the evaluator ran, within the budget; progress is reported for each call."""
+    """The costs are what the evaluator ran, within the budget; each call reports progress."""
     hill, result, progress = tuned_once()
     assert result.comparison is not None
     assert result.costs.total == hill.episodes == progress[-1] <= 2_400

@@ -55,7 +55,7 @@ def test_every_search_has_its_row() -> None:
     assert set(NAMES) - cited == {"random", "compose"}
 
 
-@sweep("words", RUNS, ids=" ".join, quick=3)
+@sweep("arguments", RUNS, ids=" ".join, quick=3)
 def test_every_command_composes(arguments: list[str], project: Path) -> None:
     """Without running it."""
     config_dir = project / "mine" if "--config-dir" in arguments else None

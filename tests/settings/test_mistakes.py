@@ -402,7 +402,10 @@ def test_an_impossible_store_is_reported_before_the_start(
 
 
 @sweep(
-    ("words", "line"), ONE_LINE, ids=[" ".join(arguments) for arguments, _ in ONE_LINE], quick=40
+    ("arguments", "line"),
+    ONE_LINE,
+    ids=[" ".join(arguments) for arguments, _ in ONE_LINE],
+    quick=40,
 )
 def test_one_error_one_line(
     arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]

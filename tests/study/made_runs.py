@@ -36,22 +36,22 @@ def _config(supervisor: str) -> str:
 
 def config(supervisor: str = "expert", seed: int = 0, **changes: Any) -> dict[str, Any]:
     """A run's whole configuration; `changes` by dotted key with __ for the dots."""
-    found: dict[str, Any] = json.loads(_config(supervisor))
-    found["seed"] = seed
+    values: dict[str, Any] = json.loads(_config(supervisor))
+    values["seed"] = seed
     for key, value in changes.items():
         *path, last = key.split("__")
-        at = found
+        at = values
         for part in path:
             at = at[part]
         at[last] = value
-    return found
+    return values
 
 
 def individual(
     name: str, origin: str = "crossover", parents: Sequence[str] = (), **changes: Any
 ) -> IndividualRecord:
     """An individual that did nothing remarkable."""
-    found = IndividualRecord(
+    record = IndividualRecord(
         id=name,
         origin=origin,
         parents=tuple(parents),
@@ -66,12 +66,12 @@ def individual(
         counters={**NOTHING.counters, "pickups": 1.0, "gathered": 1.0},
         endings=("time",),
     )
-    return replace(found, **changes)
+    return replace(record, **changes)
 
 
 def guidance(**changes: Any) -> GuidanceRecord:
-    """An answer that says nothing."""
-    found = GuidanceRecord(
+    """An answer without content."""
+    record = GuidanceRecord(
         asked_at=0,
         source="made",
         phase=None,
@@ -89,10 +89,10 @@ def guidance(**changes: Any) -> GuidanceRecord:
         rationale="",
         notes={},
     )
-    return replace(found, **changes)
+    return replace(record, **changes)
 
 
-def made_run(
+def fake_run(
     supervisor: str = "expert",
     seed: int = 0,
     *,
@@ -105,7 +105,7 @@ def made_run(
     path: str = "",
     **changes: Any,
 ) -> Run:
-    """A run whose snapshots say what is asked for; `complete` is the first such generation."""
+    """A run with the given snapshots; `complete` is the first such generation."""
     curve = [float(best)] * generations if isinstance(best, float | int) else list(best)
     last = len(curve) - 1
     records = tuple(
@@ -129,18 +129,18 @@ def made_run(
         for g, fitness in enumerate(curve)
     )
     top = max(range(len(curve)), key=lambda g: curve[g])
-    whole = config(supervisor, seed, **changes)
+    configuration = config(supervisor, seed, **changes)
     return Run(
-        path=Path(path or f"runs/{whole['name']}/{supervisor}-seed{seed}"),
-        config=whole,
-        flat=flatten(whole),
+        path=Path(path or f"runs/{configuration['name']}/{supervisor}-seed{seed}"),
+        config=configuration,
+        flat=flatten(configuration),
         records=records,
         costs=(Cost(1.0, 0.5, 0.1, 30, 28),) * len(curve),
         champion=Champion(top, max(records[top].individuals, key=lambda i: i.fitness)),
     )
 
 
-def made_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
+def fake_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
     """An arm of runs."""
     return Arm(name, selection or f"supervisor={name}", tuple(runs))
 
@@ -153,9 +153,9 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
     _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
     if finished:
         mean = run.validation_mean or 0.0
-        found = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
+        validation = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
         summary = {
-            "champion": {**asdict(run.champion), "validation": found and asdict(found)},
+            "champion": {**asdict(run.champion), "validation": validation and asdict(validation)},
             "fittest": asdict(run.champion),
             "first": {},
             **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),

@@ -90,10 +90,10 @@ def test_probability_of_improvement_by_hand(
 
 def test_a_profile_by_hand() -> None:
     """Above, and not at, each threshold; over all runs of all worlds."""
-    found = performance_profile([[1.0, 2.0], [2.0, 4.0]], [4.0, 0.0, 2.0, 1.0, 2.0])
-    assert found.thresholds == (0, 1, 2, 4)
-    assert found.share == (1, 0.75, 0.25, 0)
-    assert all(isnan(x) for x in (*found.low, *found.high))  # four runs have no band
+    profile = performance_profile([[1.0, 2.0], [2.0, 4.0]], [4.0, 0.0, 2.0, 1.0, 2.0])
+    assert profile.thresholds == (0, 1, 2, 4)
+    assert profile.share == (1, 0.75, 0.25, 0)
+    assert all(isnan(x) for x in (*profile.low, *profile.high))  # four runs have no band
     assert thresholds([[2.0, 1.0]], [[3.0], [2.0]]) == (1, 2, 3)
     assert len(thresholds([np.arange(5000.0)])) == MAX_THRESHOLDS
 
@@ -121,7 +121,7 @@ def test_estimates_are_those_of_rliable() -> None:
 
 
 @pytest.mark.parametrize(
-    ("found", "low", "high", "within"),
+    ("computed", "low", "high", "within"),
     [
         (stratified_bootstrap(A, interquartile_mean), 0.541875, 0.97625, 0.015),
         (stratified_bootstrap(B, interquartile_mean), -0.0375, 0.43125, 0.015),
@@ -130,17 +130,17 @@ def test_estimates_are_those_of_rliable() -> None:
     ],
 )
 def test_intervals_are_those_of_rliable(
-    found: Interval, low: float, high: float, within: float
+    computed: Interval, low: float, high: float, within: float
 ) -> None:
     """Up to the chance of its 3,000 to 20,000 resamples, which have no seed."""
-    assert (found.low, found.high) == pytest.approx((low, high), abs=within)
+    assert (computed.low, computed.high) == pytest.approx((low, high), abs=within)
 
 
 def test_bands_are_those_of_rliable() -> None:
     """With 30 runs ends are multiples of 1/30; the draws may differ by one of them."""
-    found = performance_profile(A, [0, 0.25, 0.5, 0.75, 1])
-    assert found.low == pytest.approx((0.66667, 0.53333, 0.53333, 0.53333, 0.2), abs=0.034)
-    assert found.high == pytest.approx((0.93333, 0.86667, 0.86667, 0.86667, 0.46667), abs=0.034)
+    profile = performance_profile(A, [0, 0.25, 0.5, 0.75, 1])
+    assert profile.low == pytest.approx((0.66667, 0.53333, 0.53333, 0.53333, 0.2), abs=0.034)
+    assert profile.high == pytest.approx((0.93333, 0.86667, 0.86667, 0.86667, 0.46667), abs=0.034)
 
 
 def test_pairs_are_drawn_as_pairs() -> None:
@@ -156,12 +156,12 @@ def test_bootstrap_of_a_chance_by_another_way() -> None:
     """The standard error is that of resamples that are compared run by run."""
     rng = np.random.default_rng(3)
     x, y = rng.integers(0, 5, 12).astype(float), rng.integers(0, 5, 15).astype(float)
-    drawn = [
+    estimates = [
         probability_of_improvement([rng.choice(x, 12)], [rng.choice(y, 15)]) for _ in range(2000)
     ]
-    low, high = np.quantile(drawn, (0.025, 0.975))
-    found = improvement_interval([x], [y])
-    assert (found.low, found.high) == pytest.approx((low, high), abs=0.03)
+    low, high = np.quantile(estimates, (0.025, 0.975))
+    computed = improvement_interval([x], [y])
+    assert (computed.low, computed.high) == pytest.approx((low, high), abs=0.03)
 
 
 scores = st.lists(st.integers(-5, 5).map(float), min_size=10, max_size=16)
@@ -175,8 +175,8 @@ def test_constant_scores_have_no_width(value: float, n: int, many: int) -> None:
     """A point in each interval and band; half a chance of improvement, which is a point too."""
     strata = [[value] * n] * many
     for statistic in (mean, median, interquartile_mean):
-        found = stratified_bootstrap(strata, statistic)
-        assert found.low == found.estimate == found.high
+        constant = stratified_bootstrap(strata, statistic)
+        assert constant.low == constant.estimate == constant.high
     assert improvement_interval(strata, strata) == Interval(0.5, 0.5, 0.5)
     profile = performance_profile(strata, [value - 1, value, value + 1])
     assert profile.low == profile.share == profile.high == (1, 0, 0)
@@ -187,9 +187,9 @@ def test_constant_scores_have_no_width(value: float, n: int, many: int) -> None:
 @given(worlds)
 def test_an_arm_does_not_improve_on_itself(strata: list[list[float]]) -> None:
     """One half: in the middle of its interval, and exactly where runs are drawn as pairs."""
-    found = improvement_interval(strata, strata)
-    assert found.estimate == 0.5
-    assert found.low <= 0.5 <= found.high
+    improvement = improvement_interval(strata, strata)
+    assert improvement.estimate == 0.5
+    assert improvement.low <= 0.5 <= improvement.high
     assert improvement_interval(strata, strata, paired=True) == Interval(0.5, 0.5, 0.5)
     assert improvement_test(strata, strata).p == 1.0
     assert improvement_test(strata, strata, paired=True).p == 1.0
@@ -199,11 +199,13 @@ def test_an_arm_does_not_improve_on_itself(strata: list[list[float]]) -> None:
 @given(worlds, st.lists(st.floats(-6, 6), min_size=1, max_size=9))
 def test_a_profile_never_rises(strata: list[list[float]], at: list[float]) -> None:
     """Share and both ends of the band fall from left to right, within 0 and 1."""
-    found = performance_profile(strata, at)
-    for row in (found.share, found.low, found.high):
+    profile = performance_profile(strata, at)
+    for row in (profile.share, profile.low, profile.high):
         assert all(a >= b for a, b in pairwise(row))
         assert all(0 <= x <= 1 for x in row)
-    assert all(a <= b <= c for a, b, c in zip(found.low, found.share, found.high, strict=True))
+    assert all(
+        a <= b <= c for a, b, c in zip(profile.low, profile.share, profile.high, strict=True)
+    )
 
 
 @few
@@ -249,17 +251,17 @@ def test_draws_are_keyed_by_purpose() -> None:
 )
 def test_few_runs_have_no_interval(strata: tuple[tuple[float, ...], ...], known: bool) -> None:
     """Nan, where a percentile interval would cover too little; never a point."""
-    for found in (stratified_bootstrap(strata, mean), improvement_interval(strata, strata)):
-        assert not isnan(found.estimate)
-        assert [isnan(found.low), isnan(found.high)] == [not known] * 2
+    for computed in (stratified_bootstrap(strata, mean), improvement_interval(strata, strata)):
+        assert not isnan(computed.estimate)
+        assert [isnan(computed.low), isnan(computed.high)] == [not known] * 2
 
 
 def _chance(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> float:
     return round(probability_of_improvement(first, second), 9)
 
 
-def _two_sided(found: float, every: Sequence[float]) -> float:
-    tail = min(sum(v <= found for v in every), sum(v >= found for v in every))
+def _two_sided(value: float, every: Sequence[float]) -> float:
+    tail = min(sum(v <= value for v in every), sum(v >= value for v in every))
     return min(1.0, 2 * tail / len(every))
 
 
@@ -270,15 +272,15 @@ def test_the_stratified_test_counts_all_splits(pooled: list[tuple[float, ...]]) 
     first, second = [each[:2] for each in pooled], [each[2:] for each in pooled]
     splits = [
         [
-            ([each[i] for i in chosen], [each[i] for i in range(5) if i not in chosen])
-            for chosen in combinations(range(5), 2)
+            ([each[i] for i in indices], [each[i] for i in range(5) if i not in indices])
+            for indices in combinations(range(5), 2)
         ]
         for each in pooled
     ]
     every = [_chance([a[0], b[0]], [a[1], b[1]]) for a, b in product(*splits)]
-    found = improvement_test(first, second)
-    assert found.kind in (EXACT, UNTESTED)
-    assert found.p == pytest.approx(_two_sided(_chance(first, second), every))
+    result = improvement_test(first, second)
+    assert result.kind in (EXACT, UNTESTED)
+    assert result.p == pytest.approx(_two_sided(_chance(first, second), every))
 
 
 @examples(max_examples=40, deadline=None)
@@ -289,30 +291,30 @@ def test_the_test_of_pairs_counts_all_exchanges(pooled: list[tuple[float, ...]])
     ways = [
         [
             (
-                [x[k] if k in kept else y[k] for k in range(3)],
-                [y[k] if k in kept else x[k] for k in range(3)],
+                [x[k] if k in indices else y[k] for k in range(3)],
+                [y[k] if k in indices else x[k] for k in range(3)],
             )
             for n in range(4)
-            for kept in combinations(range(3), n)
+            for indices in combinations(range(3), n)
         ]
         for x, y in zip(first, second, strict=True)
     ]
     every = [_chance([w[0] for w in way], [w[1] for w in way]) for way in product(*ways)]
-    found = improvement_test(first, second, paired=True)
-    assert found.kind in (EXACT_PAIRS, UNTESTED)
-    assert found.p == pytest.approx(_two_sided(_chance(first, second), every))
+    result = improvement_test(first, second, paired=True)
+    assert result.kind in (EXACT_PAIRS, UNTESTED)
+    assert result.p == pytest.approx(_two_sided(_chance(first, second), every))
 
 
 def test_one_world_has_mann_and_whitney_s_test() -> None:
     """The p and the kind of `rank_test`, and the effect size is the same in other words."""
     x, y = [1.0, 5.0, 6.0, 7.0, 9.0], [2.0, 2.0, 3.0, 4.0]
-    test, found = rank_test(x, y), improvement_test([x], [y])
-    assert (found.p, found.kind) == (test.p, test.kind)
+    test, improvement = rank_test(x, y), improvement_test([x], [y])
+    assert (improvement.p, improvement.kind) == (test.p, test.kind)
     assert probability_of_improvement([x], [y]) == pytest.approx((1 - test.r) / 2)
 
 
 def test_worlds_of_different_sizes_are_approximated() -> None:
-    """The kind says so; p is near the exact one of as many runs everywhere."""
+    """The kind states it; p is near the exact one of as many runs everywhere."""
     exact, pairs = improvement_test(A, B), improvement_test(A, B, paired=True)
     assert (exact.kind, pairs.kind) == (EXACT, EXACT_PAIRS)
     fewer = improvement_test([A[0][:9], *A[1:]], B)
@@ -352,14 +354,14 @@ def test_coverage_of_intervals_of_scores_with_two_peaks(
     monkeypatch.setattr("islandgp.study.aggregates.RESAMPLES", 1000)
     rng = np.random.default_rng(1)
 
-    def drawn(*shape: int) -> Any:
+    def sample(*shape: int) -> Any:
         return (rng.random(shape) < 0.5) + rng.normal(0, 0.1, shape)
 
-    expected = {statistic: statistic(drawn(2_000_000)) for statistic in (mean, interquartile_mean)}
-    trials = [drawn(worlds, runs) for _ in range(800)]
+    expected = {statistic: statistic(sample(2_000_000)) for statistic in (mean, interquartile_mean)}
+    trials = [sample(worlds, runs) for _ in range(800)]
     for statistic, value in expected.items():
-        found = [stratified_bootstrap(each, statistic) for each in trials]
-        assert least <= np.mean([i.low <= value <= i.high for i in found]) <= most
+        intervals = [stratified_bootstrap(each, statistic) for each in trials]
+        assert least <= np.mean([i.low <= value <= i.high for i in intervals]) <= most
 
 
 @pytest.mark.parametrize(

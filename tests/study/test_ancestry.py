@@ -21,7 +21,7 @@ from islandgp.study.lineage import (
     provenance,
 )
 from islandgp.study.tables.origins import champion_sources_table, edits_table, sources_table
-from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
+from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance, individual
 
 OTHER = "PatrolWaypoint\n"
 (POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]
@@ -48,7 +48,7 @@ POPULATIONS = [
 
 def _run(source: str = "expert") -> Run:
     guided = guidance(tree=POOR, injected=True, source=source)
-    return made_run(best=[1.0, 1, 1, 2], populations=POPULATIONS, guided=guided, complete=2)
+    return fake_run(best=[1.0, 1, 1, 2], populations=POPULATIONS, guided=guided, complete=2)
 
 
 def test_copies_are_followed_back_to_where_the_tree_arose() -> None:
@@ -68,9 +68,9 @@ def test_copies_are_followed_back_to_where_the_tree_arose() -> None:
 def test_a_tree_from_outside_the_library_has_its_writer_s_name() -> None:
     """A language model's tree is called by its supervisor."""
     guided = guidance(tree=OTHER, injected=True, source="llm")
-    run = made_run(best=[1.0] * 4, populations=POPULATIONS, guided=guided)
+    run = fake_run(best=[1.0] * 4, populations=POPULATIONS, guided=guided)
     assert provenance(run, run.records[3].individuals[-1:]) == ["injected, as it is: llm"]
-    assert most_injected([made_arm("llm", [run])]) is None
+    assert most_injected([fake_arm("llm", [run])]) is None
 
 
 def test_base_rate_by_hand() -> None:
@@ -78,11 +78,11 @@ def test_base_rate_by_hand() -> None:
     assert injected_shares(_run()) == [0, 1 / 2, 1, 4 / 7]
 
 
-def test_the_tables_say_how_common_descent_is() -> None:
-    """The champion's source stands beside its generation's share of descendants."""
+def test_the_tables_show_how_common_descent_is() -> None:
+    """The champion's source is beside its generation's share of descendants."""
     plain = [[individual(f"{g}.0", "random", tree=TREE)] for g in range(4)]
-    rival = made_run("baseline", best=[1.0] * 4, populations=plain)
-    study = compare_arms([made_arm("expert", [_run()]), made_arm("baseline", [rival])])
+    rival = fake_run("baseline", best=[1.0] * 4, populations=plain)
+    study = compare_arms([fake_arm("expert", [_run()]), fake_arm("baseline", [rival])])
     assert [i.id for i in final_elite(study.arms[0].runs[0])] == ["3.0"]
     rows = {row[0]: row[1:] for row in champion_sources_table(study).rows}
     assert rows["injected, as it is: poor"] == ("1", "100%", "0", "0%")
@@ -96,7 +96,7 @@ def test_the_tables_say_how_common_descent_is() -> None:
 
 
 def test_edited_trees_in_the_tables() -> None:
-    """Their fates have a table; the first robot and the champion may be one, which is said."""
+    """Their fates have a table; the first robot and the champion may be one, which is noted."""
     edit = as_record(Edit("combine", of="0.0", donor="0.1"), "")
     refused = as_record(Edit("combine", of="9.0", donor="0.1"), "no such individual")
     populations = [
@@ -106,14 +106,14 @@ def test_edited_trees_in_the_tables() -> None:
         [individual("3.0", "elite", ["2.0"], fitness=4.0)],
     ]
     guided = guidance(edits=(edit, refused))
-    run = made_run("editor", best=[1.0] * 4, populations=populations, guided=guided)
+    run = fake_run("editor", best=[1.0] * 4, populations=populations, guided=guided)
     trial = EditTrial("1.0", "0.0", 1000.0, 400.0)
     records = list(run.records)
     records[1] = replace(records[1], trials=(trial,))
     edited = replace(run, records=tuple(records))
     assert descent_of_first(edited, "complete") is Descent.EDITED
     assert provenance(edited, edited.records[2].individuals) == [EDITED]
-    study = compare_arms([made_arm("editor", [edited]), made_arm("expert", [_run()])])
+    study = compare_arms([fake_arm("editor", [edited]), fake_arm("expert", [_run()])])
     table = edits_table(study)
     assert table is not None
     (row,) = table.rows
@@ -127,6 +127,6 @@ def test_edited_trees_in_the_tables() -> None:
         "became a parent": "100%",
         "mean generations lived": "2.0",
     }
-    rival = made_run("baseline", best=[1.0] * 4, populations=POPULATIONS)
-    without = compare_arms([study.arms[1], made_arm("baseline", [rival])])
+    rival = fake_run("baseline", best=[1.0] * 4, populations=POPULATIONS)
+    without = compare_arms([study.arms[1], fake_arm("baseline", [rival])])
     assert edits_table(without) is None

@@ -20,7 +20,7 @@ from islandgp.study.report import ComparisonReport, build
 from islandgp.study.writing import runs_csv, to_markdown, to_page
 from islandgp.trust import trust, trusting
 from tests.made import CLASSES
-from tests.study.made_runs import config, guidance, individual, made_arm, made_run
+from tests.study.made_runs import config, fake_arm, fake_run, guidance, individual
 
 TIERS = ("begun", "halfway", "nearly", "arrived")
 
@@ -40,7 +40,7 @@ MAZE = {
 def _maze_run(supervisor: str, seed: int) -> Run:
     """A run in a maze: one component, one behaviour, four milestones."""
     plain = individual("0.0")
-    run = made_run(supervisor, seed, generations=6, guided=guidance(pattern="stagnation"))
+    run = fake_run(supervisor, seed, generations=6, guided=guidance(pattern="stagnation"))
     records = []
     for g, record in enumerate(run.records):
         one = replace(
@@ -71,7 +71,7 @@ def _maze_run(supervisor: str, seed: int) -> Run:
 
 
 def _arms() -> list[Arm]:
-    return [made_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
+    return [fake_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
 
 
 UNSEEN = (Generalisation("expert", 0, 50.0, (40.0,) * 9, dict.fromkeys(TIERS, 0.5)),)
@@ -119,7 +119,7 @@ def test_unseen_worlds_need_the_domain() -> None:
 
 def test_no_word_of_the_island_is_in_the_report(report: ComparisonReport) -> None:
     """Neither its actions and keys, nor its counters, classes and tiers."""
-    words = {
+    names = {
         *SCHEMA.vocabulary.actions,
         *SCHEMA.vocabulary.keys,
         *SCHEMA.components,
@@ -127,23 +127,23 @@ def test_no_word_of_the_island_is_in_the_report(report: ComparisonReport) -> Non
         *CLASSES.behaviours,
     } - {"patrol", "distance", "inactive", "battery", "idle"}
     text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", to_markdown(report)).lower()
-    assert {word for word in words if re.search(rf"\b{word.lower()}\b", text)} == set()
+    assert {name for name in names if re.search(rf"\b{name.lower()}\b", text)} == set()
 
 
-def test_a_paper_is_quoted_for_its_own_classes_only() -> None:
+def test_a_paper_is_quoted_only_for_its_classes() -> None:
     """A specialist by another ratio is another thing than the paper's."""
-    runs = [[made_run(n, s, generations=4) for s in (0, 1)] for n in ("expert", "baseline")]
+    runs = [[fake_run(n, s, generations=4) for s in (0, 1)] for n in ("expert", "baseline")]
     other = [
-        [made_run(n, s, generations=4, classes__specialists__dominance_ratio=3.0) for s in (0, 1)]
+        [fake_run(n, s, generations=4, classes__specialists__dominance_ratio=3.0) for s in (0, 1)]
         for n in ("expert", "baseline")
     ]
-    for two, there in ((runs, True), (other, False)):
-        arms = [made_arm(n, r) for n, r in zip(("expert", "baseline"), two, strict=True)]
-        assert (compare_arms(arms).paper is not None) is there
+    for two, quoted in ((runs, True), (other, False)):
+        arms = [fake_arm(n, r) for n, r in zip(("expert", "baseline"), two, strict=True)]
+        assert (compare_arms(arms).paper is not None) is quoted
 
 
-def test_library_trees_have_the_names_of_the_run_s_own_folder(tmp_path: Path) -> None:
-    """Of whatever folder the configuration names; none, or one that is gone, names nothing."""
+def test_library_trees_have_the_names_of_the_run_s_folder(tmp_path: Path) -> None:
+    """Of the folder that the configuration names; none, or one that is gone, names nothing."""
     (tmp_path / "mine.bt").write_text("domain island\nPatrolWaypoint\n")
     (tmp_path / "half.bt").write_text("selector {")
     assert library_names(config(library__folder=str(tmp_path))) == {"PatrolWaypoint\n": "mine"}
@@ -152,7 +152,7 @@ def test_library_trees_have_the_names_of_the_run_s_own_folder(tmp_path: Path) ->
     assert library_names({**config(), **MAZE}) == {}
 
 
-WORDS = (
+ISLAND_WORDS = (
     "island.",
     "complete",
     "excellent",
@@ -170,10 +170,10 @@ WORDS = (
 def test_no_word_of_the_island_is_in_the_code() -> None:
     """What the study knows of a domain it knows from configuration and records."""
     folder = Path(__file__).parents[2] / "islandgp" / "study"
-    found = [
+    places = [
         (path.name, word)
         for path in sorted(folder.rglob("*.py"))
-        for word in WORDS
+        for word in ISLAND_WORDS
         if word in path.read_text(encoding="utf-8").lower()
     ]
-    assert found == []
+    assert places == []

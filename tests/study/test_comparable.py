@@ -15,13 +15,13 @@ from islandgp.study.emergence import first
 from islandgp.study.findings import examine_all
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.plan import DEFAULT_PLAN, families
-from tests.study.made_runs import made_arm, made_run
+from tests.study.made_runs import fake_arm, fake_run
 
 
 def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:
     supervisor = name if name in ("expert", "baseline", "fixed") else "expert"
-    runs = [made_run(supervisor, s, generations=4, path=f"{name}-{s}", **changes) for s in seeds]
-    return made_arm(name, runs, selection)
+    runs = [fake_run(supervisor, s, generations=4, path=f"{name}-{s}", **changes) for s in seeds]
+    return fake_arm(name, runs, selection)
 
 
 def test_supervisors_may_differ() -> None:
@@ -53,15 +53,15 @@ def test_another_world_budget_or_gp_is_refused(key: str, value: Any) -> None:
 
 
 @pytest.mark.parametrize(("factory", "doubted"), [("theirs:Pool", True), ("", False)])
-def test_an_evaluator_of_ones_own_may_make_a_difference(factory: str, doubted: bool) -> None:
+def test_a_user_s_evaluator_may_make_a_difference(factory: str, doubted: bool) -> None:
     """What it is and how it is set is compared; the package's own give the same outcomes."""
-    own = {"evaluator__factory": factory} if factory else {}
+    changes = {"evaluator__factory": factory} if factory else {}
     arms = [
-        _arm("expert", range(2), evaluator__policy__workers=1, **own),
+        _arm("expert", range(2), evaluator__policy__workers=1, **changes),
         _arm("baseline", range(2), evaluator__policy__workers=2),
     ]
-    found = " ".join(compare_arms(arms, force=True).comparability_warnings)
-    assert ("evaluator.policy.workers differs" in found) is doubted
+    doubts = " ".join(compare_arms(arms, force=True).comparability_warnings)
+    assert ("evaluator.policy.workers differs" in doubts) is doubted
 
 
 @pytest.mark.parametrize(
@@ -81,8 +81,8 @@ def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected:
     arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
     study = compare_arms(arms, force=True)
     assert paired(*study.pairs[0]) is expected
-    (found,) = examine_all(study, families(study, DEFAULT_PLAN), TABLE_9[:1])
-    assert (found.paired is not None) is expected
+    (finding,) = examine_all(study, families(study, DEFAULT_PLAN), TABLE_9[:1])
+    assert (finding.paired is not None) is expected
 
 
 def test_what_both_selections_name_is_what_is_studied() -> None:
@@ -114,21 +114,21 @@ def test_other_seeds_are_refused() -> None:
 
 def test_an_arm_is_of_one_kind() -> None:
     """Runs of two configurations, or two runs of one seed, are no arm."""
-    mixed = made_arm(
+    mixed = fake_arm(
         "expert",
-        [made_run(seed=0, path="a"), made_run(seed=1, path="b", gp__tournament_size=2)],
+        [fake_run(seed=0, path="a"), fake_run(seed=1, path="b", gp__tournament_size=2)],
     )
     with pytest.raises(StudyError, match=r"within expert: gp\.tournament_size is 2 and 3"):
         compare_arms([mixed, _arm("baseline", range(2))])
     runs = [
-        made_run(seed=s, path=str(s), supervisor__name=f"s{s}", supervisor__lag=s) for s in (0, 1)
+        fake_run(seed=s, path=str(s), supervisor__name=f"s{s}", supervisor__lag=s) for s in (0, 1)
     ]
-    both = made_arm("a", runs)
+    both = fake_arm("a", runs)
     with pytest.raises(
         StudyError, match=r"found:\n  within a: supervisor\.name is s0 and s1\nSelect"
     ):
         compare_arms([both, _arm("baseline", range(2))])
-    twice = made_arm("expert", [made_run(seed=0, path="a"), made_run(seed=0, path="b")])
+    twice = fake_arm("expert", [fake_run(seed=0, path="a"), fake_run(seed=0, path="b")])
     with pytest.raises(StudyError, match="seeds 0 are there more than once"):
         compare_arms([twice, _arm("baseline", range(1))])
 
@@ -141,12 +141,12 @@ def test_one_arm_or_one_name_twice_is_no_comparison() -> None:
     with pytest.raises(StudyError, match="expert 2 times"):
         compare_arms([arm, arm])
     with pytest.raises(StudyError, match="each run in one arm"):
-        compare_arms([arm, made_arm("other", arm.runs)])
+        compare_arms([arm, fake_arm("other", arm.runs)])
 
 
 def test_runs_need_a_generation_in_each_stage() -> None:
     """Three generations have no mid-training: the runs are refused with the reason."""
-    arms = [made_arm(name, [made_run(name, 0, generations=3)]) for name in ("expert", "baseline")]
+    arms = [fake_arm(name, [fake_run(name, 0, generations=3)]) for name in ("expert", "baseline")]
     with pytest.raises(StudyError, match="at least 4 generations, found 3 in expert"):
         compare_arms(arms)
 
@@ -163,9 +163,9 @@ def test_three_arms_make_three_pairs() -> None:
 
 def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     """What a longer arm did later counts for no measure: 'never' is the same for both."""
-    long = made_run(generations=8, best=[1.0, 2, 3, 4, 5, 6, 9, 7], complete=3, excellent=6)
-    short = made_run("baseline", generations=6, best=[1.0] * 6)
-    study = compare_arms([made_arm("expert", [long]), made_arm("baseline", [short])], force=True)
+    long = fake_run(generations=8, best=[1.0, 2, 3, 4, 5, 6, 9, 7], complete=3, excellent=6)
+    short = fake_run("baseline", generations=6, best=[1.0] * 6)
+    study = compare_arms([fake_arm("expert", [long]), fake_arm("baseline", [short])], force=True)
     run = study.arms[0].runs[0]
     assert study.generations == len(run.records) == len(run.costs) == 6
     assert [first(run, tier) for tier in ("complete", "excellent")] == [3, None]
@@ -174,9 +174,9 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     assert TABLE_9[0].of(run) == 6.0
     assert "expert has runs of 8 generations" in study.notes[-1]
     firsts = [emergence("complete"), emergence("excellent")]
-    found = examine_all(study, families(study, DEFAULT_PLAN), firsts)
-    assert [f.samples[0] for f in found] == [(3,), (None,)]
-    assert found[1].rank.kind == UNTESTED
+    results = examine_all(study, families(study, DEFAULT_PLAN), firsts)
+    assert [f.samples[0] for f in results] == [(3,), (None,)]
+    assert results[1].rank.kind == UNTESTED
 
 
 def test_a_library_is_chosen_as_a_whole() -> None:
@@ -210,7 +210,7 @@ def test_a_search_is_chosen_as_a_whole() -> None:
         assert not allowed or any("search.name: paper in a, hill in b" in n for n in study.notes)
 
 
-def test_nothing_stands_beside_another_domain() -> None:
+def test_runs_of_two_domains_are_not_compared() -> None:
     """Runs whose classes or tiers have other names are refused, --force or not."""
     tiers = {"done": {"above": {"fitness": 1}}}
     changes = {"classes__tiers": tiers, "classes__milestones": ["done"]}
@@ -221,16 +221,16 @@ def test_nothing_stands_beside_another_domain() -> None:
         compare_arms([_arm("a", range(2)), other], force=True)
 
 
-def test_arms_that_evolved_the_same_populations_are_said() -> None:
-    """Whatever their supervisors said: nothing of them differs, and the report tells it."""
+def test_arms_with_the_same_populations_are_noted() -> None:
+    """For any advice of their supervisors: nothing of them differs, and the report notes it."""
     same = compare_arms([_arm("expert", range(3)), _arm("baseline", range(3))])
     assert any(
         "expert and baseline have the same individuals in every generation of 3 of 3 runs" in note
         for note in same.notes
     )
-    other = made_arm(
+    other = fake_arm(
         "baseline",
-        [made_run("baseline", s, generations=4, best=s, path=f"o{s}") for s in range(3)],
+        [fake_run("baseline", s, generations=4, best=s, path=f"o{s}") for s in range(3)],
     )
     apart = compare_arms([_arm("expert", range(3)), other])
     assert not any("same individuals" in note for note in apart.notes)

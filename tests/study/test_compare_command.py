@@ -39,17 +39,17 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _compare(home: Path, words: list[str], monkeypatch: pytest.MonkeyPatch) -> Result:
+def _compare(home: Path, arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> Result:
     monkeypatch.chdir(home)
-    return CliRunner().invoke(command, words)
+    return CliRunner().invoke(command, arguments)
 
 
 @pytest.mark.slow
 def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Two arms of a real sweep become a page with the champions on unseen worlds."""
-    found = _compare(home, [*SMALL[2:], "--worlds", "2", "--workers", "1"], monkeypatch)
-    assert found.exit_code == 0, found.output
-    assert "Complete Robots come earlier" in found.output
+    result = _compare(home, [*SMALL[2:], "--worlds", "2", "--workers", "1"], monkeypatch)
+    assert result.exit_code == 0, result.output
+    assert "Complete Robots come earlier" in result.output
     page = (home / "study" / "expert-baseline" / "index.html").read_text()
     assert "Best robots in 2 unseen worlds" in page
     assert "4" in page
@@ -57,7 +57,7 @@ def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) 
 
 @pytest.mark.usefixtures("blank")
 def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Three arms on different seeds need --force, and the page says so."""
+    """Three arms on different seeds need --force, and the page notes it."""
     refused = _compare(home, [word for word in THREE[2:] if word != "--force"], monkeypatch)
     assert isinstance(refused.exception, StudyError)
     assert "seeds differ: expert 0-3; low 0-1; high 2-3" in str(refused.exception)
@@ -70,20 +70,20 @@ def test_the_documented_three_arms(home: Path, monkeypatch: pytest.MonkeyPatch) 
 
 def test_an_empty_selection_lists_the_runs(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A user who asks for what is not there reads what is."""
-    words = ["--arm", "a=supervisor=llm", "--arm", "b=supervisor=baseline"]
-    error = _compare(home, words, monkeypatch).exception
+    arguments = ["--arm", "a=supervisor=llm", "--arm", "b=supervisor=baseline"]
+    error = _compare(home, arguments, monkeypatch).exception
     assert isinstance(error, StudyError)
     assert "name=smoke supervisor=expert: 4 runs, seeds 0-3" in str(error)
 
 
 @pytest.mark.parametrize("out", ["file", "file/in_it", "/proc/nowhere"])
-def test_a_report_that_cannot_be_written_is_told(
+def test_a_report_that_cannot_be_written_is_one_message(
     home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, out: str
 ) -> None:
     """A file in the way of the folder, or a place where none can be made."""
     (tmp_path / "file").touch()
-    words = [*SMALL[2:], "--worlds", "0", "--no-mlflow", "-o", str(tmp_path / out)]
-    error = _compare(home, words, monkeypatch).exception
+    arguments = [*SMALL[2:], "--worlds", "0", "--no-mlflow", "-o", str(tmp_path / out)]
+    error = _compare(home, arguments, monkeypatch).exception
     assert isinstance(error, IslandError)
     assert f"Expected a folder for files in {tmp_path / out}, found: " in str(error)
     assert str(error).endswith("give another with -o.")
@@ -94,14 +94,14 @@ def test_a_report_that_cannot_be_written_is_told(
 def test_an_unreachable_store_costs_no_report(
     home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The files are written whatever becomes of MLflow, and the user is told."""
+    """The files are written without MLflow, and a message reports its failure."""
     (tmp_path / "wall").write_text("no folder")
-    words = [w for w in SMALL[2:] if w != "--no-mlflow"]
-    words += ["--worlds", "0", "-o", str(tmp_path / "out")]
-    words += ["--uri", f"sqlite:///{tmp_path / 'wall' / 'mlflow.db'}"]
-    found = _compare(home, words, monkeypatch)
-    assert found.exit_code == 0
-    assert "has not got the report" in found.output
+    arguments = [w for w in SMALL[2:] if w != "--no-mlflow"]
+    arguments += ["--worlds", "0", "-o", str(tmp_path / "out")]
+    arguments += ["--uri", f"sqlite:///{tmp_path / 'wall' / 'mlflow.db'}"]
+    result = _compare(home, arguments, monkeypatch)
+    assert result.exit_code == 0
+    assert "has not got the report" in result.output
     assert (tmp_path / "out" / "index.html").exists()
 
 
@@ -128,20 +128,20 @@ def test_a_comparison_lives_in_mlflow(
     place = Place.of(settings, tmp_path)
     sync(home / "runs", place)
     assert len(find(home / "runs")) == 8
-    words = ["--uri", uri, "--worlds", "0", "-o", str(tmp_path / "out")]
+    arguments = ["--uri", uri, "--worlds", "0", "-o", str(tmp_path / "out")]
     for name in ("expert", "baseline"):
-        words += ["--arm", f"{name}=mlflow:params.`supervisor.name` = '{name}'"]
-    found = _compare(home, words, monkeypatch)
-    assert found.exit_code == 0, (found.output, found.exception)
+        arguments += ["--arm", f"{name}=mlflow:params.`supervisor.name` = '{name}'"]
+    result = _compare(home, arguments, monkeypatch)
+    assert result.exit_code == 0, (result.output, result.exception)
     store = Store(place)
-    (kept,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
-    assert "p_bh/first_complete" in kept.data.metrics
-    names = {f.path for f in store.client.list_artifacts(kept.info.run_id)}
+    (comparison,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
+    assert "p_bh/first_complete" in comparison.data.metrics
+    names = {f.path for f in store.client.list_artifacts(comparison.info.run_id)}
     assert {"index.html", "report.md", "figures", "tables", "runs.csv"} <= names
-    wrong = _compare(home, ["--uri", uri, *words[-4:-1], "a=mlflow:nonsense !"], monkeypatch)
-    assert isinstance(wrong.exception, StudyError)
-    assert "Expected an MLflow filter" in str(wrong.exception)
+    refused = _compare(home, ["--uri", uri, *arguments[-4:-1], "a=mlflow:nonsense !"], monkeypatch)
+    assert isinstance(refused.exception, StudyError)
+    assert "Expected an MLflow filter" in str(refused.exception)
     nowhere = tmp_path / "nowhere.db"
-    wrong = _compare(home, ["--uri", f"sqlite:///{nowhere}", *words[-4:]], monkeypatch)
-    assert f"Expected an MLflow store in {nowhere}, found none" in str(wrong.exception)
+    refused = _compare(home, ["--uri", f"sqlite:///{nowhere}", *arguments[-4:]], monkeypatch)
+    assert f"Expected an MLflow store in {nowhere}, found none" in str(refused.exception)
     assert not nowhere.exists()

@@ -12,7 +12,7 @@ from islandgp.study.generalise import best_of, controls
 from islandgp.study.library import trees_for_targets
 from islandgp.study.tables.champions import controls_table
 from tests.made import outcome
-from tests.study.made_runs import config, made_arm, made_run
+from tests.study.made_runs import config, fake_arm, fake_run
 
 TREES = trees_for_targets(config())
 
@@ -38,7 +38,7 @@ class Known:
 
 def _study():  # type: ignore[no-untyped-def] # a Comparison
     arms = [
-        made_arm(name, [made_run(name, s, generations=4) for s in (0, 1)])
+        fake_arm(name, [fake_run(name, s, generations=4) for s in (0, 1)])
         for name in ("expert", "baseline")
     ]
     return compare_arms(arms)
@@ -46,35 +46,35 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 def test_each_tree_of_the_library_lives_in_the_runs_worlds_and_stages() -> None:
     """One episode for each tree, run and generation; the kinds of reference trees are distinct."""
-    study, made = _study(), list[Known]()
+    study, evaluators = _study(), list[Known]()
 
     def make(problem: Problem) -> Known:
-        made.append(Known(problem))
-        return made[0]
+        evaluators.append(Known(problem))
+        return evaluators[0]
 
-    found = controls(study, make)
-    assert [c.name for c in found if c.injectable] == list(TREES)
-    assert "all_rounder" in [c.name for c in found if not c.injectable]
-    own = {(j.stage, j.seed) for j in made[0].jobs if j.tree == TREES["single_pickup"]}
+    trees = controls(study, make)
+    assert [c.name for c in trees if c.injectable] == list(TREES)
+    assert "all_rounder" in [c.name for c in trees if not c.injectable]
+    pairs = {(j.stage, j.seed) for j in evaluators[0].jobs if j.tree == TREES["single_pickup"]}
     runs = study.arms[0].runs
-    assert own == {(r.snapshot.stage, r.worlds[0]) for run in runs for r in run.records}
-    assert len(made[0].jobs) == len(set(made[0].jobs))
+    assert pairs == {(r.snapshot.stage, r.worlds[0]) for run in runs for r in run.records}
+    assert len(evaluators[0].jobs) == len(set(evaluators[0].jobs))
     stages = [r.snapshot.stage for r in runs[0].records]
-    assert best_of(found, 0) == tuple(1000.0 * len(TREES) + stage for stage in stages)
+    assert best_of(trees, 0) == tuple(1000.0 * len(TREES) + stage for stage in stages)
 
 
-def test_the_table_tells_what_evolution_adds() -> None:
+def test_the_table_shows_what_evolution_adds() -> None:
     """The difference of a run's highest fitness to the best of the library, seed by seed."""
     study = _study()
-    found = controls(study, Known)
-    table = controls_table(study, found)
+    trees = controls(study, Known)
+    table = controls_table(study, trees)
     assert [row[0] for row in table.rows][:3] == [
         "expert",
         "baseline",
         "best of the library, not evolved",
     ]
-    own = [s.best for s in study.arms[0].runs[0].snapshots]
-    added = sum(own) / 4 - sum(best_of(found, 0)) / 4
+    bests = [s.best for s in study.arms[0].runs[0].snapshots]
+    added = sum(bests) / 4 - sum(best_of(trees, 0)) / 4
     assert (
         f"{added:+,.0f}".replace("-", "\N{MINUS SIGN}") in table.rows[0][-1]
         or f"{added:+,.0f}" in table.rows[0][-1]
@@ -84,9 +84,9 @@ def test_the_table_tells_what_evolution_adds() -> None:
 def test_an_arm_of_other_seeds_has_no_paired_difference() -> None:
     """Its runs met other worlds."""
     study = _study()
-    found = controls(study, Known)
+    trees = controls(study, Known)
     others = replace(
-        study.arms[1], runs=tuple(made_run("baseline", s, generations=4) for s in (5, 6))
+        study.arms[1], runs=tuple(fake_run("baseline", s, generations=4) for s in (5, 6))
     )
-    table = controls_table(replace(study, arms=(study.arms[0], others)), found)
+    table = controls_table(replace(study, arms=(study.arms[0], others)), trees)
     assert table.rows[0][-1] != table.rows[1][-1] == table.rows[2][-1]

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 from islandgp.study.comparable import compare_arms
 from islandgp.study.tables.supervision import decisions_table
-from tests.study.made_runs import guidance, made_arm, made_run
+from tests.study.made_runs import fake_arm, fake_run, guidance
 
 
 def test_shares_are_of_all_decisions() -> None:
     """One label in three decisions is 33.3 %, although it is the only label there is."""
-    run = made_run(generations=4)
+    run = fake_run(generations=4)
     first = replace(run.records[0], guidance=guidance(pattern="stagnation", phase="refinement"))
     labelled = replace(run, records=(first, *run.records[1:]))
-    arms = [made_arm("expert", [labelled]), made_arm("baseline", [made_run("baseline")])]
+    arms = [fake_arm("expert", [labelled]), fake_arm("baseline", [fake_run("baseline")])]
     table = decisions_table(compare_arms(arms, force=True))
     rows = {row[0]: row[1:3] for row in table.rows}
     assert rows["Decisions"] == ("3", "3")

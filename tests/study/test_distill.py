@@ -56,8 +56,8 @@ def test_a_rule_of_one_question_is_found() -> None:
     report = policy.report
     assert (report["target_agreement"], report["rate_error"]) == (1.0, 0.0)
     assert (report["target_commonest"], report["rate_error_mean"]) == (0.5, pytest.approx(0.15))
-    shown = ["x <= 4.5", "  0.100 (20 cases)", "x > 4.5", "  0.400 (20 cases)"]
-    assert list(rules(policy.rate)) == shown
+    expected = ["x <= 4.5", "  0.100 (20 cases)", "x > 4.5", "  0.400 (20 cases)"]
+    assert list(rules(policy.rate)) == expected
     assert "Targets: 100% of 40 agree" in "\n".join(report_lines(policy))
 
 
@@ -70,7 +70,7 @@ def test_agreement_is_that_of_runs_held_back() -> None:
 
 
 def test_the_teacher_s_gaps_are_left_out() -> None:
-    """Where it gave no tree or no rate of its own there is nothing to learn."""
+    """Where it gave no tree or no rate there is nothing to learn."""
     some = [replace(c, target=None) if c.run == 2 else replace(c, rate=None) for c in cases()]
     report = distil([*cases(2), *(replace(c, run=c.run + 2) for c in some)], "me", Shape()).report
     assert (report["targets"], report["rates"]) == (20 + 30, 20 + 10)
@@ -86,46 +86,52 @@ def test_too_few_runs_are_report_lines() -> None:
 
 def test_features_are_numbers_of_the_state() -> None:
     """Each has the name of a field, and how far a behaviour is ahead of the rarest."""
-    found = features(state(), CRISIS)
-    assert found["fitness.best"] == 4000
-    assert found["milestones.complete_seen"] == 0
-    assert (found["ahead.pickup"], found["ahead.charging"]) == (14, 0)
-    assert all(isinstance(value, float) for value in found.values())
+    values = features(state(), CRISIS)
+    assert values["fitness.best"] == 4000
+    assert values["milestones.complete_seen"] == 0
+    assert (values["ahead.pickup"], values["ahead.charging"]) == (14, 0)
+    assert all(isinstance(value, float) for value in values.values())
 
 
 @pytest.fixture(scope="module")
-def learnt(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def distilled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three small runs of the expert, and the policy that the command makes of them."""
     home = tmp_path_factory.mktemp("learnt")
     common = [*SMALL, "tracking=off", "progress=off", f"runs='{home}/my runs'"]
     assert main([*common, "supervisor=expert", "seed=range(3)", "-m"]) == 0
-    words = ["distill", str(home / "my runs"), "-o", str(home / "the policy"), "--cases", "2"]
-    done = CliRunner().invoke(islandgp, words)
-    assert done.exit_code == 0, done.output
-    assert "Teacher: expert, 3 runs" in done.output
+    arguments = ["distill", str(home / "my runs"), "-o", str(home / "the policy"), "--cases", "2"]
+    result = CliRunner().invoke(islandgp, arguments)
+    assert result.exit_code == 0, result.output
+    assert "Teacher: expert, 3 runs" in result.output
     return home
 
 
 @pytest.mark.slow
-def test_the_policy_plays(learnt: Path) -> None:
+def test_the_policy_plays(distilled: Path) -> None:
     """A run of it follows its rules; the same command again makes the same policy."""
-    folder = learnt / "the policy"
-    common = [*SMALL, "tracking=off", "progress=off", f"runs='{learnt}/played'"]
+    folder = distilled / "the policy"
+    common = [*SMALL, "tracking=off", "progress=off", f"runs='{distilled}/played'"]
     play = ["supervisor=distilled", f"supervisor.policy.folder='{folder}'", "seed=7"]
     assert main([*common, *play]) == 0
-    run = RunFolder(next((learnt / "played").rglob("generations.jsonl")).parent)
+    run = RunFolder(next((distilled / "played").rglob("generations.jsonl")).parent)
     policy = read_policy(folder)
-    given = [record.guidance for record in run.generations()][:-1]
-    assert {g.source for g in given if g} == {"distilled"}
+    answers = [record.guidance for record in run.generations()][:-1]
+    assert {g.source for g in answers if g} == {"distilled"}
     targets = {str(a.answer) for a in _answers(policy.target)}
-    assert {g.target for g in given if g} <= targets
-    again = ["distill", str(learnt / "my runs"), "-o", str(learnt / "b"), "--cases", "2"]
+    assert {g.target for g in answers if g} <= targets
+    again = ["distill", str(distilled / "my runs"), "-o", str(distilled / "b"), "--cases", "2"]
     assert CliRunner().invoke(islandgp, again).exit_code == 0
-    assert (learnt / "b" / "policy.json").read_bytes() == (folder / "policy.json").read_bytes()
-    mixed = ["distill", str(learnt / "my runs"), str(learnt / "played"), "-o", str(learnt / "c")]
-    done = CliRunner().invoke(islandgp, mixed)
-    assert isinstance(done.exception, StudyError)
-    assert "found those of distilled, expert" in str(done.exception)
+    assert (distilled / "b" / "policy.json").read_bytes() == (folder / "policy.json").read_bytes()
+    mixed = [
+        "distill",
+        str(distilled / "my runs"),
+        str(distilled / "played"),
+        "-o",
+        str(distilled / "c"),
+    ]
+    result = CliRunner().invoke(islandgp, mixed)
+    assert isinstance(result.exception, StudyError)
+    assert "found those of distilled, expert" in str(result.exception)
 
 
 def _answers(rule: object) -> list[Answer]:
@@ -135,7 +141,7 @@ def _answers(rule: object) -> list[Answer]:
     return [*_answers(rule.yes), *_answers(rule.no)]
 
 
-def test_advice_is_what_the_policy_says() -> None:
+def test_advice_follows_the_policy() -> None:
     """Rate and target of the rules, a tree of the library for it."""
     rule = Question(
         feature="tiers.complete",
@@ -147,23 +153,27 @@ def test_advice_is_what_the_policy_says() -> None:
         format=1, teacher="me", target=rule, rate=Answer(answer=0.23, cases=2), report={}
     )
     settings = composed("supervisor=distilled").supervisor.settings()
-    given = context()
-    made = Distilled(policy, _expert(settings, given), given.crisis)
+    run_context = context()
+    supervisor = Distilled(policy, _expert(settings, run_context), run_context.crisis)
     for at, target in ((state(), "charging"), (state(complete=2), "integration")):
-        found = made.advise(at, stream(0, Stream.SUPERVISION))
-        assert (found.mutation_rate, found.target, found.source) == (0.23, target, "distilled")
-        assert found.tree in given.library().trees.values()
+        guidance = supervisor.advise(at, stream(0, Stream.SUPERVISION))
+        assert (guidance.mutation_rate, guidance.target, guidance.source) == (
+            0.23,
+            target,
+            "distilled",
+        )
+        assert guidance.tree in run_context.library().trees.values()
     assert decide(rule, features(state(complete=1), CRISIS)) == "integration"
 
 
-def _expert(settings: object, given: object) -> object:
+def _expert(settings: object, run_context: object) -> object:
     from islandgp.supervision.expert import Expert
 
-    return Expert.make(settings, given)  # type: ignore[arg-type] # its settings are the expert's
+    return Expert.make(settings, run_context)  # type: ignore[arg-type] # its settings are the expert's
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"target": {"answer": "dance", "cases": 1}}, "Expected targets of this experiment"),
         ({"rate": {"answer": "much", "cases": 1}}, "Expected rates that are numbers"),
@@ -199,7 +209,7 @@ def _expert(settings: object, given: object) -> object:
     ],
 )
 def test_policies_that_do_not_fit_are_report_lines(
-    tmp_path: Path, change: object, said: str
+    tmp_path: Path, change: object, message: str
 ) -> None:
     """In one line, before anything runs."""
     good = {
@@ -212,7 +222,7 @@ def test_policies_that_do_not_fit_are_report_lines(
     text = change if isinstance(change, str) else json.dumps({**good, **change})  # type: ignore[dict-item] # a mapping
     (tmp_path / "policy.json").write_text(text, encoding="utf-8")
     settings = composed("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
-    with pytest.raises(SupervisionError, match=said):
+    with pytest.raises(SupervisionError, match=message):
         Distilled.check(settings.supervisor.settings(), context())
 
 

@@ -18,22 +18,22 @@ from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
 from islandgp.study.tables.comparisons import when
-from tests.study.made_runs import made_run
+from tests.study.made_runs import fake_run
 
 
 def test_first_is_a_generation_or_never() -> None:
     """The first generation with an individual of the tier; None when there is none."""
-    run = made_run(complete=7)
+    run = fake_run(complete=7)
     assert first(run, "complete") == 7
     assert first(run, "excellent") is None
-    assert first(made_run(complete=0), "complete") == 0
+    assert first(fake_run(complete=0), "complete") == 0
 
 
 def test_a_censored_arm_gets_no_mean() -> None:
-    """With a run without one there is no mean; the median stands while half the runs got there."""
-    found = summary([3, None, 5], 41)
-    assert (found.mean, found.sd) == (None, None)
-    assert found.median == 5
+    """With a run without one there is no mean; there is a median if half the runs got there."""
+    censored = summary([3, None, 5], 41)
+    assert (censored.mean, censored.sd) == (None, None)
+    assert censored.median == 5
     assert summary([3, None, None], 41).median is None
     assert summary([3, 5, None, None], 41).median is None
 
@@ -64,7 +64,7 @@ def test_a_censored_run_counts_with_the_generations_it_was_watched() -> None:
     assert summary([3, None], 41).watched == (3 + 41) / 2
 
 
-def test_reduction_says_what_it_compares() -> None:
+def test_reduction_names_what_it_compares() -> None:
     """Means when all got there, medians when the half did, else generations without one."""
     full, half, none = summary([5, 5], 41), summary([10, 20, None], 41), summary([None] * 2, 41)
     assert reduction(full, summary([10, 10], 41)) == (0.5, "means")
@@ -115,7 +115,7 @@ def test_band_of_a_share_by_hand() -> None:
     assert band(0.0, 10) == (pytest.approx(0.0), pytest.approx(0.2775, abs=1e-4))
 
 
-def test_a_cell_says_how_many_runs_got_there() -> None:
+def test_a_cell_shows_how_many_runs_got_there() -> None:
     """A table's cell gives mean, SD and median, or the median and how many runs it rests on."""
     assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
     assert when(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"

@@ -20,14 +20,14 @@ from islandgp.study.episodes import (
 )
 from islandgp.study.figures.episodes import at_episodes, by_episodes
 from islandgp.study.tables.supervision import episodes_table
-from tests.study.made_runs import TREE, guidance, made_arm, made_run
+from tests.study.made_runs import TREE, fake_arm, fake_run, guidance
 
 best = attrgetter("best")
 
 
 def _run(*episodes: int, seed: int = 0, **changes: Any) -> Run:
     """A run whose generations asked for so many episodes, each as fit as its number."""
-    run = made_run("expert", seed, best=[float(g) for g in range(len(episodes))], **changes)
+    run = fake_run("expert", seed, best=[float(g) for g in range(len(episodes))], **changes)
     return replace(run, costs=tuple(Cost(1.0, 0.0, 0.0, n, n) for n in episodes))
 
 
@@ -37,7 +37,7 @@ def test_episodes_are_those_of_the_costs() -> None:
 
 
 def test_episodes_of_a_record_come_first() -> None:
-    """Where a generation's record says how many it had, the costs are not asked."""
+    """Where a generation's record has the number, the costs are not read."""
     run = _run(30, 30)
     records = tuple(
         cast("GenerationRecord", SimpleNamespace(snapshot=r.snapshot, episodes=n))
@@ -53,7 +53,7 @@ def test_without_either_they_are_those_of_the_configuration() -> None:
 
 
 def _arm(name: str, *runs: Run) -> Arm:
-    return made_arm(name, runs)
+    return fake_arm(name, runs)
 
 
 def test_curves_of_runs_with_unequal_episodes() -> None:
@@ -72,10 +72,10 @@ def test_curves_of_runs_with_equal_episodes() -> None:
 
 def _costing(name: str, episodes: int, **changes: Any) -> Arm:
     runs = [_run(*[episodes] * 4, seed=s, path=f"runs/{name}/{s}", **changes) for s in (0, 1)]
-    return made_arm(name, runs)
+    return fake_arm(name, runs)
 
 
-def test_unequal_cost_is_told() -> None:
+def test_unequal_cost_is_noted() -> None:
     """In the comparison's notes, which terminal and report show; equal cost is not."""
     same = compare_arms([_costing("a", 30), _costing("b", 30)], force=True)
     assert not any("unequal cost" in text for text in same.notes)
@@ -88,7 +88,7 @@ def test_unequal_cost_is_told() -> None:
 
 def test_runs_that_are_cut_cost_what_is_compared() -> None:
     """Generations that no measure sees are in no cost."""
-    long = made_arm("a", [_run(*[30] * 9, seed=s, path=f"long/{s}") for s in (0, 1)])
+    long = fake_arm("a", [_run(*[30] * 9, seed=s, path=f"long/{s}") for s in (0, 1)])
     study = compare_arms([long, _costing("b", 30)], force=True)
     assert not any("unequal cost" in text for text in study.notes)
 
@@ -98,23 +98,25 @@ def test_everything_that_costs_episodes_counts() -> None:
     run = _run(30, 30, 30, 30, gp__population=30, gp__validation=0.5, library__folder=None)
     costs = tuple(replace(c, llm={"episodes": 2.0 * g}) for g, c in enumerate(run.costs))
     trees = replace(run.records[0], guidance=guidance(tree=TREE))
-    whole = replace(run, costs=costs, validation=(1, 2), records=(trees, *run.records[1:]))
+    with_supervisor = replace(
+        run, costs=costs, validation=(1, 2), records=(trees, *run.records[1:])
+    )
     behaviours = len(run.classes.behaviours)
-    found = episode_cost(_arm("a", whole))
-    assert found == EpisodeCost(120, 6, 60, (200 + behaviours * 450) * 2)
-    assert found.total == 186
+    cost = episode_cost(_arm("a", with_supervisor))
+    assert cost == EpisodeCost(120, 6, 60, (200 + behaviours * 450) * 2)
+    assert cost.total == 186
     assert episode_cost(_arm("a", run)) == EpisodeCost(120, 0, 0, 0)  # no trees: no search
 
 
-def test_a_library_that_one_arm_searched_is_told() -> None:
+def test_a_library_that_one_arm_searched_is_noted() -> None:
     """Unless all arms have it, or trees are from a folder."""
     trees = guidance(tree=TREE)
     searched = _costing("a", 30, guided=trees, library__folder=None)
-    given = _costing("b", 30, guided=trees)
-    (text,) = cost_warnings([searched, given])
+    from_folder = _costing("b", 30, guided=trees)
+    (text,) = cost_warnings([searched, from_folder])
     assert "the trees of a come from a search for a library of about" in text
     assert list(cost_warnings([searched, replace(searched, name="b")])) == []
-    assert list(cost_warnings([given, replace(given, name="c")])) == []
+    assert list(cost_warnings([from_folder, replace(from_folder, name="c")])) == []
 
 
 def test_the_table_of_episodes() -> None:

@@ -17,7 +17,7 @@ from islandgp.study.library import library_names
 from islandgp.study.select import parse_arm
 from islandgp.study.tables.champions import generalisation_table
 from tests.made import outcome
-from tests.study.made_runs import TREE, config, guidance, made_arm, made_run
+from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance
 
 HALF = {"complete": 0.5, "excellent": 0.5}
 
@@ -48,7 +48,7 @@ class Recorder:
 
 def _study():  # type: ignore[no-untyped-def] # a Comparison
     arms = [
-        made_arm(name, [made_run(name, s, generations=4) for s in (0, 1)])
+        fake_arm(name, [fake_run(name, s, generations=4) for s in (0, 1)])
         for name in ("expert", "baseline")
     ]
     return compare_arms(arms)
@@ -56,41 +56,41 @@ def _study():  # type: ignore[no-untyped-def] # a Comparison
 
 def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None:
     """One summary a run and one a reference tree; equal trees are simulated once."""
-    made: list[Recorder] = []
+    recorders: list[Recorder] = []
 
     def make(setting: Problem) -> Recorder:
-        made.append(Recorder(setting))
-        return made[0]
+        recorders.append(Recorder(setting))
+        return recorders[0]
 
-    found = generalise(
+    results = generalise(
         _study(), make, worlds=3, reference_trees={"a tree": "PatrolWaypoint\n"}, reference_worlds=5
     )
-    assert [(g.arm, g.seed) for g in found] == [
+    assert [(g.arm, g.seed) for g in results] == [
         ("expert", 0),
         ("expert", 1),
         ("baseline", 0),
         ("baseline", 1),
         ("a tree", None),
     ]
-    jobs = made[0].jobs
+    jobs = recorders[0].jobs
     assert {j.tree for j in jobs} == {TREE, "PatrolWaypoint\n"}
     assert len(jobs) == 3 + 5
-    assert [g.worlds for g in found] == [3, 3, 3, 3, 5]
-    assert found[-1].unseen == (0 + 1 + 2 + 3 + 4) / 5
+    assert [g.worlds for g in results] == [3, 3, 3, 3, 5]
+    assert results[-1].unseen == (0 + 1 + 2 + 3 + 4) / 5
     assert {j.stage for j in jobs} == {3}
-    assert made[0].closed
-    assert (found[0].unseen, found[0].worst) == (1.0, 0.0)
-    assert found[0].reached == {"complete": 2 / 3, "excellent": 0.0}
+    assert recorders[0].closed
+    assert (results[0].unseen, results[0].worst) == (1.0, 0.0)
+    assert results[0].reached == {"complete": 2 / 3, "excellent": 0.0}
 
 
 def test_unseen_worlds_are_those_of_nobody() -> None:
-    """They come from a stream of their own, the same for all, and not from 0 as in `play`."""
+    """They come from a separate stream, the same for all, and not from 0 as in `play`."""
     study = _study()
-    found = unseen_worlds(study, 100)
-    assert found[:3] == unseen_worlds(study, 3)
-    assert len(set(found)) == 100
-    assert min(found) > 100_000
-    assert found[0] == int(stream(0, Stream.UNSEEN).integers(2**32))
+    seeds = unseen_worlds(study, 100)
+    assert seeds[:3] == unseen_worlds(study, 3)
+    assert len(set(seeds)) == 100
+    assert min(seeds) > 100_000
+    assert seeds[0] == int(stream(0, Stream.UNSEEN).integers(2**32))
 
 
 def test_worlds_of_runs_are_passed_over() -> None:
@@ -101,8 +101,8 @@ def test_worlds_of_runs_are_passed_over() -> None:
     record = replace(arm.runs[0].records[0], worlds=(second,))
     met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
     assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 2) == (first, third)
-    chosen = replace(arm, runs=(replace(arm.runs[0], validation=(first, third)), arm.runs[1]))
-    assert unseen_worlds(replace(study, arms=(study.arms[0], chosen)), 1) == (second,)
+    validated = replace(arm, runs=(replace(arm.runs[0], validation=(first, third)), arm.runs[1]))
+    assert unseen_worlds(replace(study, arms=(study.arms[0], validated)), 1) == (second,)
 
 
 def test_reference_trees_are_library_trees_by_name() -> None:
@@ -118,21 +118,21 @@ def test_reference_trees_are_library_trees_by_name() -> None:
             ("diverse", False),
         )
     ]
-    runs = [made_run(seed=k, generations=4, guided=g) for k, g in enumerate(guided)]
+    runs = [fake_run(seed=k, generations=4, guided=g) for k, g in enumerate(guided)]
     study = _study()
-    found = reference_trees(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
-    assert found["injected 6 times: poor"] == texts["poor"]
-    assert len(found) == 3
+    trees = reference_trees(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
+    assert trees["injected 6 times: poor"] == texts["poor"]
+    assert len(trees) == 3
 
 
 def test_an_arm_may_have_a_reference_tree_s_name() -> None:
     """An arm called hand-written keeps its row, and the reference tree has its own."""
-    found = (
+    results = (
         Generalisation("hand-written", 0, 9_000.0, (5_000.0,) * 30, HALF),
         Generalisation("hand-written", 1, 9_000.0, (7_000.0,) * 30, HALF),
         Generalisation("hand-written", None, None, (1_000.0,) * 100, HALF),
     )
-    rows = [row[:5] for row in generalisation_table(found, 30).rows]
+    rows = [row[:5] for row in generalisation_table(results, 30).rows]
     assert [(row[0], row[1], row[2]) for row in rows] == [
         ("hand-written", "2", "30"),
         ("hand-written", "1", "100"),

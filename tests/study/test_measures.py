@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from islandgp.study.measures import SPANS, TABLE_9, TABLE_10, main_family
-from tests.study.made_runs import made_run
+from tests.study.made_runs import fake_run
 
 
 def test_table_9_by_hand() -> None:
     """Highest ever, highest of the last generation, mean of the highest, last mean."""
-    run = made_run(best=[1.0, 5.0, 3.0])
+    run = fake_run(best=[1.0, 5.0, 3.0])
     assert [m.of(run) for m in TABLE_9] == [5.0, 3.0, 3.0, 100.0]
 
 
 def test_table_10_by_hand() -> None:
     """A stage's value is the mean of its generations' highest fitness."""
-    run = made_run(best=[float(g) for g in range(41)])
+    run = fake_run(best=[float(g) for g in range(41)])
     assert [m.of(run) for m in TABLE_10] == [5.0, 18.0, 33.0]
 
 

@@ -29,7 +29,7 @@ def findings() -> dict[str, Finding]:
 
     Tied samples are approximated, as the paper does it.
     """
-    found = []
+    results = []
     for measure in FAMILY:
         tier = measure.key.removeprefix("first_")
         if tier in PAPER.emergence:
@@ -40,8 +40,8 @@ def findings() -> dict[str, Finding]:
             a, b = _samples_with(u)
             samples = (tuple(a), tuple(b))  # type: ignore[assignment] # numbers either way
         arms = ("proposed", "baseline")
-        found.append(examine(measure, arms, samples, 41, in_pairs=False, enumerated=0))
-    return {f.measure.key: f for f in adjust(found)}
+        results.append(examine(measure, arms, samples, 41, in_pairs=False, enumerated=0))
+    return {f.measure.key: f for f in adjust(results)}
 
 
 def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding]) -> None:
@@ -56,7 +56,7 @@ def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding])
     assert round(f.rank_q, 4) == 0.0357
 
 
-def test_table_11_counted_out_says_no_less() -> None:
+def test_table_11_counted_out_agrees() -> None:
     """No run of one arm reaches the other's: 2 of the 252 splits of ten, ties or not."""
     row = PAPER.emergence["complete"]
     f = examine(FAMILY[-2], ("a", "b"), (row.proposed, row.baseline), 41, in_pairs=False)
@@ -97,9 +97,9 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
     assert sizes == [11, 15, 15]
     for arm in ("proposed", "baseline"):
         stages = [getattr(row, arm)[0] for key, row in PAPER.fitness.items() if "stage" in key]
-        whole = getattr(PAPER.fitness["mean_max"], arm)[0]
+        mean = getattr(PAPER.fitness["mean_max"], arm)[0]
 
-        def off(weights: list[int], stages: list[float] = stages, whole: float = whole) -> float:
+        def off(weights: list[int], stages: list[float] = stages, whole: float = mean) -> float:
             return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / whole - 1)
 
         assert off(sizes) < 0.0012
@@ -108,8 +108,10 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
 
 def test_differences_are_those_that_the_paper_prints() -> None:
     """Tables 10 and 12: the printed differences follow from the printed means."""
-    for key, printed in (("stage_early", 0.184), ("stage_mid", 0.402), ("stage_late", 0.002)):
+    for key, difference in (("stage_early", 0.184), ("stage_mid", 0.402), ("stage_late", 0.002)):
         row = PAPER.fitness[key]
-        assert row.proposed[0] / row.baseline[0] - 1 == pytest.approx(printed, abs=6e-4)
-    for found in PAPER.diversity.values():
-        assert found.proposed / found.baseline - 1 == pytest.approx(found.difference, abs=1e-3)
+        assert row.proposed[0] / row.baseline[0] - 1 == pytest.approx(difference, abs=6e-4)
+    for diversity in PAPER.diversity.values():
+        assert diversity.proposed / diversity.baseline - 1 == pytest.approx(
+            diversity.difference, abs=1e-3
+        )

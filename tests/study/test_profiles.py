@@ -24,12 +24,12 @@ from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
 from tests.profiles import sweep
-from tests.study.made_runs import made_arm, made_run
+from tests.study.made_runs import fake_arm, fake_run
 
 DASH = "\N{EN DASH}"
 
 
-def _made(arms: int = 3, worlds: int = 2, runs: int = 12) -> dict[str, dict[str, list[float]]]:
+def _scores(arms: int = 3, worlds: int = 2, runs: int = 12) -> dict[str, dict[str, list[float]]]:
     """Scores with two peaks, in the k-th world 10**k times as large."""
     rng = np.random.default_rng(1)
     return {
@@ -45,7 +45,7 @@ def _made(arms: int = 3, worlds: int = 2, runs: int = 12) -> dict[str, dict[str,
 
 def test_a_row_for_each_arm_in_each_world_and_over_all() -> None:
     """With the aggregates of the module for them, in the order of the mapping."""
-    scores = _made()
+    scores = _scores()
     rows = summarise(scores)
     assert [(row.world, row.arm) for row in rows] == [
         (world, f"arm {a}") for world in ("world 0", "world 1", ALL_WORLDS) for a in range(3)
@@ -53,18 +53,18 @@ def test_a_row_for_each_arm_in_each_world_and_over_all() -> None:
     assert {row.reference for row in rows} == {"arm 0"}
     one, overall = rows[1], rows[-2]
     assert (one.runs, overall.runs) == (12, 24)
-    mine, first = ([scores[world][arm] for world in scores] for arm in ("arm 1", "arm 0"))
-    assert one.iqm == stratified_bootstrap(mine[:1], interquartile_mean)
-    assert one.improvement == improvement_interval(mine[:1], first[:1])
-    assert overall.improvement == improvement_interval(mine, first)
-    assert overall.test == improvement_test(mine, first)
+    second, first = ([scores[world][arm] for world in scores] for arm in ("arm 1", "arm 0"))
+    assert one.iqm == stratified_bootstrap(second[:1], interquartile_mean)
+    assert one.improvement == improvement_interval(second[:1], first[:1])
+    assert overall.improvement == improvement_interval(second, first)
+    assert overall.test == improvement_test(second, first)
     assert isnan(overall.iqm.estimate)
     assert rows[0].improvement is rows[0].test is rows[0].p_bh is None
 
 
 def test_p_values_are_adjusted_over_all_tests() -> None:
     """Those over all worlds included."""
-    rows = [row for row in summarise(_made()) if row.test is not None]
+    rows = [row for row in summarise(_scores()) if row.test is not None]
     p = [row.test.p for row in rows if row.test is not None]
     assert len(p) == 6
     assert tuple(row.p_bh for row in rows) == benjamini_hochberg(p)
@@ -72,28 +72,28 @@ def test_p_values_are_adjusted_over_all_tests() -> None:
 
 def test_reference_and_pairs_are_as_asked() -> None:
     """The reference may be any arm; with pairs intervals and tests are those of pairs."""
-    scores = _made(worlds=1)
+    scores = _scores(worlds=1)
     rows = summarise(scores, reference="arm 2", paired=True)
-    mine, theirs = [scores["world 0"]["arm 0"]], [scores["world 0"]["arm 2"]]
+    first, reference = [scores["world 0"]["arm 0"]], [scores["world 0"]["arm 2"]]
     assert len(rows) == 3  # one world has no rows over all
     assert rows[2].improvement is None
-    assert rows[0].improvement == improvement_interval(mine, theirs, paired=True)
-    assert rows[0].test == improvement_test(mine, theirs, paired=True)
+    assert rows[0].improvement == improvement_interval(first, reference, paired=True)
+    assert rows[0].test == improvement_test(first, reference, paired=True)
 
 
 def test_pooled_rows_need_one_scale() -> None:
-    """0 and 1 are where the bounds say, and each world then weighs the same."""
+    """0 and 1 are at the bounds, and each world then weighs the same."""
     scores = {"a": {"x": [10.0, 20.0] * 5}, "b": {"x": [-1.0, -3.0] * 5}}
-    found = normalised(scores, {"a": (10, 20), "b": (-1, -3)})
-    assert found == {"a": {"x": [0.0, 1.0] * 5}, "b": {"x": [0.0, 1.0] * 5}}
-    (*_, pooled) = summarise(found, pool=True)
+    scaled = normalised(scores, {"a": (10, 20), "b": (-1, -3)})
+    assert scaled == {"a": {"x": [0.0, 1.0] * 5}, "b": {"x": [0.0, 1.0] * 5}}
+    (*_, pooled) = summarise(scaled, pool=True)
     assert (pooled.world, pooled.mean.estimate, pooled.runs) == (ALL_WORLDS, 0.5, 20)
     assert pooled.mean.low < 0.5 < pooled.mean.high
 
 
 def test_an_arm_may_lack_a_world() -> None:
-    """It has rows where it has scores, none over all worlds, and a note says so."""
-    scores = _made()
+    """It has rows where it has scores, none over all worlds, and a note on that."""
+    scores = _scores()
     del scores["world 1"]["arm 1"]
     rows = summarise(scores)
     assert [row.arm for row in rows if row.world == ALL_WORLDS] == ["arm 0", "arm 2"]
@@ -130,11 +130,11 @@ def test_the_table_and_its_csv() -> None:
     assert table.rows[2][3] == "1.000 [1.000, 1.000]"
     assert table.rows[3][3:6] == (DASH,) * 3
     assert any("no common scale" in note for note in table.notes)
-    found = list(csv.DictReader(io.StringIO(scores_csv(rows))))
-    assert (found[1]["mean"], found[1]["improvement_low"], found[1]["kind"]) == (
+    records = list(csv.DictReader(io.StringIO(scores_csv(rows))))
+    assert (records[1]["mean"], records[1]["improvement_low"], records[1]["kind"]) == (
         *("21000.5", "1.0", "exact, ties enumerated"),
     )
-    assert (found[0]["p"], found[3]["mean"], found[3]["improvement"]) == ("", "", "")
+    assert (records[0]["p"], records[3]["mean"], records[3]["improvement"]) == ("", "", "")
     assert "nan" not in scores_csv(rows)
 
 
@@ -172,7 +172,7 @@ def test_wrong_bounds_are_refused(bounds: dict[str, tuple[float, float]]) -> Non
 
 def test_a_picture_of_profiles(tmp_path: Path) -> None:
     """SVG and PNG under its name."""
-    picture = profile_picture(_made(), pool=True, key="mine")
+    picture = profile_picture(_scores(), pool=True, key="mine")
     assert [file.name for file in picture.save(tmp_path / "new")] == ["mine.svg", "mine.png"]
     assert (tmp_path / "new" / "mine.png").read_bytes().startswith(b"\x89PNG")
     assert int.from_bytes(picture.png[16:20], "big") == int(WIDTH * DPI)
@@ -201,9 +201,9 @@ def test_any_scores_have_a_picture(scores: Scores) -> None:
 
 
 def test_names_are_shown_as_they_are() -> None:
-    """Matplotlib leaves out what begins with an underscore, and sets what stands between $."""
+    """Matplotlib leaves out what begins with an underscore, and sets math between $."""
     assert [plain(name) for name in ("a", "_a", "a$b$")] == ["a", " _a", r"a\$b\$"]
-    assert named(made_arm("_a", [made_run()])) == " _a (n = 1)"
+    assert named(fake_arm("_a", [fake_run()])) == " _a (n = 1)"
 
 
 def test_no_two_arms_look_alike() -> None:
@@ -217,7 +217,7 @@ def test_no_two_arms_look_alike() -> None:
 
 @pytest.mark.slow
 def test_the_documented_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page's program runs as it stands, and makes the files that the page names."""
+    """The page's program runs unchanged, and makes the files that the page names."""
     page = (Path(__file__).parents[2] / "docs" / "statistics.md").read_text(encoding="utf-8")
     code = page.partition("```python\n")[2].partition("```")[0]
     monkeypatch.chdir(tmp_path)

@@ -23,9 +23,9 @@ def test_the_packed_records_are_verified_and_read_as_a_run(tmp_path: Path) -> No
     sweep = tmp_path / "here" / "sweep"
     archive = tmp_path / "out" / "records.tar.xz"
     assert raw.pack(sweep, archive) == 2
-    with tarfile.open(archive) as opened:
-        for entry in opened:  # extractall has its filter only since Python 3.11.4
-            target, data = tmp_path / "there" / entry.name, opened.extractfile(entry)
+    with tarfile.open(archive) as tar:
+        for entry in tar:  # extractall has its filter only since Python 3.11.4
+            target, data = tmp_path / "there" / entry.name, tar.extractfile(entry)
             assert data is not None
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data.read())

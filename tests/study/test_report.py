@@ -30,7 +30,7 @@ from islandgp.study.table import Table
 from islandgp.study.tables.scores import champion_rows, champion_scores
 from islandgp.study.texts import title_and_caption
 from islandgp.study.writing import to_page, write
-from tests.study.made_runs import TREE, config, guidance, individual, made_arm, made_run
+from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance, individual
 
 
 def _study(*names: str, force: bool = False) -> Comparison:
@@ -56,7 +56,7 @@ def _study(*names: str, force: bool = False) -> Comparison:
             ]
             late = None if name == "baseline" and seed == 3 else 5 + 10 * k + seed
             runs.append(
-                made_run(
+                fake_run(
                     name,
                     seed,
                     best=best,
@@ -67,7 +67,7 @@ def _study(*names: str, force: bool = False) -> Comparison:
                     world__side=200 if force and name == "baseline" else 300,
                 )
             )
-        arms.append(made_arm(name, runs))
+        arms.append(fake_arm(name, runs))
     return compare_arms(arms, force=force)
 
 
@@ -92,7 +92,7 @@ def _write(folder: Path) -> tuple[ComparisonReport, Path]:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[ComparisonReport, Path]:
+def report_and_folder(tmp_path_factory: pytest.TempPathFactory) -> tuple[ComparisonReport, Path]:
     """As `_write`, with figures that are not rendered."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
@@ -100,10 +100,10 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[ComparisonReport,
 
 
 def test_every_table_and_figure_of_the_paper_is_there(
-    written: tuple[ComparisonReport, Path],
+    report_and_folder: tuple[ComparisonReport, Path],
 ) -> None:
     """Tables 9-14, Figures 4-10, and those beyond the paper."""
-    report, _ = written
+    report, _ = report_and_folder
     tables, pictures = {t.key for t in report.tables}, {p.key for p in report.pictures}
     assert {f"table-{n}" for n in range(9, 15)} | {"table-11-runs"} <= tables
     assert {"claims", "medians", "power", "lineage", "sources", "generalisation"} <= tables
@@ -111,9 +111,9 @@ def test_every_table_and_figure_of_the_paper_is_there(
     assert {"components", "classes", "diversity", "lineage", "emergence-curves"} <= pictures
 
 
-def test_the_result_is_at_the_top(written: tuple[ComparisonReport, Path]) -> None:
+def test_the_result_is_at_the_top(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """A sentence for fitness and one for first robots, then the curves; arms are named once."""
-    report, folder = written
+    report, folder = report_and_folder
     first = report.sections[0]
     *sentences, picture = first.items
     assert first.title == "Result"
@@ -147,25 +147,25 @@ def test_files_of_the_report(tmp_path: Path) -> None:
     assert all((folder / link).exists() for link in links)
 
 
-def test_the_page_needs_no_other_file(written: tuple[ComparisonReport, Path]) -> None:
+def test_the_page_needs_no_other_file(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """Figures are inside; nothing is loaded from anywhere."""
-    page = (written[1] / "index.html").read_text()
+    page = (report_and_folder[1] / "index.html").read_text()
     sources = re.findall(r'(?:src|href)="([^"]*)"', page)
     assert sources
     assert all(s.startswith(("data:image/svg+xml;base64,", "#")) for s in sources)
     assert "<script" not in page
 
 
-def test_the_paper_s_figures_are_marked(written: tuple[ComparisonReport, Path]) -> None:
-    """Each table with the paper's figures says that they come from another simulator."""
-    for table in written[0].tables:
+def test_the_paper_s_figures_are_marked(report_and_folder: tuple[ComparisonReport, Path]) -> None:
+    """Each table with the paper's figures has a note that they come from another simulator."""
+    for table in report_and_folder[0].tables:
         if any(column.startswith("paper*") for column in table.columns):
             assert any("another simulator" in note for note in table.notes)
 
 
-def test_never_is_never_a_number(written: tuple[ComparisonReport, Path]) -> None:
+def test_never_is_never_a_number(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """The run without a Complete Robot is 'never' in Table 11 and empty in runs.csv."""
-    report, folder = written
+    report, folder = report_and_folder
     table = next(t for t in report.tables if t.key == "table-11-runs")
     assert table.rows[3][table.columns.index("baseline: Complete")] == "never"
     with (folder / "runs.csv").open() as file:
@@ -173,9 +173,9 @@ def test_never_is_never_a_number(written: tuple[ComparisonReport, Path]) -> None
     assert [r["first_complete"] for r in rows if r["arm"] == "baseline"] == ["15", "16", "17", ""]
 
 
-def test_exact_numbers_of_the_tests(written: tuple[ComparisonReport, Path]) -> None:
+def test_exact_numbers_of_the_tests(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """tests.csv has the fourteen of the family and the further one, with kinds."""
-    with (written[1] / "tests.csv").open() as file:
+    with (report_and_folder[1] / "tests.csv").open() as file:
         rows = {r["measure"]: r for r in csv.DictReader(file)}
     assert len(rows) == 15
     first = rows["first_complete"]
@@ -192,9 +192,9 @@ def test_exact_numbers_of_the_tests(written: tuple[ComparisonReport, Path]) -> N
     assert rows["max_ever"]["paired_kind"] == "exact"
 
 
-def test_medians_with_censored_runs(written: tuple[ComparisonReport, Path]) -> None:
+def test_medians_with_censored_runs(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """Never counts as infinite: both arms have an interval, and so has their difference."""
-    table = next(t for t in written[0].tables if t.key == "medians")
+    table = next(t for t in report_and_folder[0].tables if t.key == "medians")
     rows = {row[0]: row[1:4] for row in table.rows}
     first, second, apart = rows["First Complete Robot"]
     assert (first, second) == ("6.5 [\N{EN DASH}]", "16.5 [\N{EN DASH}]")  # four runs
@@ -205,10 +205,10 @@ def test_medians_with_censored_runs(written: tuple[ComparisonReport, Path]) -> N
 
 
 def test_table_11_and_the_claims_give_the_restricted_difference(
-    written: tuple[ComparisonReport, Path],
+    report_and_folder: tuple[ComparisonReport, Path],
 ) -> None:
     """Generations without one: 6.5 against 22.25, with an interval, in both tables."""
-    tables = {t.key: t for t in written[0].tables}
+    tables = {t.key: t for t in report_and_folder[0].tables}
     row = dict(zip(tables["table-11"].columns, tables["table-11"].rows[0], strict=True))
     cell = row["difference without one [95 %]"]
     assert cell.startswith("\N{MINUS SIGN}15.8 [")
@@ -216,9 +216,9 @@ def test_table_11_and_the_claims_give_the_restricted_difference(
     assert claim["difference [95 %]"] == cell
 
 
-def test_scores_of_the_best_robots(written: tuple[ComparisonReport, Path]) -> None:
+def test_scores_of_the_best_robots(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """In unseen worlds, against the second arm; four runs have no interval, for a reason."""
-    report, folder = written
+    report, folder = report_and_folder
     table = next(t for t in report.tables if t.key == "scores")
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [(row["Score"], row["arm"]) for row in rows] == [
@@ -243,8 +243,8 @@ def test_scores_of_the_best_robots(written: tuple[ComparisonReport, Path]) -> No
 def test_validated_means_are_scores_too() -> None:
     """Where each run was validated; runs of shared seeds are drawn as pairs."""
     arms = [
-        made_arm(
-            name, [replace(made_run(name, s), validation_mean=s + 100.0 * k) for s in range(12)]
+        fake_arm(
+            name, [replace(fake_run(name, s), validation_mean=s + 100.0 * k) for s in range(12)]
         )
         for k, name in enumerate(("expert", "baseline"))
     ]
@@ -262,7 +262,7 @@ def test_validated_means_are_scores_too() -> None:
     assert low.p_bh == low.test.p == pytest.approx(2 / 2**12)
     assert high.improvement is None
     short = replace(arms[0].runs[0], validation_mean=None)
-    one = made_arm("expert", [short, *arms[0].runs[1:]])
+    one = fake_arm("expert", [short, *arms[0].runs[1:]])
     assert champion_scores(compare_arms([one, arms[1]], force=True), ()) == {}
 
 
@@ -270,7 +270,7 @@ def test_validated_means_are_scores_too() -> None:
 def test_a_run_that_is_cut_has_no_validated_mean() -> None:
     """Its champion is another one then, so nothing but the reason is shown."""
     arms = [
-        made_arm(name, [replace(made_run(name, 0, generations=n), validation_mean=1.0)])
+        fake_arm(name, [replace(fake_run(name, 0, generations=n), validation_mean=1.0)])
         for name, n in (("expert", 41), ("baseline", 30))
     ]
     report = build(compare_arms(arms, force=True), (), 0)
@@ -280,10 +280,12 @@ def test_a_run_that_is_cut_has_no_validated_mean() -> None:
     assert report.scores == ()
 
 
-def test_champions_stand_beside_the_reference_trees(written: tuple[ComparisonReport, Path]) -> None:
+def test_champions_are_beside_the_reference_trees(
+    report_and_folder: tuple[ComparisonReport, Path],
+) -> None:
     """Run by run in champions.csv, over runs in the table: 9,000 and 21,000 + 20 x seed points
     against 9,000 and 30,000 of the reference tree, whose third world no champion met."""
-    report, folder = written
+    report, folder = report_and_folder
     with (folder / "champions.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 8
@@ -305,7 +307,7 @@ def test_champions_stand_beside_the_reference_trees(written: tuple[ComparisonRep
 
 @pytest.mark.usefixtures("blank")
 def test_families_are_by_question() -> None:
-    """The first pair answers the paper's claims; the other pairs are a family of their own."""
+    """The first pair answers the paper's claims; the other pairs are another family."""
     report = build(_study("expert", "baseline", "fixed"), (), 0)
     assert len({f.arms for f in report.findings}) == 3
     keys = [t.key for t in report.tables]
@@ -327,10 +329,13 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
     """Found from the runs; each measure's p-values are adjusted in their own family."""
     guided = guidance(tree=TREE, injected=True)
     arms = [
-        made_arm(
-            name, [made_run(name, s, best=k + s, guided=guided if given else None) for s in (0, 1)]
+        fake_arm(
+            name,
+            [fake_run(name, s, best=k + s, guided=guided if injects else None) for s in (0, 1)],
         )
-        for k, (name, given) in enumerate((("expert", True), ("baseline", False), ("fixed", True)))
+        for k, (name, injects) in enumerate(
+            (("expert", True), ("baseline", False), ("fixed", True))
+        )
     ]
     names = [(f.name, f.pairs) for f in families(compare_arms(arms), DEFAULT_PLAN)]
     assert names == [
@@ -368,7 +373,7 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
+    ("options", "expected"),
     [
         ((["a"], None, []), "Expected --family NAME=ARM,ARM"),
         ((["=expert,baseline"], None, []), "Expected --family NAME=ARM,ARM"),
@@ -386,20 +391,20 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     ],
 )
 def test_a_plan_that_cannot_be_meant(
-    words: tuple[list[str], str | None, list[str]], expected: str
+    options: tuple[list[str], str | None, list[str]], expected: str
 ) -> None:
-    """One message says what was expected and what was found."""
-    arms = [made_arm(n, [made_run(n, 0, generations=4)]) for n in ("expert", "baseline", "fixed")]
+    """One message with what was expected and what was found."""
+    arms = [fake_arm(n, [fake_run(n, 0, generations=4)]) for n in ("expert", "baseline", "fixed")]
     study = compare_arms(arms)
     with pytest.raises(StudyError, match=expected):
-        check_plan(parse_plan(*words), study)
+        check_plan(parse_plan(*options), study)
 
 
 @pytest.mark.usefixtures("blank")
 def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     """With one run each every table and figure is made, and no difference is called shown."""
     arms = [
-        made_arm(name, [made_run(name, 0, best=best, generations=4)])
+        fake_arm(name, [fake_run(name, 0, best=best, generations=4)])
         for name, best in (("expert", 9.0), ("baseline", 1.0))
     ]
     report = build(compare_arms(arms), (), 0)
@@ -417,8 +422,8 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
 
 
 @pytest.mark.usefixtures("blank")
-def test_a_forced_comparison_says_so_on_top() -> None:
-    """The differences stand in the page before anything else."""
+def test_a_forced_comparison_is_marked_on_top() -> None:
+    """The differences are in the page before anything else."""
     report = build(_study("expert", "baseline", force=True), (), 0)
     page = to_page(report)
     assert "world.side differs: 300 in expert, 200 in baseline" in page
@@ -427,7 +432,7 @@ def test_a_forced_comparison_says_so_on_top() -> None:
 
 @pytest.mark.usefixtures("blank")
 def test_arms_without_supervision_leave_figures_out() -> None:
-    """Without patterns there is no Figure 8, without injection no Figure 9, and it is said."""
+    """Without patterns there is no Figure 8, without injection no Figure 9, and it is noted."""
     report = build(_study("baseline", "fixed"), (), 0)
     keys = {p.key for p in report.pictures}
     assert not {"figure-8", "figure-9"} & keys
@@ -442,17 +447,17 @@ def test_the_late_tree_is_one_that_was_bred() -> None:
         individual("b", "elite", fitness=8_000.0),
         individual("c", tree=bred, fitness=500.0),
     ]
-    runs = [made_run(populations=[population] * 41, guided=guidance(tree=TREE, injected=True))]
+    runs = [fake_run(populations=[population] * 41, guided=guidance(tree=TREE, injected=True))]
     dull = [[individual("d", fitness=0.0)]] * 41
-    rivals = [made_run("baseline", best=0.0, populations=dull)]
-    study = compare_arms([made_arm("expert", runs), made_arm("baseline", rivals)])
+    rivals = [fake_run("baseline", best=0.0, populations=dull)]
+    study = compare_arms([fake_arm("expert", runs), fake_arm("baseline", rivals)])
     assert late_evolved(study).tree == bred
 
 
 def test_captions_name_a_library_tree() -> None:
     """A tree of grammar/examples is called by its file; any other tree is not."""
     texts = {name: text for text, name in library_names(config()).items()}
-    dull = made_arm("baseline", [made_run("baseline")])
+    dull = fake_arm("baseline", [fake_run("baseline")])
     for name, expected in (
         (
             "paper_fig9",
@@ -460,16 +465,16 @@ def test_captions_name_a_library_tree() -> None:
         ),
         ("diverse", "seed 0: library tree diverse, injected into generation 2"),
     ):
-        arm = made_arm("expert", [made_run(guided=guidance(tree=texts[name], injected=True))])
+        arm = fake_arm("expert", [fake_run(guided=guidance(tree=texts[name], injected=True))])
         early = early_injected(compare_arms([arm, dull]))
         assert early is not None
         assert expected in _caption(early)
-    own = made_arm("expert", [made_run(guided=guidance(tree=TREE, injected=True))])
-    early = early_injected(compare_arms([own, dull]))
+    other = fake_arm("expert", [fake_run(guided=guidance(tree=TREE, injected=True))])
+    early = early_injected(compare_arms([other, dull]))
     assert early is not None
     assert "seed 0: injected into generation 2" in _caption(early)
     best = [[individual("a", tree=texts["poor"], fitness=9_999.0)]] * 41
-    late = late_evolved(compare_arms([made_arm("expert", [made_run(populations=best)]), dull]))
+    late = late_evolved(compare_arms([fake_arm("expert", [fake_run(populations=best)]), dull]))
     assert "fitness 9,999, library tree poor, crossover" in _caption(late)
 
 
@@ -477,9 +482,9 @@ def _caption(specimen: Specimen) -> str:
     return title_and_caption(specimen.figure, **specimen.values)[1]
 
 
-def test_claims_say_their_family(written: tuple[ComparisonReport, Path]) -> None:
+def test_claims_name_their_family(report_and_folder: tuple[ComparisonReport, Path]) -> None:
     """All claims are of one family, by Tables 9 to 12, each row one difference of means."""
-    table = next(t for t in written[0].tables if t.key == "claims")
+    table = next(t for t in report_and_folder[0].tables if t.key == "claims")
     assert "the family 'the paper's claims', 14 comparisons." in table.notes[1]
     units = {row[0]: row[1] for row in table.rows}
     assert units["Complete Robots come earlier"] == "generations without one"
@@ -489,7 +494,7 @@ def test_claims_say_their_family(written: tuple[ComparisonReport, Path]) -> None
 @pytest.mark.usefixtures("blank")
 def test_two_arms_without_any_have_no_difference_in_it() -> None:
     """A tier that nobody reached is 'never' and a dash, not "0.0 [0.0, 0.0]"."""
-    arms = [made_arm(name, [made_run(name, s) for s in (0, 1)]) for name in ("expert", "baseline")]
+    arms = [fake_arm(name, [fake_run(name, s) for s in (0, 1)]) for name in ("expert", "baseline")]
     report = build(compare_arms(arms), (), 0)
     tables = {t.key: t for t in report.tables}
     row = dict(zip(tables["table-11"].columns, tables["table-11"].rows[0], strict=True))
@@ -500,7 +505,7 @@ def test_two_arms_without_any_have_no_difference_in_it() -> None:
     assert not any("0.0 [0.0, 0.0]" in cell for row in tables["claims"].rows for cell in row)
 
 
-def test_interventions_are_defined(written: tuple[ComparisonReport, Path]) -> None:
-    """The table that counts them says what they are."""
-    table = next(t for t in written[0].tables if t.key == "decisions")
+def test_interventions_are_defined(report_and_folder: tuple[ComparisonReport, Path]) -> None:
+    """The table that counts them has the definition."""
+    table = next(t for t in report_and_folder[0].tables if t.key == "decisions")
     assert any("An intervention is" in note for note in table.notes)

@@ -23,13 +23,15 @@ from islandgp.study.select import (
     read,
     select,
 )
-from tests.study.made_runs import config, individual, made_run, write_run
+from tests.study.made_runs import config, fake_run, individual, write_run
 from tests.tracking.folders import written
 
 
 def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunEntry:
-    whole = config(supervisor, seed, **changes)
-    return RunEntry(Path(f"{supervisor}-{seed}"), whole, flatten(whole), finished=True)
+    configuration = config(supervisor, seed, **changes)
+    return RunEntry(
+        Path(f"{supervisor}-{seed}"), configuration, flatten(configuration), finished=True
+    )
 
 
 @pytest.mark.parametrize(
@@ -83,7 +85,7 @@ def test_an_arm_has_a_name_and_a_selection() -> None:
             parse_arm(text)
 
 
-def test_an_empty_selection_says_which_runs_there_are() -> None:
+def test_an_empty_selection_lists_the_runs() -> None:
     """The message lists sweeps, supervisors and seeds, and counts unfinished runs."""
     runs = [_entry("expert", 0), _entry("expert", 1), _entry("baseline", 4)]
     with pytest.raises(StudyError) as error:
@@ -92,7 +94,7 @@ def test_an_empty_selection_says_which_runs_there_are() -> None:
     assert "name=default supervisor=baseline: 1 runs, seeds 4" in str(error.value)
 
 
-def test_a_sweep_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_missing_sweep_is_reported_with_the_existing_ones() -> None:
     """So is a folder without any run."""
     assert named("default", [_entry()]) == [_entry()]
     with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
@@ -110,21 +112,21 @@ def test_a_range_that_is_none() -> None:
 
 
 def test_an_unknown_key_is_named_with_the_nearest() -> None:
-    """A mistyped key is told apart from a value that no run has."""
+    """A mistyped key and a value that no run has give different messages."""
     with pytest.raises(StudyError, match="no key supervisr, did you mean supervisor"):
         select("x", "supervisr=expert", [_entry()])
 
 
-def test_an_arm_without_a_name_of_its_own_is_told() -> None:
-    """What stands before the first = is the name, even where it looks like a key."""
+def test_an_arm_without_a_name_is_reported() -> None:
+    """What is before the first = is the name, even where it looks like a key."""
     with pytest.raises(StudyError, match='Did you mean --arm NAME="supervisor=expert"'):
         select(*parse_arm("supervisor=expert"), [_entry()])
 
 
 def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
-    """An unfinished run is no data, and the report says that it was there."""
-    write_run(made_run(seed=0), tmp_path / "a")
-    write_run(made_run(seed=1), tmp_path / "b", finished=False)
+    """An unfinished run is no data, and the report mentions it."""
+    write_run(fake_run(seed=0), tmp_path / "a")
+    write_run(fake_run(seed=1), tmp_path / "b", finished=False)
     arm, notes = select("x", "supervisor=expert", find(tmp_path))
     assert arm.seeds == (0,)
     assert "1 unfinished runs are left out (b)" in notes[0]
@@ -132,7 +134,7 @@ def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
 
 def test_only_unfinished_runs_are_not_enough(tmp_path: Path) -> None:
     """An arm of unfinished runs is an error with its own remedy."""
-    write_run(made_run(), tmp_path / "a", finished=False)
+    write_run(fake_run(), tmp_path / "a", finished=False)
     with pytest.raises(StudyError, match="found 1 unfinished"):
         select("x", "supervisor=expert", find(tmp_path))
 
@@ -140,11 +142,11 @@ def test_only_unfinished_runs_are_not_enough(tmp_path: Path) -> None:
 def test_a_folder_is_read_back_as_it_was(tmp_path: Path) -> None:
     """Records, costs, champion and configuration survive the way over the disk."""
     two = [individual("0.0", "random"), individual("0.1", "random", tiers=("complete",))]
-    made = made_run("baseline", 5, best=[1.0], populations=[two])
-    run = replace(made, validation=(7, 8), validation_mean=6.5)
+    original = fake_run("baseline", 5, best=[1.0], populations=[two])
+    run = replace(original, validation=(7, 8), validation_mean=6.5)
     write_run(run, tmp_path / "run")
-    (found,) = find(tmp_path)
-    again = read(found)
+    (entry,) = find(tmp_path)
+    again = read(entry)
     assert (again.validation, again.validation_mean) == ((7, 8), 6.5)
     assert (again.records, again.costs, again.champion) == (run.records, run.costs, run.champion)
     assert again.flat == run.flat
@@ -152,7 +154,7 @@ def test_a_folder_is_read_back_as_it_was(tmp_path: Path) -> None:
 
 def test_damaged_records_are_named(tmp_path: Path) -> None:
     """A cut-off file is an error that names the folder, not a traceback."""
-    write_run(made_run(), tmp_path / "run")
+    write_run(fake_run(), tmp_path / "run")
     (tmp_path / "run" / "summary.json").write_text("{")
     with pytest.raises(StudyError, match="Expected a finished run's summary in"):
         read(find(tmp_path)[0])
@@ -160,7 +162,7 @@ def test_damaged_records_are_named(tmp_path: Path) -> None:
 
 def test_a_configuration_without_end_is_damaged(tmp_path: Path) -> None:
     """Brackets within brackets do not end the process; the file is named."""
-    write_run(made_run(), tmp_path / "run")
+    write_run(fake_run(), tmp_path / "run")
     (tmp_path / "run" / "config.yaml").write_text("[" * 3_000)
     with pytest.raises(RunError, match=r"config\.yaml, found a damaged file"):
         find(tmp_path)
@@ -169,8 +171,8 @@ def test_a_configuration_without_end_is_damaged(tmp_path: Path) -> None:
 def test_edited_records_are_refused(tmp_path: Path) -> None:
     """Digits that were changed by hand, a line too many, a line too few: one line each."""
     folder = written(tmp_path / "one", tmp_path)
-    (found,) = find(tmp_path)
-    assert len(read(found).records) == 5
+    (entry,) = find(tmp_path)
+    assert len(read(entry).records) == 5
     file = folder.path / "generations.jsonl"
     sound = file.read_bytes()
     lines = sound.splitlines(keepends=True)
@@ -182,27 +184,27 @@ def test_edited_records_are_refused(tmp_path: Path) -> None:
     ):
         file.write_bytes(edited)
         with pytest.raises(StudyError, match=damaged) as error:
-            read(found)
+            read(entry)
         assert "\n" not in str(error.value)
         with pytest.raises(RunError, match=damaged):
             _ = load(tmp_path).generations
 
 
 def test_runs_of_version_0_1_are_refused_in_a_line(tmp_path: Path) -> None:
-    """They name no domain; a run that is not asked for does not stand in the way."""
-    run = made_run(seed=0)
+    """They name no domain; a run outside of the selection has no effect."""
+    run = fake_run(seed=0)
     old = {key: value for key, value in run.config.items() if key != "domain"}
     write_run(replace(run, config=old), tmp_path / "old")
-    write_run(made_run(seed=1), tmp_path / "new")
-    found = find(tmp_path)
-    assert select("a", "seed=1", found)[0].seeds == (1,)
+    write_run(fake_run(seed=1), tmp_path / "new")
+    entries = find(tmp_path)
+    assert select("a", "seed=1", entries)[0].seeds == (1,)
     with pytest.raises(StudyError, match=r"old: Expected a run .* found one of version 0\.1") as e:
-        select("a", "supervisor=expert", found)
+        select("a", "supervisor=expert", entries)
     assert "\n" not in str(e.value)
 
 
 def test_no_folder_of_runs(tmp_path: Path) -> None:
-    """A folder that is not there is told with the remedy."""
+    """A missing folder is reported with the remedy."""
     with pytest.raises(StudyError, match="--runs FOLDER"):
         find(tmp_path / "nothing")
 

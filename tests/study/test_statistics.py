@@ -94,12 +94,12 @@ def test_the_count_is_that_of_all_splits(x: list[float], y: list[float]) -> None
     if test.kind != EXACT_TIES:
         return
     every = x + y
-    found = []
-    for chosen in combinations(range(len(every)), len(x)):
-        rest = [every[i] for i in range(len(every)) if i not in chosen]
-        found.append(u([every[i] for i in chosen], rest))
-    tail = min(sum(v <= test.u for v in found), sum(v >= test.u for v in found))
-    assert test.p == pytest.approx(min(1, 2 * tail / len(found)))
+    statistics = []
+    for indices in combinations(range(len(every)), len(x)):
+        rest = [every[i] for i in range(len(every)) if i not in indices]
+        statistics.append(u([every[i] for i in indices], rest))
+    tail = min(sum(v <= test.u for v in statistics), sum(v >= test.u for v in statistics))
+    assert test.p == pytest.approx(min(1, 2 * tail / len(statistics)))
 
 
 def test_thirty_tied_runs_an_arm_are_counted_too() -> None:
@@ -117,7 +117,7 @@ def test_z_without_ties_is_equation_10() -> None:
 
 
 def test_equal_values_are_not_tested() -> None:
-    """Where every value is the same there is nothing to test: p is 1 and the kind says why."""
+    """Equal values are not tested: p is 1 and the kind gives the reason."""
     test = rank_test([3, 3], [3, 3, 3])
     assert (test.p, test.r, test.kind) == (1.0, 0.0, UNTESTED)
 
@@ -163,7 +163,7 @@ def test_wilcoxon_is_exact_without_ties() -> None:
 
 
 def test_pairs_that_do_not_differ() -> None:
-    """Equal pairs say nothing; when all are equal there is no test."""
+    """Equal pairs are left out; when all are equal there is no test."""
     assert paired_test([1, 2], [1, 2]).kind == UNTESTED
 
 
@@ -201,10 +201,10 @@ CONTROL = [1, 1, 2, 2, 3, 4, 4, 5, 5, 8, 8, 8, 8, 11, 11, 12, 12, 15, 17, 22, 23
 def test_hazard_ratio_of_a_published_trial() -> None:
     """Remission of leukaemia (Freireich et al. 1963): Efron's 1.5721 with standard error 0.4124."""
     treated = [(float(t), k == 0) for k, times in enumerate(TREATED) for t in times]
-    found = cox([(float(t), True) for t in CONTROL], treated)
-    assert math.log(found.estimate) == pytest.approx(1.5721, abs=1e-4)
-    assert math.log(found.high / found.estimate) / 1.959964 == pytest.approx(0.4124, abs=1e-4)
-    assert found.estimate / found.low == pytest.approx(found.high / found.estimate)
+    computed = cox([(float(t), True) for t in CONTROL], treated)
+    assert math.log(computed.estimate) == pytest.approx(1.5721, abs=1e-4)
+    assert math.log(computed.high / computed.estimate) / 1.959964 == pytest.approx(0.4124, abs=1e-4)
+    assert computed.estimate / computed.low == pytest.approx(computed.high / computed.estimate)
 
 
 @pytest.mark.parametrize(
@@ -215,10 +215,10 @@ def test_hazard_ratio_without_an_interval(
     first: list[Any], second: list[Any], ratio: float
 ) -> None:
     """Where one arm alone gets there the ratio has no finite estimate, and no interval."""
-    found = hazard_ratio(first, second, horizon=41)
-    assert found.estimate == pytest.approx(ratio, nan_ok=True)
-    assert math.isnan(found.low)
-    assert math.isnan(found.high)
+    computed = hazard_ratio(first, second, horizon=41)
+    assert computed.estimate == pytest.approx(ratio, nan_ok=True)
+    assert math.isnan(computed.low)
+    assert math.isnan(computed.high)
 
 
 def test_single_values_have_no_interval() -> None:
@@ -238,9 +238,9 @@ def test_single_values_have_no_interval() -> None:
 def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
     """The same samples give the same interval, around the estimate; constants give a point."""
     x, y = [1.0, 2.0, 3.0, 9.0] * 3, [2.0, 4.0, 4.0, 5.0] * 3
-    found = bootstrap([x, y], median_difference)
-    assert found == bootstrap([x, y], median_difference)
-    assert found.low <= found.estimate == -1.5 <= found.high
+    interval = bootstrap([x, y], median_difference)
+    assert interval == bootstrap([x, y], median_difference)
+    assert interval.low <= interval.estimate == -1.5 <= interval.high
     same = bootstrap([[7.0] * 10, [4.0] * 10], median_difference)
     assert (same.low, same.estimate, same.high) == (3, 3, 3)
 
@@ -255,11 +255,11 @@ def test_bootstrap_with_runs_that_never_got_there() -> None:
     assert math.isnan(unknown.estimate)
 
 
-def test_bootstrap_interval_of_a_mean_is_as_wide_as_theory_says() -> None:
+def test_bootstrap_interval_of_a_mean_is_as_wide_as_in_theory() -> None:
     """For 400 normal values the 95 % interval of the mean is about 2 x 1.96 / 20 wide."""
     x = np.random.default_rng(0).normal(size=400)
-    found = bootstrap([list(x)], lambda a: a.mean(axis=-1))
-    assert found.high - found.low == pytest.approx(0.196, rel=0.1)
+    interval = bootstrap([list(x)], lambda a: a.mean(axis=-1))
+    assert interval.high - interval.low == pytest.approx(0.196, rel=0.1)
 
 
 def test_standard_deviation_is_the_sample_s() -> None:
@@ -272,19 +272,19 @@ def test_standard_deviation_is_the_sample_s() -> None:
 
 def test_a_small_sample_is_not_bootstrapped() -> None:
     """Of fewer than ten values there is an estimate and no interval."""
-    found = bootstrap([[7.0] * 9, [1.0, 2.0] * 5], median_difference)
-    assert found.estimate == 5.5
-    assert math.isnan(found.low)
-    assert math.isnan(found.high)
+    interval = bootstrap([[7.0] * 9, [1.0, 2.0] * 5], median_difference)
+    assert interval.estimate == 5.5
+    assert math.isnan(interval.low)
+    assert math.isnan(interval.high)
 
 
 def test_interval_of_a_mean_by_hand() -> None:
     """1 2 3: standard error 1 / sqrt(3), and t of 2 degrees of freedom is 4.303."""
-    found = mean_interval([1.0, 2.0, 3.0])
-    assert found.estimate == 2.0
-    assert found.high - 2 == pytest.approx(4.302653 / math.sqrt(3))
-    assert 2 - found.low == pytest.approx(4.302653 / math.sqrt(3))
-    assert paired_difference([5.0, 7.0, 9.0], [4.0, 5.0, 6.0]) == found
+    interval = mean_interval([1.0, 2.0, 3.0])
+    assert interval.estimate == 2.0
+    assert interval.high - 2 == pytest.approx(4.302653 / math.sqrt(3))
+    assert 2 - interval.low == pytest.approx(4.302653 / math.sqrt(3))
+    assert paired_difference([5.0, 7.0, 9.0], [4.0, 5.0, 6.0]) == interval
     assert math.isnan(mean_interval([1.0]).low)
 
 
@@ -294,8 +294,8 @@ def test_welch_s_interval_is_scipy_s() -> None:
 
     x, y = [1.0, 2.0, 4.0, 9.0], [3.0, 3.5, 8.0]
     ends = stats.ttest_ind(x, y, equal_var=False).confidence_interval()
-    found = mean_difference(x, y)
-    assert (found.low, found.high) == pytest.approx((ends.low, ends.high))
+    interval = mean_difference(x, y)
+    assert (interval.low, interval.high) == pytest.approx((ends.low, ends.high))
     assert mean_difference([3.0, 3.0], [1.0, 1.0]).high == 2.0
     assert math.isnan(mean_difference([3.0], [1.0, 2.0]).low)
 
@@ -303,8 +303,8 @@ def test_welch_s_interval_is_scipy_s() -> None:
 @pytest.mark.parametrize(("n", "low", "high"), [(6, 1, 6), (9, 2, 8), (20, 6, 15), (30, 10, 21)])
 def test_interval_of_a_median_is_of_order_statistics(n: int, low: int, high: int) -> None:
     """The ranks of the sign test's tables; five values have none."""
-    found = median_interval([float(k) for k in range(1, n + 1)])
-    assert (found.low, found.high) == (low, high)
+    interval = median_interval([float(k) for k in range(1, n + 1)])
+    assert (interval.low, interval.high) == (low, high)
     assert math.isnan(median_interval([1.0, 2.0, 3.0, 4.0, 5.0]).low)
     assert median_interval([1.0, 2.0, 3.0, *[math.inf] * 3]).estimate == math.inf
 
@@ -314,6 +314,6 @@ def test_small_samples_get_wide_intervals(n: int, seed: int) -> None:
     """An interval of a mean holds it, and is no narrower than 2 standard errors each way."""
     x = np.random.default_rng(seed).normal(size=n).tolist()
     mean, sd = mean_sd(x)
-    found = mean_interval(x)
-    assert found.high - mean == pytest.approx(mean - found.low)
-    assert found.high - mean >= 2 * sd / math.sqrt(n)
+    interval = mean_interval(x)
+    assert interval.high - mean == pytest.approx(mean - interval.low)
+    assert interval.high - mean >= 2 * sd / math.sqrt(n)

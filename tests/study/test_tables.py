@@ -50,7 +50,7 @@ def test_csv_keeps_every_cell() -> None:
 
 
 def test_html_marks_the_paper_s_columns_and_escapes() -> None:
-    """The paper's figures have a class of their own; nothing in a cell is markup."""
+    """The paper's figures have their own class; nothing in a cell is markup."""
     text = to_page(REPORT)
     assert '<th class="paper">paper* value</th>' in text
     assert '<td class="paper">&lt;3&gt;</td>' in text
@@ -72,7 +72,7 @@ def test_how_numbers_are_written() -> None:
 
 
 def test_one_run_has_no_spread() -> None:
-    """A dash stands for the deviation and for the interval of a single value."""
+    """A dash replaces the deviation and the interval of a single value."""
     dash = "\N{EN DASH}"
     assert spread(*mean_sd([5.0])) == f"5 ± {dash}"
     assert interval(Interval(5.0, math.nan, math.nan)) == f"5 [{dash}]"
@@ -138,7 +138,7 @@ def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> Non
         ((0.0, 0.0, 0.0), 1.0, "equal in every pair"),
     ],
 )
-def test_alike_is_said_within_a_margin_only(
+def test_alike_is_reported_within_a_margin_only(
     differences: tuple[float, ...], margin: float | None, expected: str
 ) -> None:
     """The 95 % interval of the paired difference decides, and no test's silence."""

@@ -51,13 +51,13 @@ def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[str | Non
 
 
 def untargeted(library: str = "combined") -> Untargeted:
-    found = make_supervisor(composed("supervisor=untargeted", f"library={library}"), None)
-    assert isinstance(found, Untargeted)
-    return found
+    supervisor = make_supervisor(composed("supervisor=untargeted", f"library={library}"), None)
+    assert isinstance(supervisor, Untargeted)
+    return supervisor
 
 
 def test_random_injection_is_blind_to_the_state() -> None:
-    """The same draws give the same tree, whatever the population lacks."""
+    """The same draws give the same tree, for any missing behaviour."""
     supervisor = untargeted()
     for seed in range(50):
         poor = supervisor.advise(LACKS_CHARGING, np.random.default_rng(seed))
@@ -67,17 +67,17 @@ def test_random_injection_is_blind_to_the_state() -> None:
 
 def test_random_injection_draws_every_target_alike() -> None:
     """Seven targets, each a seventh of the time, within four standard deviations."""
-    found = draws(untargeted(), LACKS_CHARGING)
-    assert set(found) == set(CLASSES.targets)
-    assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in found.values())
+    counts = draws(untargeted(), LACKS_CHARGING)
+    assert set(counts) == set(CLASSES.targets)
+    assert all(100 - 4 * 9.3 < count < 100 + 4 * 9.3 for count in counts.values())
 
 
 def test_random_injection_is_blind_where_only_behaviours_have_trees() -> None:
-    """A target without a tree is never drawn: the rarest behaviour's would stand in for it."""
+    """A target without a tree is never drawn: it would be replaced by the rarest behaviour's."""
     supervisor = untargeted("single")
-    found = draws(supervisor, LACKS_CHARGING)
-    assert set(found) == set(CLASSES.behaviours)
-    assert all(175 - 4 * 11.5 < count < 175 + 4 * 11.5 for count in found.values())
+    counts = draws(supervisor, LACKS_CHARGING)
+    assert set(counts) == set(CLASSES.behaviours)
+    assert all(175 - 4 * 11.5 < count < 175 + 4 * 11.5 for count in counts.values())
     for seed in range(50):
         poor = supervisor.advise(LACKS_CHARGING, np.random.default_rng(seed))
         rich = supervisor.advise(RICH, np.random.default_rng(seed))
@@ -110,9 +110,9 @@ def test_random_injection_keeps_the_expert_s_rate() -> None:
     supervisor = untargeted()
     for at in (LACKS_CHARGING, RICH):
         expert = Expert.advise(supervisor, at, np.random.default_rng(0))
-        found = supervisor.advise(at, np.random.default_rng(0))
-        assert (found.mutation_rate, found.phase) == (expert.mutation_rate, expert.phase)
-        assert found.source == "untargeted"
+        guidance = supervisor.advise(at, np.random.default_rng(0))
+        assert (guidance.mutation_rate, guidance.phase) == (expert.mutation_rate, expert.phase)
+        assert guidance.source == "untargeted"
 
 
 def led(folder: Path) -> list[dict[str, object]]:
@@ -125,56 +125,56 @@ def led(folder: Path) -> list[dict[str, object]]:
 
 
 def test_another_seed_s_record_is_repeated(tmp_path: Path) -> None:
-    """Rate and tree of each generation are the leader's, whatever the population is like here."""
+    """Rate and tree of each generation are the leader's, for any population here."""
     leader = led(tmp_path / "expert-seed1")
-    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
-    given = replace(context(None), generations=8)
-    steps = run(plan("supervisor.inject=true"), Yoked.make(how, given), seed=0)
-    found = [record.guidance for record in records(steps)]
-    assert len(found) == 8
-    for said, was in zip(found[:-1], leader[:-1], strict=True):
-        assert said is not None
-        assert (said.wanted_rate, said.tree, said.phase, said.target) == (
+    settings = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
+    run_context = replace(context(None), generations=8)
+    steps = run(plan("supervisor.inject=true"), Yoked.make(settings, run_context), seed=0)
+    answers = [record.guidance for record in records(steps)]
+    assert len(answers) == 8
+    for answer, was in zip(answers[:-1], leader[:-1], strict=True):
+        assert answer is not None
+        assert (answer.wanted_rate, answer.tree, answer.phase, answer.target) == (
             was["wanted_rate"],
             was["tree"],
             was["phase"],
             was["target"],
         )
-        assert (said.source, said.notes) == ("yoked", {"led_by": "expert"})
+        assert (answer.source, answer.notes) == ("yoked", {"led_by": "expert"})
 
 
 def test_each_seed_is_led_by_the_next() -> None:
     """And the last by the first, so that each record leads once."""
-    how = YokedSettings(record="runs/x/expert-seed{seed}", first=0, seeds=5)
-    assert [how.folder(seed).name[-1] for seed in range(5)] == ["1", "2", "3", "4", "0"]
+    settings = YokedSettings(record="runs/x/expert-seed{seed}", first=0, seeds=5)
+    assert [settings.folder(seed).name[-1] for seed in range(5)] == ["1", "2", "3", "4", "0"]
 
 
 def test_a_sweep_may_start_at_any_seed() -> None:
-    """The seeds lead each other in a ring; one from outside is told what to set."""
-    how = YokedSettings(record="runs/x/expert-seed{seed}", first=3000, seeds=30)
-    leaders = {seed: how.other_seed(seed) for seed in range(3000, 3030)}
+    """The seeds lead each other in a ring; the error for one outside names the settings."""
+    settings = YokedSettings(record="runs/x/expert-seed{seed}", first=3000, seeds=30)
+    leaders = {seed: settings.other_seed(seed) for seed in range(3000, 3030)}
     assert (leaders[3000], leaders[3028], leaders[3029]) == (3001, 3029, 3000)
     assert set(leaders.values()) == set(leaders)
-    assert how.folder(3029) == Path("runs/x/expert-seed3000")
+    assert settings.folder(3029) == Path("runs/x/expert-seed3000")
     for seed in (0, 2999, 3030):
         with pytest.raises(SupervisionError, match=rf"seed of 3000 to 3029, found {seed}; set "):
-            how.folder(seed)
+            settings.folder(seed)
 
 
-def test_a_leader_that_lacks_or_is_unfinished_is_told(tmp_path: Path) -> None:
+def test_a_missing_or_unfinished_leader_is_reported(tmp_path: Path) -> None:
     """Before the run starts, with what to do."""
-    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
+    settings = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     with pytest.raises(SupervisionError, match="run it first, with seed=1"):
-        Yoked.make(how, context(None))
+        Yoked.make(settings, context(None))
     led(tmp_path / "expert-seed1")
     with pytest.raises(SupervisionError, match="41 generations"):
-        Yoked.make(how, context(None))
+        Yoked.make(settings, context(None))
 
 
 @pytest.mark.parametrize(
     ("field", "value"), [("phase", "bored"), ("tree", "selector {"), ("wanted_rate", "high")]
 )
-def test_a_leader_whose_record_is_damaged_is_told(
+def test_a_damaged_record_of_a_leader_is_reported(
     tmp_path: Path, field: str, value: object
 ) -> None:
     """Before the run starts, not in the generation in which it would be repeated."""
@@ -183,9 +183,9 @@ def test_a_leader_whose_record_is_damaged_is_told(
     lines = [json.loads(line) for line in file.read_text().splitlines()]
     lines[3]["guidance"][field] = value
     file.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
-    how = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
+    settings = YokedSettings(record=str(tmp_path / "expert-seed{seed}"), first=0, seeds=5)
     with pytest.raises(SupervisionError, match="found a damaged one"):
-        Yoked.make(how, replace(context(None), generations=8))
+        Yoked.make(settings, replace(context(None), generations=8))
 
 
 def test_without_a_leader_nothing_starts(
@@ -193,12 +193,12 @@ def test_without_a_leader_nothing_starts(
 ) -> None:
     """Exit code 2 and one line, even where only the last job of a sweep has none."""
     monkeypatch.chdir(tmp_path)
-    words = ["experiment=ablation_another_record", *QUICK]
+    overrides = ["experiment=ablation_another_record", *QUICK]
     for n, lacking in enumerate((1, 2)):
-        assert main([*words, "seed=0,1", "-m"]) == 2
-        said = capsys.readouterr()
-        assert said.out == ""
-        (line,) = said.err.splitlines()
+        assert main([*overrides, "seed=0,1", "-m"]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        (line,) = captured.err.splitlines()
         assert line.startswith(
             "islandgp: Expected the record of another run in runs/paper/expert-seed"
             f"{lacking}, found none"
@@ -212,7 +212,7 @@ def test_without_a_leader_nothing_starts(
 def test_a_leader_of_the_same_command_may_still_be_to_come(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Runs that lead stand before those that are led; the other way round nothing starts."""
+    """Leading runs come before those that are led; the other way round nothing starts."""
     monkeypatch.chdir(tmp_path)
     folder = f"expert-seed{{seed}}-{'-'.join(sorted(QUICK[:2]))}"
     # The record is a setting of one arm, so it comes from a file.
@@ -222,18 +222,22 @@ def test_a_leader_of_the_same_command_may_still_be_to_come(
         f"defaults: [yoked, _self_]\npolicy:\n  seeds: 2\n  record: runs/default/{folder}\n",
         encoding="utf-8",
     )
-    words = ["--config-dir", str(conf.parent), *QUICK, "seed=0,1", "-m"]
-    assert main(["supervisor=mine,expert", *words]) == 2
+    arguments = ["--config-dir", str(conf.parent), *QUICK, "seed=0,1", "-m"]
+    assert main(["supervisor=mine,expert", *arguments]) == 2
     assert "found none; run it first, with seed=1" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
-    assert main(["supervisor=expert,mine", *words]) == 0
+    assert main(["supervisor=expert,mine", *arguments]) == 0
     assert len(list((tmp_path / "runs").rglob("summary.json"))) == 4
 
 
 def test_rate_only() -> None:
     """The supervisor's rates are applied; its trees are not injected."""
-    found = composed("experiment=ablation_rate_only").supervisor
-    assert (found.name, found.adapt_mutation, found.inject) == ("expert", True, False)
+    supervisor = composed("experiment=ablation_rate_only").supervisor
+    assert (supervisor.name, supervisor.adapt_mutation, supervisor.inject) == (
+        "expert",
+        True,
+        False,
+    )
     steps = run(plan("supervisor.inject=false"), make_supervisor(composed(), None))
     for record in records(steps)[:-1]:
         assert record.guidance is not None
@@ -244,21 +248,25 @@ def test_rate_only() -> None:
 
 def test_injection_only() -> None:
     """Trees go in; the rate is the one of the start, but for emergencies, which do not last."""
-    found = composed("experiment=ablation_injection_only").supervisor
-    assert (found.name, found.adapt_mutation, found.inject) == ("expert", False, True)
-    how = plan("supervisor.inject=true", "supervisor.adapt_mutation=false")
-    steps = run(how, make_supervisor(composed(), None))
+    supervisor = composed("experiment=ablation_injection_only").supervisor
+    assert (supervisor.name, supervisor.adapt_mutation, supervisor.inject) == (
+        "expert",
+        False,
+        True,
+    )
+    run_plan = plan("supervisor.inject=true", "supervisor.adapt_mutation=false")
+    steps = run(run_plan, make_supervisor(composed(), None))
     for record in records(steps)[:-1]:
         assert record.guidance is not None
-        crisis = how.gp.crisis.emergency_rate
+        crisis = run_plan.gp.crisis.emergency_rate
         assert record.guidance.applied_rate == (
-            crisis if record.guidance.crisis else how.gp.mutation_rate
+            crisis if record.guidance.crisis else run_plan.gp.mutation_rate
         )
         assert record.guidance.injected
 
 
-def test_ablations_have_names_of_their_own() -> None:
-    """Each arm's runs lie in a folder of their own, and every file of the group composes."""
+def test_ablations_have_different_names() -> None:
+    """Each arm's runs have their own folder, and every file of the group composes."""
     files = sorted((resource("conf") / "experiment").glob("ablation_*.yaml"))
     names = {composed(f"experiment={file.stem}").name for file in files}
     assert names == {file.stem for file in files}

@@ -26,7 +26,7 @@ TREE = parse("PatrolWaypoint")
 MINE = "Expected tests.running.supervisors:Answers.advise to return"
 
 WRONG: list[tuple[Any, str]] = [
-    # an answer, and what the line says of it
+    # an answer, and the error line for it
     (None, "a Guidance, found None"),
     (0.3, "a Guidance, found 0.3"),
     (
@@ -76,16 +76,16 @@ RIGHT = [
 ]
 
 
-def asked(answer: Any) -> Guidance:
+def guidance_of(answer: Any) -> Guidance:
     """The answer of a supervisor that gives just that."""
     return ask(Answers(answer), state([snapshot(0)]), np.random.default_rng(0), VOCABULARY)
 
 
 @pytest.mark.parametrize(("answer", "line"), WRONG)
-def test_a_wrong_answer_is_told(answer: Any, line: str) -> None:
+def test_a_wrong_answer_is_reported(answer: Any, line: str) -> None:
     """One line: whose it is, the field, what was expected, what was found."""
     with pytest.raises(SupervisionError) as excinfo:
-        asked(answer)
+        guidance_of(answer)
     assert str(excinfo.value).startswith(f"{MINE} {line}")
     assert "\n" not in str(excinfo.value)
     assert len(str(excinfo.value)) < 300
@@ -94,7 +94,7 @@ def test_a_wrong_answer_is_told(answer: Any, line: str) -> None:
 @pytest.mark.parametrize("answer", RIGHT)
 def test_a_right_answer_stays_as_it_is(answer: Guidance) -> None:
     """Numbers of NumPy become Python's; a tree over the limits is refused later, in the record."""
-    guidance = asked(answer)
+    guidance = guidance_of(answer)
     assert guidance == answer
     assert type(guidance.mutation_rate) in (float, type(None))
 
@@ -107,7 +107,7 @@ def test_a_wrong_answer_ends_a_run(lag: int) -> None:
 
 
 def test_a_tree_of_another_domain_ends_a_run() -> None:
-    """A run tells its supervisor which words there are, and holds it to them."""
+    """A run gives its supervisor the vocabulary and enforces it."""
     answer = Guidance(None, parse("sequence { Fly Land }"), "x")
     with pytest.raises(SupervisionError, match=r"of the domain island, found 'sequence \{ Fly"):
         run(plan(), Answers(answer))
@@ -121,20 +121,22 @@ def test_a_fallback_is_asked_alike() -> None:
         llm.advise(state([snapshot(0)]), np.random.default_rng(0))
 
 
-@sweep("words", [(), ("seed=3", "-m")], quick=1)
-def test_the_command_says_it_in_one_line(
-    words: tuple[str, ...],
+@sweep("arguments", [(), ("seed=3", "-m")], quick=1)
+def test_the_command_reports_it_in_one_line(
+    arguments: tuple[str, ...],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Exit code 2 for a run, 1 for a sweep, whose report names it; no traceback."""
     monkeypatch.chdir(tmp_path)
-    mine = ["supervisor=fixed", "supervisor.factory=tests.running.supervisors:TooMuch"]
-    assert main([*TINY, "tracking=off", *fake("Instant"), *mine, *words]) == (1 if words else 2)
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
+    supervisor = ["supervisor=fixed", "supervisor.factory=tests.running.supervisors:TooMuch"]
+    assert main([*TINY, "tracking=off", *fake("Instant"), *supervisor, *arguments]) == (
+        1 if arguments else 2
+    )
+    errors = capsys.readouterr().err
+    assert "Traceback" not in errors
     assert (
         "Expected tests.running.supervisors:TooMuch.advise to return a Guidance, found mutation"
-        in said
+        in errors
     )

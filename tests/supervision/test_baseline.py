@@ -15,7 +15,7 @@ SETTINGS = BaselineSettings(patience=2, up=1.15, down=0.9, rates=(0.1, 0.5))
 
 
 def advice(bests: list[float], rate: float) -> Guidance:
-    """What the baseline says after these generations, at this rate."""
+    """The baseline's guidance after these generations, at this rate."""
     history = [snapshot(g, best=best, rate=rate) for g, best in enumerate(bests)]
     return Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
 
@@ -46,18 +46,18 @@ def test_a_new_stage_is_neither_better_nor_worse() -> None:
     """Other multipliers, another scale: where a stage begins the rate stays."""
     for best in (10.0, 100.0, 1000.0):
         history = [snapshot(9, best=100.0), snapshot(10, stage=1, best=best)]
-        found = Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
-        assert (found.mutation_rate, found.reasoning) == (0.4, "waiting")
-    grown = [*history, snapshot(11, stage=1, best=2000.0)]
-    found = Baseline(SETTINGS).advise(state(grown), np.random.default_rng(0))
-    assert found.mutation_rate == pytest.approx(0.36)
+        guidance = Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
+        assert (guidance.mutation_rate, guidance.reasoning) == (0.4, "waiting")
+    longer = [*history, snapshot(11, stage=1, best=2000.0)]
+    guidance = Baseline(SETTINGS).advise(state(longer), np.random.default_rng(0))
+    assert guidance.mutation_rate == pytest.approx(0.36)
 
 
 def test_never_injects() -> None:
     """The baseline has no trees to give; the reason names what it saw."""
-    found = advice([100, 100, 100], 0.4)
-    assert found.tree is None
-    assert found.reasoning == "no better fitness for 2 generations"
+    guidance = advice([100, 100, 100], 0.4)
+    assert guidance.tree is None
+    assert guidance.reasoning == "no better fitness for 2 generations"
 
 
 @pytest.mark.parametrize("rates", [(0.5, 0.1), (-0.1, 0.5), (0.1, 1.5)])
@@ -68,8 +68,8 @@ def test_ranges_that_cannot_be(rates: tuple[float, float]) -> None:
 
 
 def test_fixed() -> None:
-    """`fixed` says the same whatever it sees, and injects nothing."""
+    """`fixed` gives the same rate in every state, and injects nothing."""
     fixed = Fixed(FixedSettings(rate=0.3))
     for history in ([snapshot(0)], [snapshot(0), snapshot(1, best=1e6, diversity=0.0)]):
-        found = fixed.advise(state(history), np.random.default_rng(0))
-        assert (found.mutation_rate, found.tree, found.source) == (0.3, None, "fixed")
+        guidance = fixed.advise(state(history), np.random.default_rng(0))
+        assert (guidance.mutation_rate, guidance.tree, guidance.source) == (0.3, None, "fixed")

@@ -19,15 +19,15 @@ def test_counts() -> None:
         guidance(source="llm", crisis="diversity", target="clearing", injected=True),
         guidance(source="llm", target="charging", injected=False),
     ]
-    found = decisions([one, other])
-    assert found.total == 5
-    assert found.sources == Counter(llm=4, fallback=1)
-    assert found.phases == Counter(refinement=2)
-    assert found.patterns == Counter(stagnation=1)
-    assert found.targets == Counter(clearing=1)
-    assert found.crises == Counter(diversity=3, stagnation=1)
-    assert found.episodes == Counter(diversity=2, stagnation=1)
-    assert found.interventions == 1
+    counts = decisions([one, other])
+    assert counts.total == 5
+    assert counts.sources == Counter(llm=4, fallback=1)
+    assert counts.phases == Counter(refinement=2)
+    assert counts.patterns == Counter(stagnation=1)
+    assert counts.targets == Counter(clearing=1)
+    assert counts.crises == Counter(diversity=3, stagnation=1)
+    assert counts.episodes == Counter(diversity=2, stagnation=1)
+    assert counts.interventions == 1
 
 
 def test_a_run_of_one_generation_has_no_decisions() -> None:

@@ -47,10 +47,10 @@ def test_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of them, one after the other."""
     monkeypatch.chdir(tmp_path)
     assert len(COMMANDS) == 4
-    for words in COMMANDS:
-        assert words[:3] == ["python", "-m", "islandgp"]
+    for arguments in COMMANDS:
+        assert arguments[:3] == ["python", "-m", "islandgp"]
         leader = next(iter(sorted(tmp_path.glob("runs/smoke/editor-seed1-*"))), None)
         if leader is not None:  # its name has the small run's overrides besides
             record = str(leader).replace("seed1", "seed{seed}")
-            words = [re.sub(r"='.*'", f"='{record}'", word) for word in words]
-        assert main([*words[3:], *SMALL, "evaluator=serial"]) == 0, words
+            arguments = [re.sub(r"='.*'", f"='{record}'", argument) for argument in arguments]
+        assert main([*arguments[3:], *SMALL, "evaluator=serial"]) == 0, arguments

@@ -52,16 +52,16 @@ def individual(name: str, tree: str, fitness: float = 0.0, **counters: float) ->
     )
 
 
-def seen(*individuals: IndividualRecord, generation: int = 0, **fields: Any) -> GenerationView:
+def view(*individuals: IndividualRecord, generation: int = 0, **fields: Any) -> GenerationView:
     """A generation as supervisors see it."""
     return GenerationView(snapshot(generation), (0,), {}, individuals, None, **fields)
 
 
 def editor(name: str = "editor", *overrides: str) -> Editor:
     """The supervisor of that name."""
-    found = make_supervisor(composed(f"supervisor={name}", *overrides), None)
-    assert isinstance(found, Editor)
-    return found
+    supervisor = make_supervisor(composed(f"supervisor={name}", *overrides), None)
+    assert isinstance(supervisor, Editor)
+    return supervisor
 
 
 def advice(supervisor: Editor, generation: GenerationView) -> tuple[Edit, ...]:
@@ -72,8 +72,8 @@ def advice(supervisor: Editor, generation: GenerationView) -> tuple[Edit, ...]:
 
 def test_what_the_milestones_ask_for() -> None:
     """Counters with their values, the easiest milestone first, no fitness; then the behaviours."""
-    found = [(r.counter, r.value, r.milestone) for r in requirements(composed().classes)]
-    assert found == [
+    rows = [(r.counter, r.value, r.milestone) for r in requirements(composed().classes)]
+    assert rows == [
         ("pickups", 2, 0),
         ("interactions", 1, 0),
         ("deliveries", 1, 0),
@@ -96,7 +96,7 @@ def test_the_fittest_tree_gets_what_it_lacks() -> None:
         individual("0.1", COLLECT, 500, pickups=3),
         individual("0.2", COLLECT, 800, pickups=2),
     )
-    first, second, third = advice(editor(), seen(*population))
+    first, second, third = advice(editor(), view(*population))
     assert {edit.of for edit in (first, second, third)} == {"0.2"}
     assert (first.kind, first.at) == ("front", "")
     assert first.branch == parse(CHARGE)
@@ -114,7 +114,7 @@ def test_a_branch_of_a_tree_that_has_shown_the_behaviour() -> None:
         individual("0.1", donor, 100, charges=2),
         individual("0.2", PATROL, 50),
     )
-    (edit,) = advice(editor("editor", "supervisor.policy.sources=[archive]"), seen(*population))
+    (edit,) = advice(editor("editor", "supervisor.policy.sources=[archive]"), view(*population))
     assert edit.branch == parse(CHARGE)
     assert "individual 0.1" in edit.reason
 
@@ -122,10 +122,10 @@ def test_a_branch_of_a_tree_that_has_shown_the_behaviour() -> None:
 def test_a_branch_that_is_there_already_gets_a_wider_guard() -> None:
     """It is not put in twice."""
     tree = f"selector {{ {CHARGE} {PATROL} }}"
-    found = advice(editor(), seen(individual("0.0", tree)))
-    wider = found[0]
+    edits = advice(editor(), view(individual("0.0", tree)))
+    wider = edits[0]
     assert (wider.kind, wider.at, wider.number) == ("number", "0", 60)
-    assert all(edit.branch != parse(CHARGE) for edit in found)
+    assert all(edit.branch != parse(CHARGE) for edit in edits)
 
 
 def test_nothing_to_edit() -> None:
@@ -133,10 +133,10 @@ def test_nothing_to_edit() -> None:
     all_of_it = individual(
         "0.0", COLLECT, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
     )
-    assert advice(editor(), seen(all_of_it)) == ()
+    assert advice(editor(), view(all_of_it)) == ()
     assert editor().advise(state([snapshot()]), RNG).edits == ()
     supervisor = editor()
-    supervisor.on_generation(seen(individual("0.0", PATROL)))
+    supervisor.on_generation(view(individual("0.0", PATROL)))
     assert supervisor.advise(state([snapshot(3)]), RNG).edits == ()
 
 
@@ -149,7 +149,7 @@ def test_nothing_to_edit() -> None:
         (f"selector {{ {CHARGE} }}", "MoveToHumanoid", 1),
     ],
 )
-def test_the_narrowest_guard_stands_first(tree: str, branch: str, place: int | None) -> None:
+def test_the_narrowest_guard_comes_first(tree: str, branch: str, place: int | None) -> None:
     """A branch belongs before those whose guards hold as often or more often."""
     assert place_for(parse(tree), parse(branch), VOCABULARY) == place
 
@@ -167,8 +167,8 @@ def test_widened() -> None:
     """The number moves by a share of the range; a flag, or a number at its end, cannot."""
 
     def of(text: str) -> float | None:
-        asked = parse(f"when {text} {{ PatrolWaypoint }}").args[0]
-        return widened(asked, VOCABULARY)  # type: ignore[arg-type] # a `when` has a condition
+        expr = parse(f"when {text} {{ PatrolWaypoint }}").args[0]
+        return widened(expr, VOCABULARY)  # type: ignore[arg-type] # a `when` has a condition
 
     assert of("batteryLevel < 20") == 35
     assert of("batteryLevel > 20") == 5
@@ -184,15 +184,15 @@ def test_an_edit_is_not_repeated(refused: str, lag: int) -> None:
     donor = individual("0.1", f"selector {{ {other} PatrolWaypoint }}", 10, charges=1)
     population = (individual("0.0", COLLECT, 500, pickups=3), donor)
     supervisor = editor("editor", "supervisor.edits=1")
-    (first,) = advice(supervisor, seen(*population))
+    (first,) = advice(supervisor, view(*population))
     assert first.branch == parse(CHARGE)
     for generation in range(1, lag + 1):
-        supervisor.on_generation(seen(generation=generation))
+        supervisor.on_generation(view(generation=generation))
     led = run()[0].record.guidance
     assert led is not None
     trials = () if refused else (EditTrial("1.0", "0.0", 500, 500),)
     later = replace(
-        seen(*population, generation=lag + 1, trials=trials),
+        view(*population, generation=lag + 1, trials=trials),
         guidance=replace(led, asked_at=0, edits=(as_record(first, refused),)),
     )
     (second,) = advice(supervisor, later)
@@ -203,26 +203,26 @@ def test_two_counters_do_not_get_the_same_edit() -> None:
     """A branch that is typical of both is inserted once."""
     donor = individual("0.1", f"selector {{ {CHARGE} PatrolWaypoint }}", charges=1, deliveries=1)
     population = (individual("0.0", COLLECT, 500, pickups=3), donor)
-    edits = advice(editor("editor", "supervisor.policy.sources=[archive]"), seen(*population))
+    edits = advice(editor("editor", "supervisor.policy.sources=[archive]"), view(*population))
     changes = [(edit.kind, edit.at, edit.branch) for edit in edits]
     assert len(changes) == len(set(changes)) == 1
 
 
 def test_a_random_branch() -> None:
     """The best tree, branches of any counter."""
-    population = seen(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
-    found = {
+    population = view(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
+    branches = {
         to_text(edit.branch)
         for k in range(20)
         for edit in _drawn("editor_random_branch", population, k)
         if edit.branch is not None
     }
-    assert len(found) >= 3
+    assert len(branches) >= 3
 
 
 def test_a_random_tree() -> None:
     """The branch that the best tree lacks, in any tree."""
-    population = seen(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
+    population = view(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
     edits = [e for k in range(20) for e in _drawn("editor_random_tree", population, k)[:1]]
     assert {edit.of for edit in edits} == {"0.0", "0.1"}
     assert {edit.branch for edit in edits} == {parse(CHARGE)}
@@ -236,7 +236,7 @@ def _drawn(name: str, population: GenerationView, seed: int) -> tuple[Edit, ...]
 
 def test_a_constant() -> None:
     """The same counter, also where it is met; another one can be named."""
-    population = seen(individual("0.0", COLLECT, 500, charges=3))
+    population = view(individual("0.0", COLLECT, 500, charges=3))
     edit, *_ = advice(editor("editor_constant"), population)
     assert edit.branch == parse(CHARGE)
     edit, *_ = advice(editor("editor_constant", "supervisor.policy.counter=deliveries"), population)
@@ -246,7 +246,7 @@ def test_a_constant() -> None:
 
 
 def test_yoked(tmp_path: Path) -> None:
-    """It works on the counters that the other run's editor worked on, whatever lacks here."""
+    """It works on the counters of the other run's editor, for any missing behaviour here."""
     folder = tmp_path / "led1"
     folder.mkdir()
     text = []
@@ -256,14 +256,14 @@ def test_yoked(tmp_path: Path) -> None:
             values["guidance"]["notes"] = {"counters": "charges pickups"}
         text.append(dump(values) + "\n")
     (folder / "generations.jsonl").write_text("".join(text), encoding="utf-8")
-    words = (f"supervisor.policy.record='{tmp_path}/led{{seed}}'", "gp.generations=8", "seed=0")
-    supervisor = editor("editor_yoked", *words)
+    overrides = (f"supervisor.policy.record='{tmp_path}/led{{seed}}'", "gp.generations=8", "seed=0")
+    supervisor = editor("editor_yoked", *overrides)
     assert isinstance(supervisor, EditorYoked)
     assert supervisor.counters == (*([("charges", "pickups")] * 7), ())
     all_of_it = individual(
         "0.0", PATROL, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
     )
-    found = advice(supervisor, seen(all_of_it))
-    assert ["single_charging" in e.reason for e in found] == [True, False]
+    edits = advice(supervisor, view(all_of_it))
+    assert ["single_charging" in e.reason for e in edits] == [True, False]
     with pytest.raises(SupervisionError, match="Expected the record of another run"):
         editor("editor_yoked", "supervisor.policy.record=nowhere")

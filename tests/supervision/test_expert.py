@@ -46,7 +46,7 @@ WORKERS = {
 
 
 @cache
-def how() -> ExpertSettings:
+def settings_of_tables() -> ExpertSettings:
     """The configured trees and rates, with the thresholds that the states below are made for."""
     policy = plain("supervisor=expert")["supervisor"]["policy"]
     thresholds = {"multiple": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
@@ -69,7 +69,7 @@ def library() -> Library:
 @cache
 def expert() -> Expert:
     """As a run makes it."""
-    return Expert.make(how(), context())
+    return Expert.make(settings_of_tables(), context())
 
 
 def past(n: int, **changes: object) -> list[GenerationStats]:
@@ -116,7 +116,7 @@ PHASES = [
 @pytest.mark.parametrize(("history", "phase"), PHASES)
 def test_phase(history: list[GenerationStats], phase: Phase) -> None:
     """Table 8: each phase in the states it is for, and next to its borders."""
-    assert classify_phase(state(history), how()) is phase
+    assert classify_phase(state(history), settings_of_tables()) is phase
 
 
 PATTERNS = [
@@ -136,7 +136,7 @@ PATTERNS = [
 @pytest.mark.parametrize(("history", "pattern"), PATTERNS)
 def test_pattern(history: list[GenerationStats], pattern: Pattern) -> None:
     """Table 6: each label in the states it is for."""
-    assert classify_pattern(state(history), how()) is pattern
+    assert classify_pattern(state(history), settings_of_tables()) is pattern
 
 
 # A Complete Robot exists already; 3 of 30 individuals are not too few, 2 are.
@@ -172,7 +172,7 @@ TARGETS = [
 @pytest.mark.parametrize(("history", "target"), TARGETS)
 def test_target(history: list[GenerationStats], target: str) -> None:
     """Table 7: what the next tree is for."""
-    assert choose_target(state(history), how()) == target
+    assert choose_target(state(history), settings_of_tables()) == target
 
 
 def lives() -> list[list[GenerationStats]]:
@@ -186,15 +186,15 @@ def lives() -> list[list[GenerationStats]]:
         *({"complete": 1, "behaviour_counts": {name: 0}} for name in QUIET.behaviour_counts),
     ]
     flat = [[snapshot(g, stage=curriculum.stage(g), **kind) for g in range(41)] for kind in kinds]
-    lost = [snapshot(g, complete=g == 0, diversity=0.2 if g > 20 else 0.6) for g in range(41)]
+    collapsed = [snapshot(g, complete=g == 0, diversity=0.2 if g > 20 else 0.6) for g in range(41)]
     risen = [snapshot(g, complete=3, best=1000.0 * 2**g) for g in range(41)]
-    return [*flat, lost, risen]
+    return [*flat, collapsed, risen]
 
 
 def test_every_row_can_occur_in_a_run() -> None:
     """Tables 6, 7 and 8: each label, objective and phase comes up under the paper's curriculum."""
     views = [state(life[: g + 1]) for life in lives() for g in range(41)]
-    advice = [expert().advise(seen, np.random.default_rng(0)) for seen in views]
+    advice = [expert().advise(view, np.random.default_rng(0)) for view in views]
     assert {a.pattern for a in advice} == set(Pattern)
     assert {a.target for a in advice} == set(CLASSES.targets)
     assert {a.phase for a in advice} == set(Phase)
@@ -202,23 +202,23 @@ def test_every_row_can_occur_in_a_run() -> None:
 
 def test_a_new_stage_is_no_rise() -> None:
     """A best that is higher because the multipliers are is neither rapid improvement nor a rise."""
-    seen = state([snapshot(9, complete=3), snapshot(10, stage=1, complete=3, best=9000.0)])
-    assert classify_pattern(seen, how()) is Pattern.HEALTHY_PROGRESS
-    assert classify_phase(seen, how()) is Phase.REFINEMENT
-    assert not seen.best_rose
-    assert (seen.best_change, seen.best_trend, seen.best_rise) == (0, 0, 0)
+    view = state([snapshot(9, complete=3), snapshot(10, stage=1, complete=3, best=9000.0)])
+    assert classify_pattern(view, settings_of_tables()) is Pattern.HEALTHY_PROGRESS
+    assert classify_phase(view, settings_of_tables()) is Phase.REFINEMENT
+    assert not view.best_rose
+    assert (view.best_change, view.best_trend, view.best_rise) == (0, 0, 0)
 
 
 def test_trees_are_compact_until_a_complete_robot_has_existed() -> None:
-    """Section 2.4.6: depth 4 and about 10 nodes, whatever lacks; later larger ones, too."""
+    """Section 2.4.6: depth 4 and about 10 nodes, for any missing behaviour; larger ones later."""
     for behaviour in WORKERS:
         for n in (1, 9):
-            seen = state(past(n, behaviour_counts={behaviour: 0}))
+            view = state(past(n, behaviour_counts={behaviour: 0}))
             for seed in range(20):
-                found = expert().advise(seen, np.random.default_rng(seed))
-                assert found.tree is not None
-                assert depth(found.tree) <= 4
-                assert size(found.tree) <= 12
+                guidance = expert().advise(view, np.random.default_rng(seed))
+                assert guidance.tree is not None
+                assert depth(guidance.tree) <= 4
+                assert size(guidance.tree) <= 12
     later = state(past(1, complete=1, behaviour_counts={"clearing": 0}))
     assert library().trees["paper_fig9"] in [
         expert().advise(later, np.random.default_rng(seed)).tree for seed in range(20)
@@ -226,27 +226,27 @@ def test_trees_are_compact_until_a_complete_robot_has_existed() -> None:
 
 
 def test_a_library_without_a_compact_tree_is_refused() -> None:
-    """Whoever takes the compact trees away hears of it before the run."""
+    """A library without compact trees is an error before the run."""
     large = context("library.trees.clearing=[paper_fig9]")
     with pytest.raises(ConfigError, match=r"library\.trees\.clearing: expected a tree within"):
-        Expert.make(how(), large)
+        Expert.make(settings_of_tables(), large)
 
 
 def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
-    """Only behaviours need a tree of their own."""
-    few = Expert.make(how(), context("library.trees.exploration=[]"))
-    seen = state(past(9, behaviour_counts={"humanoid": 1}))
-    found = few.advise(seen, np.random.default_rng(0))
-    assert found.target == "exploration"
-    assert found.tree == library().trees["humanoid_focused"]
+    """Only behaviours need their own tree."""
+    few = Expert.make(settings_of_tables(), context("library.trees.exploration=[]"))
+    view = state(past(9, behaviour_counts={"humanoid": 1}))
+    guidance = few.advise(view, np.random.default_rng(0))
+    assert guidance.target == "exploration"
+    assert guidance.tree == library().trees["humanoid_focused"]
 
 
 def test_the_hardest_behaviours_are_the_domain_s() -> None:
     """Those of `classes`, unless the supervisor's settings name others."""
     policy = plain("supervisor=expert")["supervisor"]["policy"]
     assert policy["hardest"] is None
-    made = Expert.make(ExpertSettings.model_validate(policy), context())
-    assert made.settings.hardest == ("charging", "clearing", "humanoid", "pickup")
+    supervisor = Expert.make(ExpertSettings.model_validate(policy), context())
+    assert supervisor.settings.hardest == ("charging", "clearing", "humanoid", "pickup")
     other = ExpertSettings.model_validate({**policy, "hardest": ["humanoid"]})
     assert Expert.make(other, context()).settings.hardest == ("humanoid",)
     elsewhere = composed("supervisor=expert", "domain=minigrid").classes
@@ -256,15 +256,15 @@ def test_the_hardest_behaviours_are_the_domain_s() -> None:
 def test_hardest_names_may_be_of_other_experiments() -> None:
     """They are passed over; behaviours that are not named follow, the last one first."""
     all_alike = state(past(1, behaviour_counts=dict.fromkeys(WORKERS, 0)))
-    some = how().model_copy(update={"hardest": ("flying", "humanoid")})
-    none = how().model_copy(update={"hardest": ()})
+    some = settings_of_tables().model_copy(update={"hardest": ("flying", "humanoid")})
+    none = settings_of_tables().model_copy(update={"hardest": ()})
     assert choose_target(all_alike, some) == "humanoid"
     assert choose_target(all_alike, none) == "clearing"
 
 
 def test_table_8_is_configured() -> None:
-    """The ranges of Table 8 stand in the configuration."""
-    assert how().rates == TABLE_8
+    """The ranges of Table 8 are in the configuration."""
+    assert settings_of_tables().rates == TABLE_8
 
 
 @st.composite
@@ -286,18 +286,18 @@ def states(draw: st.DrawFn) -> PopulationState:
 
 
 @given(states(), st.integers(0, 2**32))
-def test_advice_keeps_the_tables(seen: PopulationState, seed: int) -> None:
-    """Whatever the state: a rate inside its phase's range, and a tree for the target."""
-    found = expert().advise(seen, np.random.default_rng(seed))
-    assert found.phase is not None
-    assert found.target is not None
-    assert found.mutation_rate is not None
-    low, high = TABLE_8[found.phase]
-    assert low <= found.mutation_rate <= high
-    assert found.tree in [library().trees[name] for name in library().targets[found.target]]
-    assert found.phase is classify_phase(seen, expert().settings)
-    assert found.pattern is classify_pattern(seen, expert().settings)
-    assert found.source == "expert"
+def test_advice_keeps_the_tables(view: PopulationState, seed: int) -> None:
+    """For any state: a rate inside its phase's range, and a tree for the target."""
+    guidance = expert().advise(view, np.random.default_rng(seed))
+    assert guidance.phase is not None
+    assert guidance.target is not None
+    assert guidance.mutation_rate is not None
+    low, high = TABLE_8[guidance.phase]
+    assert low <= guidance.mutation_rate <= high
+    assert guidance.tree in [library().trees[name] for name in library().targets[guidance.target]]
+    assert guidance.phase is classify_phase(view, expert().settings)
+    assert guidance.pattern is classify_pattern(view, expert().settings)
+    assert guidance.source == "expert"
 
 
 @pytest.mark.parametrize(
@@ -317,18 +317,18 @@ def test_the_more_there_is_to_lose_the_lower_the_rate(
     complete: int, working: float, rate: float
 ) -> None:
     """In refinement, 0.15-0.25: down with Complete Robots, up to six, or with working ones."""
-    seen = state([snapshot(0, complete=complete, working=working)])
-    found = expert().advise(seen, np.random.default_rng(0))
-    assert found.mutation_rate == pytest.approx(rate)
+    view = state([snapshot(0, complete=complete, working=working)])
+    guidance = expert().advise(view, np.random.default_rng(0))
+    assert guidance.mutation_rate == pytest.approx(rate)
 
 
 @pytest.mark.parametrize("target", ["rare", "integration", "exploration"])
 def test_single_behaviours_serve_every_target(target: str) -> None:
     """The default library has trees for behaviours alone: the rarest one has its tree."""
-    plain_expert = Expert.make(how(), context("library=single"))
+    plain_expert = Expert.make(settings_of_tables(), context("library=single"))
     for behaviour in WORKERS:
-        seen = state(past(9, complete=1, behaviour_counts={behaviour: 1}))
-        name = plain_expert.pick(target, seen, np.random.default_rng(0))
+        view = state(past(9, complete=1, behaviour_counts={behaviour: 1}))
+        name = plain_expert.pick(target, view, np.random.default_rng(0))
         assert name == f"single_{behaviour}"
 
 
@@ -362,7 +362,7 @@ def test_policies_that_cannot_be(key: str, value: object, message: str) -> None:
 
 
 def test_ranges_of_rates_are_checked() -> None:
-    """For the expert's own and for those that prompts tell a language model."""
+    """For the expert's and for those in the prompts of a language model."""
     ranges = {**dict.fromkeys(Phase, (0.1, 0.2)), Phase.REFINEMENT: (0.3, 0.2)}
     with pytest.raises(ValueError, match=r"phases\.refinement: expected 0 <= low <= high <= 1"):
         check_ranges("phases", ranges)

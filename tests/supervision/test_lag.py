@@ -1,4 +1,4 @@
-"""Asynchronous supervision: exact in generations, whatever it takes in seconds."""
+"""Asynchronous supervision: exact in generations, for any time in seconds."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ PATIENCE = 30  # s after which a test gives up
 
 
 class Counts:
-    """Wants rate 0.01 * generation, so that a rate tells which state it answers."""
+    """Wants rate 0.01 * generation, so that a rate shows which state it answers."""
 
     name = "counts"
 
-    def advise(self, seen: PopulationState, rng: np.random.Generator) -> Guidance:
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
         notes = {"draw": str(rng.random())}
-        return Guidance(0.01 * seen.now.generation, None, self.name, notes=notes)
+        return Guidance(0.01 * state.now.generation, None, self.name, notes=notes)
 
 
 class Waits(Counts):
@@ -38,11 +38,11 @@ class Waits(Counts):
     def __init__(self, generations: int) -> None:
         self.ready = [Event() for _ in range(generations)]
 
-    def advise(self, seen: PopulationState, rng: np.random.Generator) -> Guidance:
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
-        if not self.ready[seen.now.generation].wait(PATIENCE):
+        if not self.ready[state.now.generation].wait(PATIENCE):
             raise SupervisionError("nobody evaluates while the supervisor thinks")
-        return super().advise(seen, rng)
+        return super().advise(state, rng)
 
 
 class Releases(Fake):
@@ -55,8 +55,8 @@ class Releases(Fake):
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        if (answered := len(self.asked) - self.lag) >= 0:
-            self.waits.ready[answered].set()
+        if (generation := len(self.batches) - self.lag) >= 0:
+            self.waits.ready[generation].set()
         return super().evaluate(jobs)
 
 
@@ -68,20 +68,20 @@ def queue(supervisor: Supervisor, lag: int) -> SupervisorQueue:
 @pytest.mark.parametrize("lag", [0, 1, 2, 5])
 def test_answers_take_effect_lag_generations_later(lag: int) -> None:
     """After generation g the answer to g - lag is applied; before there is one, the rate stays."""
-    found = records(run(plan(f"supervisor.lag={lag}"), Counts()))
-    rates = [record.snapshot.rate for record in found[1:]]
+    history = records(run(plan(f"supervisor.lag={lag}"), Counts()))
+    rates = [record.snapshot.rate for record in history[1:]]
     assert rates == [0.4 if g < lag else pytest.approx(0.01 * (g - lag)) for g in range(7)]
-    asked = [record.guidance.asked_at for record in found[lag:-1] if record.guidance]
-    assert asked == list(range(7 - lag))
+    states = [record.guidance.asked_at for record in history[lag:-1] if record.guidance]
+    assert states == list(range(7 - lag))
 
 
 @pytest.mark.parametrize("lag", [1, 3])
 def test_evaluation_goes_on_meanwhile(lag: int) -> None:
     """A supervisor that answers as late as it may gives the same bytes as a quick one."""
-    how = plan(f"supervisor.lag={lag}")
+    run_plan = plan(f"supervisor.lag={lag}")
     waits = Waits(8)
-    slow = run(how, waits, evaluator=Releases(waits, lag))
-    assert list(lines(slow)) == list(lines(run(how, Counts())))
+    slow = run(run_plan, waits, evaluator=Releases(waits, lag))
+    assert list(lines(slow)) == list(lines(run(run_plan, Counts())))
 
 
 def test_the_queue_waits_for_the_answer() -> None:
@@ -108,23 +108,23 @@ def test_draws_belong_to_the_generation(lag: int) -> None:
     histories = [[snapshot(g) for g in range(n)] for n in range(1, 5)]
     for history in histories:
         some.ask(state(history))
-    found = [some.answer(g + lag) for g in range(4)]
+    answers = [some.answer(g + lag) for g in range(4)]
     some.close()
     straight = queue(Counts(), 0)
     for history in histories:
         straight.ask(state(history))
-    assert found == [straight.answer(g) for g in range(4)]
-    assert len({answer.notes["draw"] for answer in found if answer}) == 4
+    assert answers == [straight.answer(g) for g in range(4)]
+    assert len({answer.notes["draw"] for answer in answers if answer}) == 4
 
 
 class Fails(Counts):
     """Cannot do its work from generation 2 on."""
 
-    def advise(self, seen: PopulationState, rng: np.random.Generator) -> Guidance:
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
-        if seen.now.generation == 2:
+        if state.now.generation == 2:
             raise SupervisionError("no more")
-        return super().advise(seen, rng)
+        return super().advise(state, rng)
 
 
 @pytest.mark.parametrize("lag", [0, 2])

@@ -36,20 +36,20 @@ def folder(tmp_path: Path) -> Path:
 
 def read(folder: Path, **settings: Any) -> Library:
     """The library of a folder, for the paper's classes."""
-    found = LibrarySettings.model_validate({"trees": EACH, **settings})
-    return read_library(found, folder, VOCABULARY, CLASSES)
+    library_settings = LibrarySettings.model_validate({"trees": EACH, **settings})
+    return read_library(library_settings, folder, VOCABULARY, CLASSES)
 
 
 def test_trees_and_their_texts(folder: Path) -> None:
     """Every tree that is named is read once, with its comments."""
-    found = read(folder, trees={**EACH, "rare": ["rest", "work"]}, examples={"poor": ["rest"]})
-    assert found.trees == {
+    library = read(folder, trees={**EACH, "rare": ["rest", "work"]}, examples={"poor": ["rest"]})
+    assert library.trees == {
         "rest": parse("PatrolWaypoint"),
         "work": parse("selector { PickupGarbage }"),
     }
-    assert found.texts["work"] == "# everything\nselector { PickupGarbage }\n"
-    assert found.targets["rare"] == ("rest", "work")
-    assert found.examples == {"poor": ("rest",)}
+    assert library.texts["work"] == "# everything\nselector { PickupGarbage }\n"
+    assert library.targets["rare"] == ("rest", "work")
+    assert library.examples == {"poor": ("rest",)}
 
 
 def test_a_file_that_nobody_names_is_not_read(folder: Path) -> None:
@@ -78,14 +78,14 @@ def test_a_file_that_nobody_names_is_not_read(folder: Path) -> None:
         ({"examples": {"poor": ["bad"]}}, r"expected a tree in .*bad\.bt"),
     ],
 )
-def test_what_is_missing_is_told(folder: Path, settings: Any, message: str) -> None:
-    """A name that stands for no target, a behaviour without a tree, a file that is not there."""
+def test_what_is_missing_is_reported(folder: Path, settings: Any, message: str) -> None:
+    """A name of no target, a behaviour without a tree, a file that is not there."""
     with pytest.raises(ConfigError, match=message):
         read(folder, **settings)
 
 
 def test_an_empty_folder(tmp_path: Path) -> None:
-    """It says so."""
+    """The message says that it has no trees."""
     with pytest.raises(ConfigError, match="there are none"):
         read(tmp_path)
 
@@ -99,7 +99,7 @@ def test_an_empty_folder(tmp_path: Path) -> None:
         ("", IslandError, "no tree"),
     ],
 )
-def test_a_file_that_is_no_tree_is_told(
+def test_a_file_that_is_no_tree_is_reported(
     folder: Path, text: str, error: type[Exception], message: str
 ) -> None:
     """With its path and place, as `islandgp check` does."""
@@ -108,7 +108,7 @@ def test_a_file_that_is_no_tree_is_told(
         read(folder)
 
 
-def test_a_file_that_is_no_text_is_told(folder: Path) -> None:
+def test_a_file_that_is_no_text_is_reported(folder: Path) -> None:
     """In one line."""
     (folder / "work.bt").write_bytes(b"\xff\xfe")
     with pytest.raises(ConfigError, match=r"expected UTF-8 text in .*work\.bt"):
@@ -116,7 +116,7 @@ def test_a_file_that_is_no_text_is_told(folder: Path) -> None:
 
 
 def test_where_a_folder_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A path from here, or a folder of the project; else the message says how to do without."""
+    """In the working folder, or in the project; the error names the alternative."""
     domain = composed().make_domain()
     assert (library_folder("grammar/examples", domain) / "poor.bt").is_file()
     monkeypatch.chdir(tmp_path)
@@ -133,13 +133,13 @@ def test_where_a_folder_is_looked_for(tmp_path: Path, monkeypatch: pytest.Monkey
 def automatic(tmp_path: Path) -> Callable[..., Library]:
     """The library of a run with made-up outcomes, whose records are in a folder of the test."""
 
-    def made(*overrides: str) -> Library:
+    def make(*overrides: str) -> Library:
         fewer = "gp.trees.kinds.parallel=0.5"  # with made-up outcomes, trees for all behaviours
-        words = [*fake("Instant"), "library=automatic", fewer, f"runs={tmp_path}", *overrides]
-        settings = composed(*words)
+        arguments = [*fake("Instant"), "library=automatic", fewer, f"runs={tmp_path}", *overrides]
+        settings = composed(*arguments)
         return make_library(settings, settings.make_domain())
 
-    return made
+    return make
 
 
 def files(folder: Path) -> list[Path]:
@@ -150,7 +150,7 @@ def files(folder: Path) -> list[Path]:
 def test_a_tree_for_each_behaviour_is_found(
     automatic: Callable[..., Library], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is said, done once for all runs that are alike, and the trees are the same afterwards."""
+    """It is reported, done once for all runs that are alike, and gives the same trees."""
     first = automatic("seed=1")
     first_line, *others = capsys.readouterr().err.splitlines()
     assert first_line == "islandgp: searching for a tree of each behaviour, once"
@@ -159,9 +159,9 @@ def test_a_tree_for_each_behaviour_is_found(
     ]
     assert first.targets == {name: (name,) for name in CLASSES.behaviours}
     (file,) = files(tmp_path)
-    kept = json.loads(file.read_text())
-    assert kept["trees"] == {name: to_text(tree) for name, tree in first.trees.items()}
-    assert kept["episodes"] == first.episodes > 0
+    library = json.loads(file.read_text())
+    assert library["trees"] == {name: to_text(tree) for name, tree in first.trees.items()}
+    assert library["episodes"] == first.episodes > 0
     assert automatic("seed=2", "supervisor=untargeted", "name=other") == first
     assert capsys.readouterr().err == ""
 
@@ -174,7 +174,7 @@ def test_a_tree_for_each_behaviour_is_found(
         pytest.param("rewards.events.idle.base=-1", marks=pytest.mark.slow),
     ],
 )
-def test_another_world_has_a_library_of_its_own(
+def test_another_world_has_another_library(
     automatic: Callable[..., Library], tmp_path: Path, change: str
 ) -> None:
     """What the search depends on is in the name of its file."""
@@ -184,7 +184,7 @@ def test_another_world_has_a_library_of_its_own(
 
 
 @pytest.mark.slow
-def test_nothing_found_is_told(
+def test_an_empty_search_is_reported(
     automatic: Callable[..., Library], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The library is empty, and a line names the behaviours."""

@@ -18,7 +18,7 @@ from tests.evolution.runs import Constant, plan, run
 
 
 class Serves(Constant):
-    """A supervisor that counts what it is asked, and can be told to hang."""
+    """A supervisor that counts its questions, and can be made to hang."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -45,25 +45,25 @@ class Serves(Constant):
 
 
 def test_what_a_service_is() -> None:
-    """Only those that say so are started, counted and closed."""
+    """Only supervisors with a lifecycle are started, counted and closed."""
     assert isinstance(Serves(), SupervisorLifecycle)
     assert not isinstance(Constant(), SupervisorLifecycle)
 
 
 def test_what_was_spent_is_in_each_generation_s_cost() -> None:
     """As sums from the start; empty for a supervisor that takes nothing."""
-    spent = [step.cost.llm for step in run(supervisor=Serves())]
-    assert spent == [{"questions": float(min(g + 1, 7))} for g in range(8)]
+    costs = [step.cost.llm for step in run(supervisor=Serves())]
+    assert costs == [{"questions": float(min(g + 1, 7))} for g in range(8)]
     assert all(step.cost.llm == {} for step in run())
 
 
 def test_a_run_closes_its_service_once() -> None:
     """At its end, and as well when it is left in the middle."""
-    whole, left = Serves(), Serves()
-    run(supervisor=whole)
-    with closing(evolve(plan(), 1, left, Fake())) as steps:
+    finished, interrupted = Serves(), Serves()
+    run(supervisor=finished)
+    with closing(evolve(plan(), 1, interrupted, Fake())) as steps:
         next(steps)
-    assert (whole.closed, left.closed) == (1, 1)
+    assert (finished.closed, interrupted.closed) == (1, 1)
 
 
 @pytest.mark.parametrize("lag", [0, 1, 3])
@@ -91,7 +91,7 @@ def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
 
 @pytest.mark.parametrize("lag", [0, 2])
 def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
-    """Whatever it raises ends the run, from whatever thread it comes, and names the class."""
+    """Any exception, from any thread, ends the run and names the class."""
 
     class Fails(Constant):
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:

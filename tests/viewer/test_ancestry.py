@@ -13,7 +13,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.lines import dump
 from islandgp.viewer import ancestry
 from islandgp.viewer.ancestry import lineage, tree_changes
-from tests.study.made_runs import config, guidance, individual, made_run
+from tests.study.made_runs import config, fake_run, guidance, individual
 from tests.viewer.runs import written
 
 A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage PickupGarbage }\n"
@@ -22,7 +22,7 @@ A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage Picku
 def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: Any) -> RunFolder:
     """A folder with these populations, all of one stage."""
     path.mkdir()
-    made = made_run(populations=populations, best=[1.0] * len(populations), **changes)
+    made = fake_run(populations=populations, best=[1.0] * len(populations), **changes)
     lines = [record_values(record) for record in made.records]
     for line in lines:
         line["snapshot"]["stage"] = 0
