@@ -166,7 +166,7 @@ def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
 
 
 def test_services_can_be_closed_unused_and_twice() -> None:
-    """A supervisor releases its resources, whatever was done before."""
+    """A supervisor releases its resources, with or without earlier use."""
     for name, make in MAKERS.items():
         supervisor = make()
         assert isinstance(supervisor, SupervisorLifecycle) == name.startswith("llm")

@@ -48,16 +48,16 @@ USAGE = Usage(input=1000, output=100)
 def settings(*overrides: str) -> LLMSettings:
     """The settings of `supervisor=llm`, with overrides below `supervisor.policy`."""
     below = [f"{'+' * o.startswith('+')}supervisor.policy.{o.lstrip('+')}" for o in overrides]
-    found = composed("supervisor=llm", *below)
-    policy = found.supervisor.settings()
+    composed_settings = composed("supervisor=llm", *below)
+    policy = composed_settings.supervisor.settings()
     assert isinstance(policy, LLMSettings)
     return policy
 
 
 def context(folder: Path | None = None, *overrides: str) -> RunContext:
-    """What a run with the paper's numbers gives to its supervisor."""
-    found = composed("supervisor=llm", *overrides)
-    return run_context(found, folder)
+    """The context of a run with the paper's numbers."""
+    composed_settings = composed("supervisor=llm", *overrides)
+    return run_context(composed_settings, folder)
 
 
 def snapshot(
@@ -123,7 +123,7 @@ def state(
     )
 
 
-def said(value: object, stop_reason: str = "end_turn") -> Reply:
+def reply_of(value: object, stop_reason: str = "end_turn") -> Reply:
     """A reply whose text is a JSON value, or a text as it is."""
     text = value if isinstance(value, str) else json.dumps(value)
     return Reply(text, stop_reason, USAGE)
@@ -137,7 +137,7 @@ Script = Callable[[Request, int], Reply | Failure]
 
 
 class FakeClient:
-    """Answers from a script, at once; `requests` holds what it was asked."""
+    """Answers from a script, at once; `requests` has all requests."""
 
     def __init__(self, script: Script | Sequence[Reply | Failure]) -> None:
         self.script = script
@@ -156,7 +156,7 @@ class FakeClient:
     def open(self) -> None:
         """See `Client`."""
 
-    def asked(self, kind: str) -> list[Request]:
+    def requests_for(self, kind: str) -> list[Request]:
         """The requests of one kind, in their order; questions of two kinds go out together."""
         return [request for request in self.requests if kind_of(request) == kind]
 
@@ -185,12 +185,12 @@ def answering(
     def script(request: Request, n: int) -> Reply | Failure:  # noqa: ARG001 -- a script's form
         kind = kind_of(request)
         if kind == "probe":
-            return said({"greeting": "Hello."})
+            return reply_of({"greeting": "Hello."})
         answer: Any = rate if kind == "rate" else tree
         if callable(answer):
             answer = answer(counts.get(kind, 0))
         counts[kind] = counts.get(kind, 0) + 1
-        return answer if isinstance(answer, (Reply, Failure)) else said(answer)
+        return answer if isinstance(answer, (Reply, Failure)) else reply_of(answer)
 
     return script
 
@@ -199,15 +199,17 @@ def supervisor(
     script: Script | Sequence[Reply | Failure],
     *overrides: str,
     folder: Path | None = None,
-    given: RunContext | None = None,
+    run_context: RunContext | None = None,
 ) -> tuple[LLM, FakeClient]:
     """A supervisor over a script, which never waits."""
     client = FakeClient(script)
     quick = ("retry.first_wait=0", "retry.longest_wait=0")
-    return LLM(settings(*quick, *overrides), given or context(folder), client), client
+    return LLM(settings(*quick, *overrides), run_context or context(folder), client), client
 
 
 def advise(llm: LLM, at: PopulationState | None = None) -> Guidance:
     """One piece of guidance, with the generator that a run would give."""
-    where = at or state()
-    return llm.advise(where, stream(0, Stream.SUPERVISION, generation=where.now.generation))
+    population_state = at or state()
+    return llm.advise(
+        population_state, stream(0, Stream.SUPERVISION, generation=population_state.now.generation)
+    )

@@ -31,7 +31,7 @@ from tests.llm.made import (
     context,
     failed,
     kind_of,
-    said,
+    reply_of,
     settings,
     state,
     supervisor,
@@ -47,16 +47,16 @@ def run_of(llm: LLM, generations: int) -> list[str]:
 def test_prices() -> None:
     """Each sort of token has its own price, for a million of them."""
     price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
-    found = cost(Usage(input=1_000_000, output=200_000, cache_read=500_000, cache_write=4), price)
-    assert found == pytest.approx(1 + 1 + 0.05 + 0.000005)
+    dollars = cost(Usage(input=1_000_000, output=200_000, cache_read=500_000, cache_write=4), price)
+    assert dollars == pytest.approx(1 + 1 + 0.05 + 0.000005)
 
 
 def test_the_price_table_is_dated_and_knows_the_default_model() -> None:
-    """The paper's model costs what its provider's page says."""
-    found = settings()
-    assert found.price == Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
-    assert found.prices.date.startswith("20")
-    assert found.prices.source.startswith("https://")
+    """The paper's model costs what its provider's page states."""
+    llm_settings = settings()
+    assert llm_settings.price == Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
+    assert llm_settings.prices.date.startswith("20")
+    assert llm_settings.prices.source.startswith("https://")
 
 
 def test_the_table_knows_every_model_of_the_sdk() -> None:
@@ -84,7 +84,7 @@ def iso(day: str) -> str:
 
 @pytest.mark.parametrize("model", ["claude-fable-5-2", "current-large"])
 def test_a_price_that_nobody_knows_is_not_made_up(model: str) -> None:
-    """A cap in dollars cannot be kept with it, and the error says so."""
+    """A cap in dollars cannot be kept with it, and the error names it."""
     with pytest.raises(ConfigError, match=f"expected a model with a known price, found '{model}'"):
         settings(f"model={model}", "caps.usd=1")
 
@@ -94,7 +94,7 @@ def test_the_ledger_adds_up() -> None:
     script = answering(rate=lambda n: [failed(FailureKind.OVERLOADED), DECISION][n])
     llm, client = supervisor(script)
     advise(llm)
-    found = llm.spent()
+    spent = llm.spent()
     assert len(client.requests) == 4
     expected = {
         "requests": 4,
@@ -109,7 +109,7 @@ def test_the_ledger_adds_up() -> None:
         "fallback_trees": 0,
         "cost_usd": pytest.approx((3000 + 5 * 300) / 1e6),
     }
-    assert {name: found[name] for name in expected} == expected
+    assert {name: spent[name] for name in expected} == expected
 
 
 def test_the_ledger_goes_on_after_a_resumption(tmp_path: Path) -> None:
@@ -148,10 +148,10 @@ def test_a_lost_answer_counts_as_the_most_it_can_be() -> None:
     """Against the caps; what is known to be spent stays what is known."""
     llm, _ = supervisor(answering(tree=failed(FailureKind.TIMEOUT)))
     advise(llm)
-    found = llm.spent()
-    assert found["uncounted_requests"] == 3
-    assert found["cost_usd"] == pytest.approx(2 * (1000 + 5 * 100) / 1e6)
-    assert found["cost_usd_at_most"] > found["cost_usd"] + 3 * 2048 * 5 / 1e6
+    spent = llm.spent()
+    assert spent["uncounted_requests"] == 3
+    assert spent["cost_usd"] == pytest.approx(2 * (1000 + 5 * 100) / 1e6)
+    assert spent["cost_usd_at_most"] > spent["cost_usd"] + 3 * 2048 * 5 / 1e6
 
 
 def test_the_bound_on_tokens_is_a_bound() -> None:
@@ -167,12 +167,12 @@ def test_a_connection_that_is_not_made_is_no_request(kind: FailureKind) -> None:
     plain = answering(tree=failed(kind))
     llm, client = supervisor(plain, "caps.requests=7", "caps.usd=0.2")
     assert run_of(llm, 5) == ["llm and fallback"] * 5
-    found = llm.spent()
-    assert found["requests"] == 6
+    spent = llm.spent()
+    assert spent["requests"] == 6
     assert len(client.requests) == 6 + 5 * (3 if kind is FailureKind.UNREACHABLE else 1)
-    assert found["uncounted_requests"] == 0
-    assert found["cost_usd"] == found["cost_usd_at_most"]
-    assert found[f"failures_{kind}"] == len(client.requests) - 6
+    assert spent["uncounted_requests"] == 0
+    assert spent["cost_usd"] == spent["cost_usd_at_most"]
+    assert spent[f"failures_{kind}"] == len(client.requests) - 6
 
 
 def test_what_makes_a_request_longer_is_in_the_bound() -> None:
@@ -191,10 +191,10 @@ def test_a_prompt_that_is_kept_may_cost_more(write: float, dollars: float) -> No
     """What is written to a cache has its own price; a server that keeps nothing takes the other."""
     price = Price(input=1, output=5, cache_read=0.1, cache_write=write)
     request = Request("m", "s" * 2_000_000, ("u",), 64, cache=True)
-    found = most_tokens(request)
-    assert found.cache_write == 1_000_000
-    rest = cost(replace(found, cache_write=0), dearest(price))
-    assert cost(found, dearest(price)) - rest == pytest.approx(dollars)
+    tokens = most_tokens(request)
+    assert tokens.cache_write == 1_000_000
+    rest = cost(replace(tokens, cache_write=0), dearest(price))
+    assert cost(tokens, dearest(price)) - rest == pytest.approx(dollars)
 
 
 @pytest.mark.parametrize(
@@ -210,7 +210,7 @@ def test_a_prompt_that_is_kept_may_cost_more(write: float, dollars: float) -> No
         "+prices.models.m={input: inf, output: 1, cache_read: 0, cache_write: 0}",
     ],
 )
-def test_an_odd_number_is_told_before_the_run(value: str) -> None:
+def test_an_odd_number_is_refused_before_the_run(value: str) -> None:
     """It could not be written down, waited for or multiplied with."""
     with pytest.raises(ConfigError, match=re.escape(value.lstrip("+").partition("=")[0])):
         settings(value)
@@ -219,8 +219,8 @@ def test_an_odd_number_is_told_before_the_run(value: str) -> None:
 @pytest.mark.parametrize(
     "field", ["max_tokens: 9", "model: m", "stream: true", "messages: []", "temperature: 1"]
 )
-def test_more_fields_of_a_request_cannot_replace_its_own(field: str) -> None:
-    """The caps are reckoned with what the request says, e.g. its longest answer."""
+def test_more_fields_of_a_request_cannot_replace_others(field: str) -> None:
+    """The caps depend on fields of the request, e.g. its longest answer."""
     name = field.partition(":")[0]
     with pytest.raises(ConfigError, match=f"expected other fields than .*found {name}"):
         settings(f"extra_body={{{field}}}")
@@ -228,7 +228,7 @@ def test_more_fields_of_a_request_cannot_replace_its_own(field: str) -> None:
 
 @pytest.mark.parametrize("value", ["{a: nan}", "{a: {b: [inf]}}"])
 def test_more_fields_of_a_request_are_json(value: str) -> None:
-    """A number that JSON does not have is told before the run."""
+    """A number that JSON does not have is refused before the run."""
     with pytest.raises(ConfigError, match=r"extra_body: expected JSON values"):
         settings(f"extra_body={value}")
 
@@ -255,9 +255,9 @@ def test_no_cap_is_passed(cap: str) -> None:
     assert run_of(llm, 40)[-1] == "fallback"
     assert llm._calls is not None
     most = llm._calls.ledger.most()
-    found = {"usd": most.usd, "input_tokens": most.input, "output_tokens": most.output}
+    totals = {"usd": most.usd, "input_tokens": most.input, "output_tokens": most.output}
     name, _, limit = cap.removeprefix("caps.").partition("=")
-    assert float(limit) / 2 < found[name] <= float(limit)
+    assert float(limit) / 2 < totals[name] <= float(limit)
 
 
 def test_a_cap_on_time_ends_the_waiting() -> None:
@@ -271,17 +271,17 @@ def test_a_cap_on_time_ends_the_waiting() -> None:
     assert "seconds=0" in advise(llm, state(5)).notes["rate"]
 
 
-def test_the_record_and_the_person_are_told(caplog: pytest.LogCaptureFixture) -> None:
-    """Every generation's notes say why the fallback answered; the person is told once."""
+def test_a_reached_cap_is_recorded_and_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    """Every generation's notes give the reason of the fallback; the log has it once."""
     llm, _ = supervisor(answering(), "caps.requests=3")
-    given = [advise(llm, state(g)) for g in range(4)]
-    assert given[0].notes["rate"] == "llm"
-    for guidance in given[1:]:
+    answers = [advise(llm, state(g)) for g in range(4)]
+    assert answers[0].notes["rate"] == "llm"
+    for guidance in answers[1:]:
         assert guidance.notes["rate"].startswith("fallback: budget: another request could pass")
         assert guidance.source == "fallback"
         assert guidance.tree is not None
-    said = [r.getMessage() for r in caplog.records if r.name == "islandgp"]
-    assert said == [
+    messages = [r.getMessage() for r in caplog.records if r.name == "islandgp"]
+    assert messages == [
         "Supervision continues with the fallback from generation 1:"
         " another request could pass the cap requests=3"
     ]
@@ -315,16 +315,16 @@ def test_an_unknown_price_is_an_error_only_with_a_cap_in_dollars() -> None:
     )
 
 
-def test_a_price_of_one_s_own() -> None:
+def test_a_user_s_price() -> None:
     """A model that the table does not know can be added on the command line."""
     row = "{input: 2, output: 4, cache_read: 0, cache_write: 0}"
-    found = settings("model=mine", f"+prices.models.mine={row}", "caps.usd=1")
-    assert found.price == Price(input=2, output=4, cache_read=0, cache_write=0)
+    llm_settings = settings("model=mine", f"+prices.models.mine={row}", "caps.usd=1")
+    assert llm_settings.price == Price(input=2, output=4, cache_read=0, cache_write=0)
 
 
 def test_cache_reads_are_counted_and_priced() -> None:
     """They are cheap, and `input_tokens` leaves them out."""
-    cached = said(DECISION)
+    cached = reply_of(DECISION)
     reply = type(cached)(cached.text, "end_turn", Usage(100, 10, cache_read=5000, cache_write=0))
     llm, client = supervisor(answering(rate=reply), "cache=true")
     advise(llm)
@@ -343,9 +343,9 @@ def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
             raise KeyboardInterrupt
         return answering()(request, n)
 
-    given = context(tmp_path, "supervisor.adapt_mutation=false")
+    run_context = context(tmp_path, "supervisor.adapt_mutation=false")
     for _ in range(4):
-        llm, _ = supervisor(killed, "caps.requests=5", given=given)
+        llm, _ = supervisor(killed, "caps.requests=5", run_context=run_context)
         with suppress(KeyboardInterrupt):
             run_of(llm, 8)
     assert len(sent) == 5
@@ -392,17 +392,17 @@ def test_no_moment_of_a_kill_passes_a_cap(
 
     really_write = Transcript._write
     monkeypatch.setattr(Transcript, "_write", write)
-    given = context(tmp_path, "supervisor.adapt_mutation=false")
+    run_context = context(tmp_path, "supervisor.adapt_mutation=false")
     caps = {"requests": 4, "output_tokens": 9000, "usd": 0.07}
     spent = []
     for _ in range(15):
-        llm, _ = supervisor(answer, f"caps.{cap}={caps[cap]}", given=given)
+        llm, _ = supervisor(answer, f"caps.{cap}={caps[cap]}", run_context=run_context)
         with suppress(Killed):
             run_of(llm, 8)
         spent.append(llm.spent())
     assert len(sent) <= spent[-1]["requests"]
-    assert max(found[name] for found in spent) <= most
-    assert [found["requests"] for found in spent] == sorted(found["requests"] for found in spent)
+    assert max(costs[name] for costs in spent) <= most
+    assert [costs["requests"] for costs in spent] == sorted(costs["requests"] for costs in spent)
 
 
 def test_no_number_of_kills_passes_the_cap_on_seconds(tmp_path: Path) -> None:
@@ -417,9 +417,9 @@ def test_no_number_of_kills_passes_the_cap_on_seconds(tmp_path: Path) -> None:
             clock[0] += seconds
             raise Killed
 
-    given = context(tmp_path, "supervisor.adapt_mutation=false")
+    run_context = context(tmp_path, "supervisor.adapt_mutation=false")
     for _ in range(8):
-        llm = LLM(settings("caps.seconds=100", "retry.deadline=30"), given, Slow(answering()))
+        llm = LLM(settings("caps.seconds=100", "retry.deadline=30"), run_context, Slow(answering()))
         llm._open().clock = lambda: clock[0]
         with suppress(Killed):
             run_of(llm, 3)
@@ -454,11 +454,11 @@ def test_two_questions_at_once_do_not_pass_a_cap(monkeypatch: pytest.MonkeyPatch
         return failed(FailureKind.OVERLOADED)
 
     def over(ledger: Ledger, *next_one: Any) -> str:
-        found = really_over(ledger, *next_one)
-        if len(client.requests) == 25 and not found:
+        reason = really_over(ledger, *next_one)
+        if len(client.requests) == 25 and not reason:
             with suppress(BrokenBarrierError):
                 meeting.wait(0.5)
-        return found
+        return reason
 
     really_over = Ledger.over
     monkeypatch.setattr(Ledger, "over", over)
@@ -482,8 +482,8 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("loss", ["deleted", "emptied", "cut", "older copy"])
-def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> None:
-    """The run's costs count more: with fewer the caps would begin again without a word."""
+def test_a_transcript_that_lacks_requests_is_refused(tmp_path: Path, loss: str) -> None:
+    """The run's costs count more: with fewer the caps would silently begin again."""
     llm, _ = supervisor(answering(), folder=tmp_path)
     run_of(llm, 2)
     file = tmp_path / "transcript.jsonl"
@@ -492,8 +492,8 @@ def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> 
     (tmp_path / "costs.jsonl").write_text(
         json.dumps({"llm": {}}) + "\n" + json.dumps({"llm": llm.spent()}) + "\n", encoding="utf-8"
     )
-    whole = file.read_bytes()
-    changed = {"emptied": b"", "cut": whole[: len(whole) // 2], "older copy": older}
+    content = file.read_bytes()
+    changed = {"emptied": b"", "cut": content[: len(content) // 2], "older copy": older}
     file.unlink()
     if loss in changed:
         file.write_bytes(changed[loss])
@@ -502,7 +502,7 @@ def test_a_transcript_that_lacks_requests_is_told(tmp_path: Path, loss: str) -> 
         again.start()
     assert "Restore the transcript, or start the run again with resume=never" in str(e.value)
     assert client.requests == []
-    file.write_bytes(whole)
+    file.write_bytes(content)
     once_more, client = supervisor(answering(), folder=tmp_path)
     once_more.start()
     assert once_more.spent() == llm.spent()

@@ -20,7 +20,7 @@ from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
 from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.server import MessagesServer
-from tests.llm.made import advise, answering, context, said, settings, state, supervisor
+from tests.llm.made import advise, answering, context, reply_of, settings, state, supervisor
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES, outcome
@@ -57,9 +57,9 @@ class Scripted:
 
 
 def scripted() -> tuple[RunContext, Scripted]:
-    given = context()
-    domain = Scripted(given.domain)
-    return replace(given, domain=domain, domain_in=lambda _: domain), domain  # type: ignore[arg-type,return-value] # it makes no other
+    run_context = context()
+    domain = Scripted(run_context.domain)
+    return replace(run_context, domain=domain, domain_in=lambda _: domain), domain  # type: ignore[arg-type,return-value] # it makes no other
 
 
 @pytest.mark.parametrize(
@@ -75,54 +75,54 @@ def scripted() -> tuple[RunContext, Scripted]:
 )
 def test_the_best_for_its_target(target: str, best: str) -> None:
     """Its behaviour first, then points; all are tried in one world."""
-    given, domain = scripted()
-    chosen, played, _ = try_out(candidate(target), TREES[1:], state(), given)
-    assert chosen.tree is not None
-    assert to_text(chosen.tree) == best
-    assert played.episodes == 3
-    assert played.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
+    run_context, domain = scripted()
+    selected, trial, _ = try_out(candidate(target), TREES[1:], state(), run_context)
+    assert selected.tree is not None
+    assert to_text(selected.tree) == best
+    assert trial.episodes == 3
+    assert trial.gain == OUTCOMES[best].fitness - OUTCOMES[PATROL].fitness
     assert len(domain.seeds) == 3
     assert len(set(domain.seeds)) == 1
 
 
-def test_worlds_of_trials_are_their_own() -> None:
+def test_each_generation_has_its_trial_world() -> None:
     """Another generation has another one, the same generation the same."""
-    given, domain = scripted()
+    run_context, domain = scripted()
     for generation in (3, 3, 4):
-        try_out(candidate("pickup"), TREES[1:2], state(generation), given)
+        try_out(candidate("pickup"), TREES[1:2], state(generation), run_context)
     first, again, later = domain.seeds[::2]
     assert first == again != later
 
 
 def test_a_trial_has_the_world_of_the_stage_that_the_tree_will_join() -> None:
     """That of the next generation, not the one that `world` gives."""
-    given, domain = scripted()
-    asked: list[int] = []
-    staged = replace(given, domain_in=lambda g: asked.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
+    run_context, domain = scripted()
+    generations: list[int] = []
+    staged = replace(run_context, domain_in=lambda g: generations.append(g) or domain)  # type: ignore[func-returns-value,arg-type,return-value] # it makes no other
     try_out(candidate("pickup"), TREES[1:2], state(3), staged)
-    assert asked == [4]
+    assert generations == [4]
 
 
 def checked(*trees: object, candidates: int = 3) -> Accepted | Rejection:
-    reply = said({"trees": list(trees), "target": "rare", "rationale": "r"})
+    reply = reply_of({"trees": list(trees), "target": "rare", "rationale": "r"})
     return check_proposal(reply, Limits(3, 5), VOCABULARY, CLASSES.targets, candidates)
 
 
 def test_candidates_that_cannot_be_used_are_left_out() -> None:
-    """The others stay, in their order, and the change is told; too many are cut off."""
-    found = checked("FlyHome", PATROL, CHARGE, PICK)
-    assert isinstance(found, Accepted)
-    assert (found.guidance.tree, found.others) == (TREES[0], TREES[1:2])
-    assert found.change == "2 of 3 trees"
+    """The others stay, in their order, and the change is noted; too many are cut off."""
+    accepted = checked("FlyHome", PATROL, CHARGE, PICK)
+    assert isinstance(accepted, Accepted)
+    assert (accepted.guidance.tree, accepted.others) == (TREES[0], TREES[1:2])
+    assert accepted.change == "2 of 3 trees"
 
 
-def test_where_none_can_be_used_the_first_error_is_told() -> None:
-    """It is what the repair turn tells the model."""
-    found = checked("FlyHome", "selector {")
-    assert isinstance(found, Rejection)
-    assert found.stage is RejectionStage.NAMES
+def test_if_none_can_be_used_the_first_error_is_the_reason() -> None:
+    """It is the error of the repair turn."""
+    rejection = checked("FlyHome", "selector {")
+    assert isinstance(rejection, Rejection)
+    assert rejection.stage is RejectionStage.NAMES
     for wrong in ([], "x", [7]):
-        reply = said({"trees": wrong, "target": "rare", "rationale": "r"})
+        reply = reply_of({"trees": wrong, "target": "rare", "rationale": "r"})
         answer = check_proposal(reply, Limits(3, 5), VOCABULARY, CLASSES.targets, 2)
         assert isinstance(answer, Rejection)
         assert answer.stage is RejectionStage.FIELDS
@@ -130,22 +130,22 @@ def test_where_none_can_be_used_the_first_error_is_told() -> None:
 
 
 def test_the_question_asks_for_so_many() -> None:
-    """In its words and in its schema, with both prompt sets."""
+    """In its text and in its schema, with both prompt sets."""
     for name in ("paper", "informed"):
-        found = Questions(settings("candidates=4", f"prompts={name}"), context())
-        request = found.request("tree", state(), CAPABILITIES)
+        questions = Questions(settings("candidates=4", f"prompts={name}"), context())
+        request = questions.request("tree", state(), CAPABILITIES)
         assert "- trees: 4 trees for the same target" in request.system
         assert '"trees": [TEXT, TEXT, ...]' in request.system
         assert request.schema is not None
         assert request.schema["properties"]["trees"]["type"] == "array"
 
 
-def test_what_a_trial_took_and_gained_is_told(tmp_path: Path) -> None:
+def test_cost_and_gain_of_a_trial_are_recorded(tmp_path: Path) -> None:
     """In the record's notes and in the costs."""
-    given, _ = scripted()
+    run_context, _ = scripted()
     answer = {"trees": [PATROL, CHARGE], "target": "charging", "rationale": "c"}
     llm, _ = supervisor(
-        answering(tree=answer), "candidates=2", given=replace(given, folder=tmp_path)
+        answering(tree=answer), "candidates=2", run_context=replace(run_context, folder=tmp_path)
     )
     guidance = advise(llm)
     assert guidance.tree == TREES[1]
@@ -166,15 +166,15 @@ def test_runs_with_candidates_repeat(tmp_path: Path) -> None:
         return {"trees": [PATROL, PICK, "wrong"], "target": "pickup", "rationale": "r"}
 
     with MessagesServer(answer=answer) as server:
-        found = live(server, tmp_path / "live", *short, "supervisor.policy.candidates=3")
-    assert lines(replayed(tmp_path / "live", tmp_path / "again", *short)) == lines(found)
-    assert found[-1].cost.llm["trials"] == 3
-    for step in found[:-1]:
+        steps = live(server, tmp_path / "live", *short, "supervisor.policy.candidates=3")
+    assert lines(replayed(tmp_path / "live", tmp_path / "again", *short)) == lines(steps)
+    assert steps[-1].cost.llm["trials"] == 3
+    for step in steps[:-1]:
         assert step.record.guidance is not None
         assert "of 2 tried in world" in step.record.guidance.notes["trial"]
 
 
-def test_prompts_of_one_s_own_must_say_it(tmp_path: Path) -> None:
+def test_a_user_s_prompts_must_have_the_form_of_the_answer(tmp_path: Path) -> None:
     """Without the variables of the answer's form a model would not know that it may give more."""
     for file in resource("prompts").glob("*.md"):
         text = file.read_text(encoding="utf-8").replace("{{answer}}", "an answer")

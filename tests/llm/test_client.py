@@ -1,4 +1,4 @@
-"""The real SDK over a real socket: whatever the other side does, an attempt ends in time."""
+"""The real SDK over a real socket: an attempt ends in time with any server."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def client_of(url: str) -> Iterator[AnthropicClient]:
 
 def failure(fault: Fault, seconds: float = DEADLINE) -> Failure:
     with MessagesServer(lambda _: fault) as server, client_of(server.url) as client:
-        found = client.send(ASK, seconds=seconds)
-    assert isinstance(found, Failure), found
-    return found
+        answer = client.send(ASK, seconds=seconds)
+    assert isinstance(answer, Failure), answer
+    return answer
 
 
 def mocked(body: bytes, status: int = 200, **headers: str) -> Reply | Failure:
@@ -65,8 +65,8 @@ def test_an_answer_comes_back_with_its_usage() -> None:
         MessagesServer(answer=lambda _: "Hello, island.") as server,
         client_of(server.url) as client,
     ):
-        found = client.send(ASK, seconds=5)
-    assert found == Reply("Hello, island.", "end_turn", Usage(input=15 // 4, output=14 // 4))
+        answer = client.send(ASK, seconds=5)
+    assert answer == Reply("Hello, island.", "end_turn", Usage(input=15 // 4, output=14 // 4))
 
 
 def test_what_is_sent() -> None:
@@ -98,10 +98,10 @@ def test_what_is_sent() -> None:
 
 @pytest.mark.parametrize("fault", [Fault.SILENCE, Fault.DRIP, Fault.DRIP_HEADERS])
 def test_the_deadline_is_hard(fault: Fault) -> None:
-    """A server that says nothing, or a byte now and then, is left at the deadline."""
+    """A server that sends nothing, or a byte now and then, is left at the deadline."""
     began = time.monotonic()
-    found = failure(fault)
-    assert found.kind is FailureKind.TIMEOUT
+    error = failure(fault)
+    assert error.kind is FailureKind.TIMEOUT
     assert time.monotonic() - began < DEADLINE + 1
 
 
@@ -114,14 +114,14 @@ def test_a_server_that_never_accepts_is_left_at_the_deadline() -> None:
             s.setblocking(False)
             s.connect_ex(address)
         with client_of(f"http://127.0.0.1:{address[1]}") as client:
-            found = client.send(ASK, seconds=DEADLINE)
+            answer = client.send(ASK, seconds=DEADLINE)
         for s in blockers:
             s.close()
-    assert found == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")
+    assert answer == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")
 
 
 @pytest.mark.parametrize(
-    ("fault", "kind", "said"),
+    ("fault", "kind", "message"),
     [
         (Fault.RETRY_SOON, FailureKind.RATE_LIMITED, "status 429: slow down"),
         (Fault.RETRY_LATER, FailureKind.RATE_LIMITED, "status 429: come tomorrow"),
@@ -134,13 +134,13 @@ def test_a_server_that_never_accepts_is_left_at_the_deadline() -> None:
         (Fault.CUT, FailureKind.CUT, "peer closed connection"),
     ],
 )
-def test_a_fault_becomes_a_failure_that_says_what_it_was(
-    fault: Fault, kind: FailureKind, said: str
+def test_a_fault_becomes_a_failure_of_its_kind(
+    fault: Fault, kind: FailureKind, message: str
 ) -> None:
     """Each fault of the transport has its kind, and a message for people."""
-    found = failure(fault, seconds=5)
-    assert found.kind is kind
-    assert said in found.message
+    error = failure(fault, seconds=5)
+    assert error.kind is kind
+    assert message in error.message
 
 
 def test_each_request_is_sent_once() -> None:
@@ -157,26 +157,26 @@ def test_a_client_works_on_after_a_failure() -> None:
     """A timed-out attempt leaves nothing behind that hinders the next."""
     faults = [Fault.DRIP, Fault.CUT, Fault.SILENCE, None]
     with MessagesServer(lambda n: faults[n]) as server, client_of(server.url) as client:
-        found = [client.send(ASK, seconds=DEADLINE) for _ in faults]
-    assert [isinstance(f, Reply) for f in found] == [False, False, False, True]
+        answers = [client.send(ASK, seconds=DEADLINE) for _ in faults]
+    assert [isinstance(f, Reply) for f in answers] == [False, False, False, True]
 
 
 def test_nobody_listens() -> None:
-    """A refused connection is told apart from a broken one: nothing was sent, nothing charged."""
+    """A refused connection differs from a broken one: nothing was sent, nothing charged."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
     with client_of(f"http://127.0.0.1:{port}") as client:
-        found = client.send(ASK, seconds=5)
-    assert isinstance(found, Failure)
-    assert found.kind is FailureKind.UNREACHABLE
+        answer = client.send(ASK, seconds=5)
+    assert isinstance(answer, Failure)
+    assert answer.kind is FailureKind.UNREACHABLE
 
 
 def test_an_error_never_repeats_the_key() -> None:
     """A server that quotes the key in its error does not get it into our messages."""
-    found = failure(Fault.UNAUTHORISED, seconds=5)
-    assert found.kind is FailureKind.UNAUTHORISED
-    assert KEY not in found.message
-    assert "[key]" in found.message
+    error = failure(Fault.UNAUTHORISED, seconds=5)
+    assert error.kind is FailureKind.UNAUTHORISED
+    assert KEY not in error.message
+    assert "[key]" in error.message
 
 
 def test_an_answer_never_repeats_the_key() -> None:
@@ -185,9 +185,9 @@ def test_an_answer_never_repeats_the_key() -> None:
         MessagesServer(answer=lambda _: f"Your key is {KEY}!") as server,
         client_of(server.url) as client,
     ):
-        found = client.send(ASK, seconds=5)
-    assert isinstance(found, Reply)
-    assert found.text == "Your key is [key]!"
+        answer = client.send(ASK, seconds=5)
+    assert isinstance(answer, Reply)
+    assert answer.text == "Your key is [key]!"
     broken = mocked(b"x" * 70 + KEY.encode())
     assert isinstance(broken, Failure)
     assert KEY[:8] not in broken.message
@@ -196,14 +196,14 @@ def test_an_answer_never_repeats_the_key() -> None:
 def test_odd_text_is_made_storable() -> None:
     """Lone surrogates and control characters do not get past the seam."""
     body = rb'{"content": [{"type": "text", "text": "a\ud800b\u001b[31m\nc"}], "usage": {}}'
-    found = mocked(body)
-    assert isinstance(found, Reply)
-    assert found.text == "a?b [31m\nc"
+    answer = mocked(body)
+    assert isinstance(answer, Reply)
+    assert answer.text == "a?b [31m\nc"
 
 
 def test_thinking_and_effort_are_sent() -> None:
     """As the API takes them, beside the schema; more fields of the body as they are."""
-    asked = replace(
+    request = replace(
         ASK,
         schema={"type": "object"},
         thinking={"type": "adaptive"},
@@ -212,7 +212,7 @@ def test_thinking_and_effort_are_sent() -> None:
         temperature=0.7,
     )
     with MessagesServer() as server, client_of(server.url) as client:
-        client.send(asked, seconds=5)
+        client.send(request, seconds=5)
     (sent,) = server.requests
     assert sent["thinking"] == {"type": "adaptive"}
     assert sent["output_config"]["effort"] == "low"
@@ -249,9 +249,9 @@ def test_only_text_blocks_are_read() -> None:
 )
 def test_a_body_that_is_no_message_is_malformed(body: bytes) -> None:
     """Nothing of it is believed, and nothing of it raises."""
-    found = mocked(body)
-    assert isinstance(found, Failure)
-    assert found.kind is FailureKind.MALFORMED
+    answer = mocked(body)
+    assert isinstance(answer, Failure)
+    assert answer.kind is FailureKind.MALFORMED
 
 
 def test_an_endless_body_is_left() -> None:
@@ -275,20 +275,20 @@ def test_an_endless_body_is_left() -> None:
         thread = threading.Thread(target=flood, args=(server, sent))
         thread.start()
         with client_of(f"http://127.0.0.1:{server.getsockname()[1]}") as client:
-            found = client.send(ASK, seconds=10)
+            answer = client.send(ASK, seconds=10)
         thread.join()
-    assert isinstance(found, Failure)
-    assert str(MAX_BODY) in found.message
+    assert isinstance(answer, Failure)
+    assert str(MAX_BODY) in answer.message
     assert sum(sent) < 4 * MAX_BODY
 
 
 def test_a_huge_answer_is_cut() -> None:
     """No more of an answer is kept than can be of use."""
-    found = mocked(
+    answer = mocked(
         b'{"content": [{"type": "text", "text": "' + b"x" * (2 * MAX_ANSWER) + b'"}], "usage": {}}'
     )
-    assert isinstance(found, Reply)
-    assert len(found.text) == MAX_ANSWER + 1
+    assert isinstance(answer, Reply)
+    assert len(answer.text) == MAX_ANSWER + 1
 
 
 @pytest.mark.parametrize(
@@ -297,9 +297,9 @@ def test_a_huge_answer_is_cut() -> None:
 )
 def test_retry_after_is_read(header: str, seconds: float | None) -> None:
     """Seconds are taken as they are, nonsense is ignored."""
-    found = mocked(b"{}", 429, **{"retry-after": header})
-    assert isinstance(found, Failure)
-    assert found.retry_after == seconds
+    answer = mocked(b"{}", 429, **{"retry-after": header})
+    assert isinstance(answer, Failure)
+    assert answer.retry_after == seconds
 
 
 @pytest.mark.parametrize(
@@ -308,9 +308,9 @@ def test_retry_after_is_read(header: str, seconds: float | None) -> None:
 )
 def test_retry_after_in_milliseconds_is_read(header: str, seconds: float) -> None:
     """It is more precise than the seconds beside it, which are taken where it is nonsense."""
-    found = mocked(b"{}", 429, **{"retry-after-ms": header, "retry-after": "9"})
-    assert isinstance(found, Failure)
-    assert found.retry_after == seconds
+    answer = mocked(b"{}", 429, **{"retry-after-ms": header, "retry-after": "9"})
+    assert isinstance(answer, Failure)
+    assert answer.retry_after == seconds
     alone = mocked(b"{}", 429, **{"retry-after-ms": "250"})
     assert isinstance(alone, Failure)
     assert alone.retry_after == 0.25
@@ -329,14 +329,14 @@ def test_retry_after_may_be_a_date() -> None:
 
 def test_redirects_are_not_followed() -> None:
     """The key goes nowhere but to the address that was given."""
-    found = mocked(b"", 302, location="http://elsewhere.example/")
-    assert isinstance(found, Failure)
-    assert found.kind is FailureKind.REJECTED
-    assert found.message == "status 302, which leads to http://elsewhere.example/"
+    answer = mocked(b"", 302, location="http://elsewhere.example/")
+    assert isinstance(answer, Failure)
+    assert answer.kind is FailureKind.REJECTED
+    assert answer.message == "status 302, which leads to http://elsewhere.example/"
 
 
 @pytest.mark.parametrize(
-    ("status", "body", "kind", "said"),
+    ("status", "body", "kind", "message"),
     [
         (200, b'{"object": "chat.completion", "choices": []}', "foreign", "OpenAI's language"),
         (200, b'{"error": "Unexpected endpoint (POST /v1/messages)"}', "not_found", "Unexpected"),
@@ -351,14 +351,14 @@ def test_redirects_are_not_followed() -> None:
         (502, b"<html>Bad Gateway</html>", "server", "status 502"),
     ],
 )
-def test_what_another_server_says_is_told_apart(
-    status: int, body: bytes, kind: str, said: str
+def test_errors_of_other_servers_have_different_kinds(
+    status: int, body: bytes, kind: str, message: str
 ) -> None:
     """An answer in OpenAI's language, an unknown address, a gateway that gave up waiting."""
-    found = mocked(body, status)
-    assert isinstance(found, Failure)
-    assert found.kind == kind
-    assert said in found.message
+    answer = mocked(body, status)
+    assert isinstance(answer, Failure)
+    assert answer.kind == kind
+    assert message in answer.message
 
 
 def test_closing_is_prompt_and_final() -> None:
@@ -387,9 +387,9 @@ def test_closing_is_prompt_and_final() -> None:
 def test_no_spelling_of_the_key_gets_past_the_client(spelt: str) -> None:
     """An answer is JSON inside JSON: what it spells with escapes is plain once it is decoded."""
     text = f'{{"reasoning": "the key is {spelt}, \\n\\"indeed\\""}}'
-    found = mocked(json.dumps({"content": [{"type": "text", "text": text}], "usage": {}}).encode())
-    assert isinstance(found, Reply)
-    assert json.loads(found.text) == {"reasoning": 'the key is [key], \n"indeed"'}
+    answer = mocked(json.dumps({"content": [{"type": "text", "text": text}], "usage": {}}).encode())
+    assert isinstance(answer, Reply)
+    assert json.loads(answer.text) == {"reasoning": 'the key is [key], \n"indeed"'}
 
 
 @cache
@@ -401,7 +401,7 @@ def bomb() -> bytes:
 
 @pytest.mark.parametrize("status", [200, 429])
 def test_a_compressed_body_is_not_unpacked(status: int) -> None:
-    """A small body could unpack to a huge one; compression was not asked for and is told."""
+    """A small body could unpack to a huge one; compression was not requested and is reported."""
     transport = httpx2.MockTransport(
         lambda _: httpx2.Response(
             status, stream=Bytes(bomb()), headers={"content-encoding": "gzip", "retry-after": "3"}
@@ -409,15 +409,15 @@ def test_a_compressed_body_is_not_unpacked(status: int) -> None:
     )
     client = AnthropicClient(key=KEY, base_url="http://mock", transport=transport)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found = client.send(ASK, seconds=10)
+    answer = client.send(ASK, seconds=10)
     client.close()
-    assert isinstance(found, Failure)
+    assert isinstance(answer, Failure)
     assert (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) < 100_000  # KiB
     if status == 200:
-        assert found.kind is FailureKind.MALFORMED
-        assert "found the encoding gzip; turn compression off" in found.message
+        assert answer.kind is FailureKind.MALFORMED
+        assert "found the encoding gzip; turn compression off" in answer.message
     else:
-        assert (found.kind, found.retry_after) == (FailureKind.RATE_LIMITED, 3)
+        assert (answer.kind, answer.retry_after) == (FailureKind.RATE_LIMITED, 3)
 
 
 class Bytes(httpx2.AsyncByteStream):
@@ -430,34 +430,34 @@ class Bytes(httpx2.AsyncByteStream):
         yield self.data
 
 
-@pytest.mark.parametrize(("said", "found"), [("false", False), ("true", True), ("", None)])
-def test_what_a_server_says_about_another_attempt(said: str, found: bool | None) -> None:
+@pytest.mark.parametrize(("header", "expected"), [("false", False), ("true", True), ("", None)])
+def test_the_header_on_another_attempt_is_read(header: str, expected: bool | None) -> None:
     """The header that the SDK would obey is read here, as the retries are ours."""
-    answer = mocked(b"{}", 529, **{"x-should-retry": said})
+    answer = mocked(b"{}", 529, **{"x-should-retry": header})
     assert isinstance(answer, Failure)
-    assert answer.should_retry is found
+    assert answer.should_retry is expected
 
 
 def test_a_certificate_that_nobody_signed(tmp_path: Path) -> None:
-    """It is told apart from a server that is not there."""
+    """It differs from a server that is not there."""
     with tls_server(tmp_path) as url, client_of(url) as client:
-        found = client.send(ASK, seconds=5)
-    assert isinstance(found, Failure)
-    assert found.kind is FailureKind.UNTRUSTED
-    assert "CERTIFICATE_VERIFY_FAILED" in found.message
+        answer = client.send(ASK, seconds=5)
+    assert isinstance(answer, Failure)
+    assert answer.kind is FailureKind.UNTRUSTED
+    assert "CERTIFICATE_VERIFY_FAILED" in answer.message
 
 
 @contextmanager
 def tls_server(folder: Path) -> Iterator[str]:
-    """A server with a certificate of its own making."""
+    """A server with a self-signed certificate."""
     pair = folder / "pair.pem"
-    words = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -keyout"
-    made = subprocess.run(
-        ["openssl", *words.split(), pair, "-out", folder / "cert.pem"],
+    options = "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -keyout"
+    process = subprocess.run(
+        ["openssl", *options.split(), pair, "-out", folder / "cert.pem"],
         check=False,
         capture_output=True,
     )
-    if made.returncode:
+    if process.returncode:
         pytest.skip("no openssl to make a certificate with")
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(folder / "cert.pem", pair)
@@ -487,12 +487,12 @@ def tls_server(folder: Path) -> Iterator[str]:
         (None, False),
     ],
 )
-def test_a_server_that_does_not_count_is_told_apart(usage: object, known: bool) -> None:
+def test_missing_counts_of_tokens_are_unknown(usage: object, known: bool) -> None:
     """Some count no tokens, or none of one sort: what they took is unknown, not nothing."""
     message = {"content": [{"type": "text", "text": "yes"}], "usage": usage}
-    found = mocked(json.dumps(message).encode())
-    assert isinstance(found, Reply)
-    assert (found.usage is not None) == known
+    answer = mocked(json.dumps(message).encode())
+    assert isinstance(answer, Reply)
+    assert (answer.usage is not None) == known
 
 
 @pytest.mark.parametrize(
@@ -501,13 +501,13 @@ def test_a_server_that_does_not_count_is_told_apart(usage: object, known: bool) 
 def test_thoughts_without_an_answer_take_tokens(content: list[object], known: bool) -> None:
     """A refusal has none; a server that counts none of the thoughts does not count."""
     usage = {"input_tokens": 3, "output_tokens": 0}
-    found = mocked(json.dumps({"content": content, "usage": usage}).encode())
-    assert isinstance(found, Reply)
-    assert (found.usage is not None) == known
+    answer = mocked(json.dumps({"content": content, "usage": usage}).encode())
+    assert isinstance(answer, Reply)
+    assert (answer.usage is not None) == known
 
 
 def test_a_request_that_was_begun_counts() -> None:
-    """A connection that breaks off before it is made is told apart from one that breaks after."""
+    """A connection that fails before it is made differs from one that breaks later."""
 
     def hang_up(server: socket.socket) -> None:
         connection, _ = server.accept()
@@ -534,5 +534,5 @@ def test_a_proxy_that_never_connects_was_sent_nothing() -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("HTTPS_PROXY", proxy)
             with client_of("https://model.invalid") as client:
-                found = client.send(ASK, seconds=DEADLINE)
-    assert found == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")
+                answer = client.send(ASK, seconds=DEADLINE)
+    assert answer == Failure(FailureKind.UNREACHABLE, f"no connection within {DEADLINE:g} s")

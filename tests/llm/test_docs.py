@@ -33,9 +33,9 @@ COMMANDS = re.findall(r"^    (\S.*)$", OUTSIDE, re.MULTILINE) + re.findall(
 
 
 def overrides(line: str) -> list[str]:
-    """The overrides of one job of a command: a sweep stands for its first."""
-    words = shlex.split(line)[3:]
-    return [word.replace("range(5)", "0") for word in words if word != "-m"]
+    """The overrides of one job of a command, the first one of a sweep."""
+    arguments = shlex.split(line)[3:]
+    return [argument.replace("range(5)", "0") for argument in arguments if argument != "-m"]
 
 
 @sweep("line", [c for c in COMMANDS if c.startswith("python -m islandgp ")], quick=4)
@@ -47,11 +47,11 @@ def test_every_run_of_the_document_composes(line: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("line", [c for c in COMMANDS if c.startswith("islandgp estimate")])
 def test_every_estimate_of_the_document_runs(line: str) -> None:
-    """And tells dollars."""
-    done = CliRunner().invoke(command, shlex.split(line)[2:], catch_exceptions=False)
-    assert done.exit_code == 0
-    assert "US dollars" in done.output
-    assert "unknown" not in done.output
+    """And prints dollars."""
+    result = CliRunner().invoke(command, shlex.split(line)[2:], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "US dollars" in result.output
+    assert "unknown" not in result.output
 
 
 def test_no_command_is_left_out() -> None:
@@ -73,19 +73,19 @@ def test_no_command_is_left_out() -> None:
 def test_the_demo(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It needs no key, says that the answers are a mock's, and ends with two equal records."""
+    """It needs no key, marks the answers as a mock's, and ends with two equal records."""
     monkeypatch.setattr(tempfile, "mkdtemp", lambda prefix: str(tmp_path / prefix))
     small = ("evaluator=serial", "gp.population=6", "world.episode.length=5")
     assert demo(small) == 0
-    said = capsys.readouterr().out
-    assert "the answers below are a mock's" in said
-    assert "rate: llm" in said
-    assert "repaired" in said
-    assert said.rstrip().endswith("The two records are identical, byte for byte.")
+    output = capsys.readouterr().out
+    assert "the answers below are a mock's" in output
+    assert "rate: llm" in output
+    assert "repaired" in output
+    assert output.rstrip().endswith("The two records are identical, byte for byte.")
 
 
 def test_the_names_of_the_record_are_real() -> None:
-    """Notes and ledger have the names that the document tells."""
+    """Notes and ledger have the names of the document."""
     llm, _ = supervisor(answering(rate="no"))
     notes = advise(llm).notes
     for name in notes:
@@ -102,23 +102,23 @@ def variables(text: str) -> set[str]:
     return set(re.findall(r"\{\{#?([\w.]+)\}\}", text))
 
 
-def test_the_variables_of_the_prompts_are_told() -> None:
+def test_the_variables_of_the_prompts_are_documented() -> None:
     """The table has each variable that can be used, and no others."""
     table = TEXT.partition("| variable | what it is |")[2].partition("\n\n")[0]
-    told = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
-    values = dict.fromkeys(told, "")
+    documented = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
+    values = dict.fromkeys(documented, "")
     for name in PROMPT_SETS:
         adviser = Questions(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
             render(prompt, values)
     later = {"generation", "state", "urgency", "answer", "tree_field", "stage", "error"}
     sizes = {"depth", "nodes", "most_depth", "most_nodes"}
-    assert told == {*adviser.values, *later, *RUN_VALUES, *sizes}
+    assert documented == {*adviser.values, *later, *RUN_VALUES, *sizes}
 
 
 def test_prompts_are_of_no_domain() -> None:
     """They name no action, no key and no tier of the island."""
-    words = {*VOCABULARY.actions, *VOCABULARY.keys, *(t.title() for t in composed().classes.tiers)}
+    names = {*VOCABULARY.actions, *VOCABULARY.keys, *(t.title() for t in composed().classes.tiers)}
     for file in resource("prompts").rglob("*.md"):
         text = file.read_text(encoding="utf-8")
-        assert words.isdisjoint(re.findall(r"\w+", text))
+        assert names.isdisjoint(re.findall(r"\w+", text))

@@ -29,7 +29,7 @@ from islandgp.supervision.llm.questions import Questions, drawn_models
 from islandgp.testing.faults import no_faults
 from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
-from tests.llm.made import context, said, settings, state
+from tests.llm.made import context, reply_of, settings, state
 from tests.llm.test_informed import small_run
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import live, replayed
@@ -55,21 +55,21 @@ def check(reply: Reply) -> Accepted | Rejection:
 
 def checked(*edits: object, **other: Any) -> Accepted | Rejection:
     """The check of an answer with these edits."""
-    return check(said({"reasoning": "a", "edits": list(edits), **other}))
+    return check(reply_of({"reasoning": "a", "edits": list(edits), **other}))
 
 
 def test_an_edit_is_taken() -> None:
     """With its reason, and a branch in a Markdown fence."""
     for branch in (CHARGE, f"```bt\n{CHARGE}\n```"):
-        found = checked({**FRONT, "branch": branch})
-        assert isinstance(found, Accepted)
-        (edit,) = found.guidance.edits
+        accepted = checked({**FRONT, "branch": branch})
+        assert isinstance(accepted, Accepted)
+        (edit,) = accepted.guidance.edits
         assert (edit.kind, edit.of, edit.at, edit.reason) == ("front", "3.0", "0", FRONT["reason"])
         assert edit.branch == parse(CHARGE)
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"of": "9.9"}, "expected an individual"),
         ({"at": "7/7"}, "expected a place"),
@@ -85,37 +85,37 @@ def test_an_edit_is_taken() -> None:
         ({"branch": CHARGE.replace("< 25", "> 200")}, "batteryLevel"),
     ],
 )
-def test_what_is_refused_is_said(change: dict[str, Any], words: str) -> None:
+def test_each_refusal_is_named(change: dict[str, Any], message: str) -> None:
     """Each fault is named for the repair turn, copies and linter warnings too."""
-    found = checked({**FRONT, **change})
-    assert isinstance(found, Rejection)
-    assert found.stage is RejectionStage.EDITS
-    assert words in found.error
+    rejection = checked({**FRONT, **change})
+    assert isinstance(rejection, Rejection)
+    assert rejection.stage is RejectionStage.EDITS
+    assert message in rejection.error
 
 
 @pytest.mark.parametrize("edits", [[], "front", None, [3], [[]]])
 def test_what_is_no_list_of_edits_is_refused(edits: object) -> None:
     """With the form that is expected."""
-    found = check(said({"reasoning": "a", "edits": edits}))
-    assert isinstance(found, Rejection)
-    assert found.stage is RejectionStage.FIELDS
-    assert "a list of edits" in found.error
+    rejection = check(reply_of({"reasoning": "a", "edits": edits}))
+    assert isinstance(rejection, Rejection)
+    assert rejection.stage is RejectionStage.FIELDS
+    assert "a list of edits" in rejection.error
 
 
 def test_good_edits_count_beside_bad_ones() -> None:
-    """The record says which were left out, and why."""
-    found = checked({**FRONT, "of": "9.9"}, FRONT)
-    assert isinstance(found, Accepted)
-    assert len(found.guidance.edits) == 1
-    assert found.change.startswith("1 of 2 edits: edit 1: expected an individual")
+    """The record names the others and the reasons."""
+    accepted = checked({**FRONT, "of": "9.9"}, FRONT)
+    assert isinstance(accepted, Accepted)
+    assert len(accepted.guidance.edits) == 1
+    assert accepted.change.startswith("1 of 2 edits: edit 1: expected an individual")
 
 
 def test_an_empty_answer_is_asked_again() -> None:
-    """It is no refusal: the repair turn says that it was empty."""
-    found = check(Reply("  ", "end_turn", None))
-    assert isinstance(found, Rejection)
-    assert found.stage is RejectionStage.JSON
-    assert "an empty answer" in found.error
+    """It is no refusal: the repair turn names it empty."""
+    rejection = check(Reply("  ", "end_turn", None))
+    assert isinstance(rejection, Rejection)
+    assert rejection.stage is RejectionStage.JSON
+    assert "an empty answer" in rejection.error
 
 
 def test_whole_trees_may_be_refused_as_copies_and_by_the_linter() -> None:
@@ -124,12 +124,12 @@ def test_whole_trees_may_be_refused_as_copies_and_by_the_linter() -> None:
         ("SeekCharger", RejectionStage.COPY),
         (f"selector {{ {CHARGE.replace('< 25', '> 200')} PatrolWaypoint }}", RejectionStage.LINT),
     ):
-        reply = said({"tree": f"```\n{text}\n```", "target": "rare", "rationale": "a"})
-        how = (reply, Limits(8, 50), VOCABULARY, ("rare",))
-        assert isinstance(check_proposal(*how), Accepted)
-        found = check_proposal(*how, existing=KNOWN)
-        assert isinstance(found, Rejection)
-        assert found.stage is stage
+        reply = reply_of({"tree": f"```\n{text}\n```", "target": "rare", "rationale": "a"})
+        arguments = (reply, Limits(8, 50), VOCABULARY, ("rare",))
+        assert isinstance(check_proposal(*arguments), Accepted)
+        rejection = check_proposal(*arguments, existing=KNOWN)
+        assert isinstance(rejection, Rejection)
+        assert rejection.stage is stage
 
 
 def test_the_listing_has_the_path_of_each_node() -> None:
@@ -151,14 +151,14 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     assert any(i.origin == Origin.EDITED for i in individuals)
     assert any(s.record.trials for s in steps)
     lines = (tmp_path / "a" / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
-    asked = [json.loads(line) for line in lines]
-    parts = {line["part"] for line in asked if line["line"] == "attempt"}
+    entries = [json.loads(line) for line in lines]
+    parts = {line["part"] for line in entries if line["line"] == "attempt"}
     assert parts == {"probe", "rate", "edits", "edits 2"}
     again = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
     assert [s.record for s in again] == [s.record for s in steps]
     models = {
         line["request"]["model"]
-        for line in asked
+        for line in entries
         if line["line"] == "attempt" and line["part"].startswith("edits")
     }
     assert models == {"small", "large"}
@@ -170,7 +170,7 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     assert [s.record for s in (*first, *rest)] == [s.record for s in steps]
     turns = [
         line["request"]["turns"][0]
-        for line in asked
+        for line in entries
         if line.get("part") == "edits" and "request" in line
     ]
     assert "Earlier edits, and what they gained" in turns[-1]
@@ -181,7 +181,7 @@ def test_models_are_drawn_by_weight_or_by_what_their_edits_gained() -> None:
     """A model of twice the weight is asked twice as often; the bandit prefers who gained."""
     rng, models, parts = np.random.default_rng(0), "models={small: 1, large: 2}", ["tree", "edits"]
     draws = [drawn_models(settings(models), {}, parts, rng) for _ in range(300)]
-    assert 160 < Counter(drawn["edits"] for drawn in draws)["large"] < 240
+    assert 160 < Counter(choice["edits"] for choice in draws)["large"] < 240
     gains, bandit = {"small": (30, 0), "large": (0, 30)}, settings(models, "choice=bandit")
     assert all(drawn_models(bandit, gains, parts, rng) == {"edits": "small"} for _ in range(30))
     assert drawn_models(settings(), {}, parts, rng) == {}
@@ -189,21 +189,21 @@ def test_models_are_drawn_by_weight_or_by_what_their_edits_gained() -> None:
 
 def test_the_history_counts_the_edits_of_each_model() -> None:
     """Those that made their tree better, and the others, refused ones included."""
-    seen = small_run()[1].seen[-1]
-    assert seen.guidance is not None
+    generation = small_run()[1].generations[-1]
+    assert generation.guidance is not None
     edit = EditRecord(**dict.fromkeys((f.name for f in fields(EditRecord)), ""))
     edits = (edit, replace(edit, refused="a copy"), edit)
-    led = replace(seen.guidance, edits=edits, notes={"edit_models": "small large large"})
+    led = replace(generation.guidance, edits=edits, notes={"edit_models": "small large large"})
     better = EditTrial(**dict.fromkeys((f.name for f in fields(EditTrial)), 1.0))
     trials = (replace(better, fitness=2.0), replace(better, fitness=0.0))
-    found = RunHistory().followed_by(replace(seen, guidance=led, trials=trials))
-    assert found.gains == {"small": (1, 0), "large": (0, 2)}
+    history = RunHistory().followed_by(replace(generation, guidance=led, trials=trials))
+    assert history.gains == {"small": (1, 0), "large": (0, 2)}
 
 
 def test_every_kind_is_explained() -> None:
     """The system prompt has each kind of edit, and names no domain's words beside its own."""
-    given = context(None, "supervisor.edits=2")
-    found = Questions(settings(), given).request("edits", state(), CAPABILITIES)
-    assert all(f"- {name} (needs {kind.needs})" in found.system for name, kind in EDITS.items())
-    assert found.schema is not None
-    assert list(found.schema["properties"]) == ["reasoning", "edits"]
+    run_context = context(None, "supervisor.edits=2")
+    request = Questions(settings(), run_context).request("edits", state(), CAPABILITIES)
+    assert all(f"- {name} (needs {kind.needs})" in request.system for name, kind in EDITS.items())
+    assert request.schema is not None
+    assert list(request.schema["properties"]) == ["reasoning", "edits"]

@@ -28,75 +28,75 @@ from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.made import advise, answering, context, settings, state, supervisor
 
 
-def said(*words: str) -> str:
-    done = CliRunner().invoke(command, list(words), catch_exceptions=False)
-    assert done.exit_code == 0
-    return done.output
+def output_of(*arguments: str) -> str:
+    result = CliRunner().invoke(command, list(arguments), catch_exceptions=False)
+    assert result.exit_code == 0
+    return result.output
 
 
 def test_every_generation_but_the_last_asks_twice() -> None:
     """41 generations: 80 questions and a probe, with so many tokens of answers."""
-    found = expected(settings(), context())
-    assert found.requests == 81
-    assert found.output == 80 * ANSWER
-    assert found.usd == pytest.approx((found.input + 5 * found.output) / 1e6)
+    estimate = expected(settings(), context())
+    assert estimate.requests == 81
+    assert estimate.output == 80 * ANSWER
+    assert estimate.usd == pytest.approx((estimate.input + 5 * estimate.output) / 1e6)
 
 
 def test_answers_that_would_come_too_late_cost_nothing() -> None:
     """With a lag the last generations are not asked about."""
     assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
     assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 12
-    text = said("search=paper", "supervisor=llm", "supervisor.lag=5")
+    text = output_of("search=paper", "supervisor=llm", "supervisor.lag=5")
     assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "432"]
-    racing = said("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
+    racing = output_of("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
     assert [line.split()[2] for line in racing.splitlines() if "a run " in line] == ["36", "222"]
     assert expected(settings(), context(), 99).requests == 1
 
 
 def test_what_is_switched_off_costs_nothing() -> None:
     """Half the questions without injection; the tree's prompt is the longer one."""
-    whole = expected(settings(), context())
+    both = expected(settings(), context())
     rate = expected(settings(), replace(context(), inject=False))
     tree = expected(settings(), replace(context(), adapt_mutation=False))
     assert rate.requests == tree.requests == 41
     assert rate.input < tree.input
-    assert rate.input + tree.input == pytest.approx(whole.input, abs=2)
+    assert rate.input + tree.input == pytest.approx(both.input, abs=2)
 
 
 def test_at_most_counts_attempts_and_repairs() -> None:
     """3 attempts x 2 turns x 2 questions x 40 generations, and the probe's own."""
-    found = at_most(settings(), context())
-    assert found.requests == 3 * 2 * 2 * 40 + 3 * 4
-    assert found.output == 3 * 2 * 2 * 40 * 2048
+    bound = at_most(settings(), context())
+    assert bound.requests == 3 * 2 * 2 * 40 + 3 * 4
+    assert bound.output == 3 * 2 * 2 * 40 * 2048
 
 
 def test_caps_bound_the_most() -> None:
     """A cap is the most that can be spent."""
-    found = at_most(settings("caps.usd=0.5", "caps.requests=100"), context())
-    assert (found.usd, found.requests) == (0.5, 100)
+    bound = at_most(settings("caps.usd=0.5", "caps.requests=100"), context())
+    assert (bound.usd, bound.requests) == (0.5, 100)
 
 
 def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
     """Even one whose every answer is useless stays below."""
-    given = replace(context(tmp_path), generations=4)
-    llm, _ = supervisor(answering(rate="x" * 9000, tree="y" * 9000), given=given)
+    run_context = replace(context(tmp_path), generations=4)
+    llm, _ = supervisor(answering(rate="x" * 9000, tree="y" * 9000), run_context=run_context)
     for generation in range(3):
         advise(llm, state(generation))
     assert llm._calls is not None
     most = llm._calls.ledger.most()
-    bound = at_most(llm.settings, given)
+    bound = at_most(llm.settings, run_context)
     assert most.requests <= bound.requests
     assert most.input <= bound.input
 
 
-def test_a_record_tells_what_it_really_takes(tmp_path: Path) -> None:
+def test_a_record_gives_the_measured_cost(tmp_path: Path) -> None:
     """The mean of a generation, times the generations to come."""
     llm, _ = supervisor(answering(), folder=tmp_path)
     for generation in range(4):
         advise(llm, state(generation))
-    found = as_recorded(settings(), context(), 0, Transcript(tmp_path / "transcript.jsonl"))
-    assert found.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
-    assert found.output == pytest.approx(9 * 100 * 40 / 4)
+    estimate = as_recorded(settings(), context(), 0, Transcript(tmp_path / "transcript.jsonl"))
+    assert estimate.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
+    assert estimate.output == pytest.approx(9 * 100 * 40 / 4)
 
 
 def test_bills_add_up() -> None:
@@ -105,59 +105,61 @@ def test_bills_add_up() -> None:
     assert isnan((Bill(1, 2, 3, nan) + Bill(1, 2, 3, 4.0)).usd)
 
 
-def test_the_command_tells_a_sweep() -> None:
+def test_the_command_estimates_a_sweep() -> None:
     """Five runs cost five times one; nothing is sent, no key is needed."""
-    text = said("supervisor=llm", "seed=range(5)", "-m")
+    text = output_of("supervisor=llm", "seed=range(5)", "-m")
     assert "claude-haiku-4-5-20251001" in text
     rows = {line.split("  ")[1]: line.split()[-1] for line in text.splitlines() if "run" in line}
     one, all_five = float(rows["a run, mean"]), float(rows["all 5 runs"])
     assert math.isclose(all_five, 5 * one, rel_tol=0.02)
 
 
-def test_the_command_tells_runs_that_ask_nobody() -> None:
+def test_the_command_counts_runs_without_a_model() -> None:
     """Free arms of a sweep are counted apart."""
-    assert said("supervisor=expert").startswith("Nothing: none of the 1 runs")
-    text = said("supervisor=llm,expert", "seed=range(2)", "-m")
+    assert output_of("supervisor=expert").startswith("Nothing: none of the 1 runs")
+    text = output_of("supervisor=llm,expert", "seed=range(2)", "-m")
     assert "all 2 runs" in text
     assert "2 other runs ask no language model." in text
 
 
 def test_the_command_knows_unknown_prices() -> None:
-    """Tokens are told all the same."""
-    text = said("supervisor=llm", "supervisor.policy.model=local")
+    """Tokens are printed nevertheless."""
+    text = output_of("supervisor=llm", "supervisor.policy.model=local")
     assert "unknown" in text
     assert "supervisor.policy.prices.models" in text
 
 
 def test_the_command_reads_a_record(tmp_path: Path) -> None:
-    """With --record the measured line stands beside the assumed one."""
+    """With --record the measured line is beside the assumed one."""
     llm, _ = supervisor(answering(), folder=tmp_path)
     advise(llm)
-    text = said("--record", str(tmp_path), "supervisor=llm")
+    text = output_of("--record", str(tmp_path), "supervisor=llm")
     assert "as measured in the record" in text
 
 
 def test_the_estimate_is_near_what_was_measured() -> None:
     """Near the characters that docs/llm/cost.md has of runs with the mock, both sets.
 
-    The estimate is of a run five times as long, in which informed questions have more to tell.
+    The estimate is of a run five times as long, in which informed questions are longer.
     """
     text = (resource("conf").parent / "docs" / "llm" / "cost.md").read_text(encoding="utf-8")
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
-    told = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
-    assert set(told.values()) == set(PROMPT_SETS)
-    for size, name in told.items():
-        how, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.2
-        measured = 40 * int(size.replace(",", "")) / how.facts.characters
-        assert expected(how, context()).input == pytest.approx(measured, rel=tolerance)
+    measured_sizes = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
+    assert set(measured_sizes.values()) == set(PROMPT_SETS)
+    for size, name in measured_sizes.items():
+        llm_settings, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.2
+        measured = 40 * int(size.replace(",", "")) / llm_settings.facts.characters
+        assert expected(llm_settings, context()).input == pytest.approx(measured, rel=tolerance)
 
 
 @pytest.mark.parametrize("prompts", PROMPT_SETS)
 def test_samples_of_edits_are_counted(prompts: str) -> None:
     """Each answer that is asked for is a request of every generation."""
-    given = context(None, "supervisor.edits=2")
-    found = [expected(settings(f"prompts={prompts}", f"samples={n}"), given) for n in (1, 3)]
-    assert found[1].requests - found[0].requests == 40 * 2
+    run_context = context(None, "supervisor.edits=2")
+    estimates = [
+        expected(settings(f"prompts={prompts}", f"samples={n}"), run_context) for n in (1, 3)
+    ]
+    assert estimates[1].requests - estimates[0].requests == 40 * 2
 
 
 def test_candidates_cost_their_tokens() -> None:
@@ -170,21 +172,21 @@ def test_candidates_cost_their_tokens() -> None:
 def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
     """THOUGHTS tokens before each answer, or as many as there is room for."""
     plain, thinking = (
-        expected(settings(*words), context())
-        for words in (["thinking_tokens=0"], ["model=current-small"])
+        expected(settings(*overrides), context())
+        for overrides in (["thinking_tokens=0"], ["model=current-small"])
     )
     assert thinking.output - plain.output == 80 * THOUGHTS
     assert expected(settings("thinking_tokens=100"), context()).output == 80 * (ANSWER + 100)
-    assert f"{THOUGHTS} of thought" in said(
+    assert f"{THOUGHTS} of thought" in output_of(
         "supervisor=llm", "supervisor.policy.model=current-small"
     )
 
 
 def test_a_kept_prompt_is_written_once_and_read_then() -> None:
     """Reads cost less, also of a longer prompt that several questions share to reach the cache."""
-    for words, shared in (["model=current-small"], False), ([], True):
+    for overrides, shared in (["model=current-small"], False), ([], True):
         cached, plain = (
-            expected(settings(*words, f"cache={flag}"), context()) for flag in ("true", "false")
+            expected(settings(*overrides, f"cache={flag}"), context()) for flag in ("true", "false")
         )
         assert (cached.input > plain.input + 3) is shared
         assert not isnan(cached.usd)
@@ -195,4 +197,4 @@ def test_a_kept_prompt_is_written_once_and_read_then() -> None:
 def test_an_unknown_option_is_one_line() -> None:
     """As in the command that starts the runs, without the usage of the parser."""
     with pytest.raises(ConfigError, match="unrecognized arguments: --set"):
-        said("supervisor=llm", "--set", "search=paper")
+        output_of("supervisor=llm", "--set", "search=paper")

@@ -39,12 +39,12 @@ def test_no_file_holds_a_secret_of_the_extra_fields(
     (conf / "mine.yaml").write_text(FILE, encoding="utf-8")
     monkeypatch.chdir(home)
     monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
-    words = (*SMALL, "experiment=mine", "tracking=off", "--config-dir", str(tmp_path / "conf"))
+    overrides = (*SMALL, "experiment=mine", "tracking=off", "--config-dir", str(tmp_path / "conf"))
     with MessagesServer() as server:
-        assert main([*words, *sweep, f"supervisor.policy.base_url={server.url}"]) == 0
+        assert main([*overrides, *sweep, f"supervisor.policy.base_url={server.url}"]) == 0
         assert any(SECRET in str(body) for body in server.requests)
-    said = capfd.readouterr()
-    assert SECRET not in said.out + said.err + " ".join(map(str, home.rglob("*")))
+    captured = capfd.readouterr()
+    assert SECRET not in captured.out + captured.err + " ".join(map(str, home.rglob("*")))
     files = [f for f in home.rglob("*") if f.is_file()]
     assert [f for f in files if SECRET.encode() in f.read_bytes()] == []
     transcripts = [f.read_text().replace(" ", "") for f in files if f.name == "transcript.jsonl"]
@@ -53,7 +53,7 @@ def test_no_file_holds_a_secret_of_the_extra_fields(
 
 
 @pytest.mark.parametrize(
-    "word",
+    "override",
     [
         f"+supervisor.policy.extra_body.api_key={SECRET}",
         f"supervisor.policy.extra_body={{Authorization: {SECRET}}}",
@@ -62,14 +62,17 @@ def test_no_file_holds_a_secret_of_the_extra_fields(
     ],
 )
 def test_a_secret_field_on_the_command_line_is_refused(
-    word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    override: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     """One line with the remedy; nothing is written."""
     monkeypatch.chdir(tmp_path)
-    assert main([*SMALL, word]) == 2
-    said = capfd.readouterr()
-    assert SECRET not in said.out + said.err
-    assert said.err.count("\n") == 1
+    assert main([*SMALL, override]) == 2
+    captured = capfd.readouterr()
+    assert SECRET not in captured.out + captured.err
+    assert captured.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
@@ -89,7 +92,7 @@ def test_a_secret_field_on_the_command_line_is_refused(
     ],
 )
 def test_which_fields_are_secret(key: str, secret: bool) -> None:
-    """By the words of their names, whatever joins them."""
+    """By the words of their names, with any separator."""
     assert names_secret(key) is secret
     assert is_secret(f"supervisor.policy.extra_body.{key}") is secret
     config = {"supervisor": {"policy": {"extra_body": {"a": [{key: "b"}]}}}}

@@ -42,7 +42,7 @@ pytestmark = [
 
 
 class OpenAI(BaseHTTPRequestHandler):
-    """The mock model behind OpenAI's /v1/chat/completions; `server.asked` keeps the bodies."""
+    """The mock model behind OpenAI's /v1/chat/completions; `server.bodies` keeps the requests."""
 
     server: Any
 
@@ -51,7 +51,7 @@ class OpenAI(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["content-length"])))
-        self.server.asked.append((self.path, body))
+        self.server.bodies.append((self.path, body))
         system, *turns = body["messages"]
         answer = json.dumps(MockModel()({"system": system["content"], "messages": turns}))
         usage = {"prompt_tokens": 1000, "completion_tokens": 100, "total_tokens": 1100}
@@ -61,18 +61,18 @@ class OpenAI(BaseHTTPRequestHandler):
             "message": {"role": "assistant", "content": answer},
         }
         kind = {"id": "x", "object": "chat.completion", "created": 1, "model": body["model"]}
-        said = json.dumps({**kind, "choices": [choice], "usage": usage}).encode()
+        data = json.dumps({**kind, "choices": [choice], "usage": usage}).encode()
         self.send_response(200)
         self.send_header("content-type", "application/json")
-        self.send_header("content-length", str(len(said)))
+        self.send_header("content-length", str(len(data)))
         self.end_headers()
-        self.wfile.write(said)
+        self.wfile.write(data)
 
 
 @contextmanager
 def openai() -> Iterator[ThreadingHTTPServer]:
     server = ThreadingHTTPServer(("127.0.0.1", 0), OpenAI)
-    server.asked = []  # type: ignore[attr-defined] # for the test
+    server.bodies = []  # type: ignore[attr-defined] # for the test
     threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
     try:
         yield server
@@ -88,9 +88,9 @@ def free_port() -> int:
 
 
 @contextmanager
-def started(words: list[str], url: str, folder: Path, **more: str) -> Iterator[None]:
+def started(command_line: list[str], url: str, folder: Path, **more: str) -> Iterator[None]:
     """A server of the environment, until it answers at `url`, to the end."""
-    command = [str(HOME / "bin" / words[0]), *words[1:]]
+    command = [str(HOME / "bin" / command_line[0]), *command_line[1:]]
     with (folder / "server.txt").open("w") as log:
         process = subprocess.Popen(
             command, cwd=folder, env={**os.environ, **more}, stdout=log, stderr=log
@@ -99,7 +99,7 @@ def started(words: list[str], url: str, folder: Path, **more: str) -> Iterator[N
             due = monotonic() + PATIENCE
             while not _answers(url):
                 assert process.poll() is None, (folder / "server.txt").read_text()
-                assert monotonic() < due, f"{words[0]} did not start"
+                assert monotonic() < due, f"{command_line[0]} did not start"
                 sleep(0.2)
             yield
         finally:
@@ -109,8 +109,8 @@ def started(words: list[str], url: str, folder: Path, **more: str) -> Iterator[N
 
 def _answers(url: str) -> bool:
     try:
-        with urllib.request.urlopen(url, timeout=5) as found:
-            return bool(found.status == 200)
+        with urllib.request.urlopen(url, timeout=5) as response:
+            return bool(response.status == 200)
     except OSError:
         return False
 
@@ -126,19 +126,21 @@ def proxy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, Threa
     """The address of LiteLLM's proxy as the document starts it, and the server behind `mine`."""
     folder, port = tmp_path_factory.mktemp("proxy"), free_port()
     line = next(li for li in block("sh", "litellm --config").splitlines() if "--config" in li)
-    words = shlex.split(line.replace("4000", str(port)))
+    arguments = shlex.split(line.replace("4000", str(port)))
     with openai() as behind:
         config = block("yaml", "model_list").replace(":8000/v1", f":{behind.server_port}/v1")
         (folder / "proxy.yaml").write_text(config, encoding="utf-8")
         url = f"http://127.0.0.1:{port}"
-        with started(words, f"{url}/health/liveliness", folder, LITELLM_MASTER_KEY="sk-of-mine-01"):
+        with started(
+            arguments, f"{url}/health/liveliness", folder, LITELLM_MASTER_KEY="sk-of-mine-01"
+        ):
             yield url, behind
 
 
 def run(folder: Path, url: str, *overrides: str) -> tuple[int, list[dict[str, Any]], Path]:
     """Exit code, transcript and folder of a small run."""
-    where = [f"runs='{folder}'", f"supervisor.policy.base_url={url}"]
-    code = main([*SHORT, "supervisor=llm", *where, *overrides])
+    places = [f"runs='{folder}'", f"supervisor.policy.base_url={url}"]
+    code = main([*SHORT, "supervisor=llm", *places, *overrides])
     file = next(folder.rglob("transcript.jsonl"))
     return code, [json.loads(line) for line in file.read_text().splitlines()], file.parent
 
@@ -153,12 +155,12 @@ def test_a_model_behind_openai_s_language_supervises(
     """Every answer is the model's; schemas arrive translated, and the key is nowhere on disk."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-of-mine-01")
     url, behind = proxy
-    how = ("supervisor.policy.model=mine", f"supervisor.policy.prompts={prompts}")
-    code, transcript, folder = run(tmp_path / "live", url, *how)
+    overrides = ("supervisor.policy.model=mine", f"supervisor.policy.prompts={prompts}")
+    code, transcript, folder = run(tmp_path / "live", url, *overrides)
     assert code == 0
     parts = [line["source"] for line in transcript if line["line"] == "part"]
     assert parts == ["llm"] * 8
-    path, body = behind.asked[-1]  # type: ignore[attr-defined] # see `openai`
+    path, body = behind.bodies[-1]  # type: ignore[attr-defined] # see `openai`
     assert path == "/v1/chat/completions"
     assert body["model"] == "qwen3"
     assert body["response_format"]["json_schema"]["schema"]["required"]
@@ -169,10 +171,10 @@ def test_a_model_behind_openai_s_language_supervises(
     assert replayed.read_bytes() == (folder / "generations.jsonl").read_bytes()
 
 
-def test_a_mocked_model_is_of_no_use_and_is_told(
+def test_a_mocked_model_is_of_no_use_and_reported(
     proxy: tuple[str, ThreadingHTTPServer], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It says the same greeting to everything: the fallback supervises, with exit code 3."""
+    """It answers everything with one greeting: the fallback supervises, with exit code 3."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-of-mine-01")
     code, transcript, _ = run(tmp_path, proxy[0], "supervisor.policy.model=mocked")
     assert code == 3
@@ -187,11 +189,11 @@ def test_a_wrong_key_stops_before_the_run(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The proxy's own error becomes one line; without a database it says this of any other key."""
+    """The proxy's own error becomes one line, the same for any other key without a database."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-of-others")
     url = f"supervisor.policy.base_url={proxy[0]}"
-    words = [*SHORT, "supervisor=llm", url, "supervisor.policy.model=mine"]
-    assert main([*words, f"runs='{tmp_path}'"]) == 2
+    overrides = [*SHORT, "supervisor=llm", url, "supervisor.policy.model=mine"]
+    assert main([*overrides, f"runs='{tmp_path}'"]) == 2
     assert "status 400: No connected db." in capsys.readouterr().err
 
 
@@ -199,16 +201,16 @@ def test_llmock_finds_no_fault_with_the_client(tmp_path: Path) -> None:
     """A third of all requests fail in three ways; each is met as llmock wants it."""
     port = free_port()
     rates = [f"--error-rate={status}=0.1" for status in (429, 503, 529)]
-    words = ["llmock", "serve", "--host=127.0.0.1", f"--port={port}", *rates]
+    command = ["llmock", "serve", "--host=127.0.0.1", f"--port={port}", *rates]
     url = f"http://127.0.0.1:{port}"
-    with started(words, f"{url}/openapi.json", tmp_path):
+    with started(command, f"{url}/openapi.json", tmp_path):
         code, transcript, _ = run(
             tmp_path / "runs", f"{url}/anthropic", "supervisor.policy.retry.attempts=1"
         )
         report = [str(HOME / "bin" / "llmock"), "report", "--url", url, "--json"]
-        done = subprocess.run(report, capture_output=True, text=True, check=False)
+        process = subprocess.run(report, capture_output=True, text=True, check=False)
     assert code == 3  # it greets, and no greeting is a rate or a tree
-    assert done.returncode == 0, done.stdout
+    assert process.returncode == 0, process.stdout
     failed = [line["failure"] for line in transcript if line.get("failure")]
     assert {f["kind"] for f in failed} <= {"rate_limited", "server", "overloaded"}
     assert failed

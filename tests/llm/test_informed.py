@@ -1,4 +1,4 @@
-"""prompts=informed: what it tells is right, can be switched off, has a largest size, repeats."""
+"""prompts=informed: its facts are right, can be switched off, have a largest size, repeat."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.goldens import check_golden
 from tests.llm.made import settings, state
-from tests.llm.test_prompts import CAPABILITIES, whole
+from tests.llm.test_prompts import CAPABILITIES, prompt_text
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.made import CLASSES
 from tests.profiles import sweep
@@ -57,12 +57,12 @@ class Keeps:
 
     def __init__(self, expert: Supervisor) -> None:
         self.expert = expert
-        self.seen: list[GenerationView] = []
+        self.generations: list[GenerationView] = []
         self.states: list[PopulationState] = []
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
-        self.seen.append(generation)
+        self.generations.append(generation)
 
     def advise(self, at: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
@@ -72,87 +72,90 @@ class Keeps:
 
 @cache
 def small_run(*overrides: str) -> tuple[RunContext, Keeps]:
-    """A run with real episodes, and what its supervisor was told."""
-    found = composed("supervisor=expert", *SMALL, *overrides)
-    domain = found.make_domain()
-    keeps = Keeps(make_supervisor(found, None))
-    evaluator = Serial(Problem(domain, found.curriculum))
-    list(evolve(found.plan(domain), 5, keeps, evaluator))
-    return run_context(found), keeps
+    """A run with real episodes, and the generations that its supervisor got."""
+    run_settings = composed("supervisor=expert", *SMALL, *overrides)
+    domain = run_settings.make_domain()
+    keeps = Keeps(make_supervisor(run_settings, None))
+    evaluator = Serial(Problem(domain, run_settings.curriculum))
+    list(evolve(run_settings.plan(domain), 5, keeps, evaluator))
+    return run_context(run_settings), keeps
 
 
 def adviser(*overrides: str, run: Sequence[str] = ()) -> Questions:
     """One with informed prompts that has seen the small run with the overrides `run`."""
     context, keeps = small_run(*run)
-    found = Questions(settings("prompts=informed", *overrides), context)
-    for seen in keeps.seen:
-        found.on_generation(seen)
-    return found
+    questions = Questions(settings("prompts=informed", *overrides), context)
+    for generation in keeps.generations:
+        questions.on_generation(generation)
+    return questions
 
 
-def both(found: Questions) -> str:
+def both(questions: Questions) -> str:
     """The questions for a rate and for a tree after the run's last question."""
     at = small_run()[1].states[-1]
-    return whole(found.request("rate", at, CAPABILITIES)) + whole(
-        found.request("tree", at, CAPABILITIES)
+    return prompt_text(questions.request("rate", at, CAPABILITIES)) + prompt_text(
+        questions.request("tree", at, CAPABILITIES)
     )
 
 
 def test_golden_informed_rate_prompt() -> None:
     """The whole question for a mutation rate, after seven generations of a small run."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().request("rate", at, CAPABILITIES))
-    check_golden("prompt_informed_mutation_rate.md", found)
+    prompt = prompt_text(adviser().request("rate", at, CAPABILITIES))
+    check_golden("prompt_informed_mutation_rate.md", prompt)
 
 
 def test_golden_informed_tree_prompt() -> None:
     """The whole question for a tree, traces and fates included."""
     at = small_run()[1].states[-1]
-    found = whole(adviser().request("tree", at, CAPABILITIES))
-    check_golden("prompt_informed_tree_explore.md", found)
+    prompt = prompt_text(adviser().request("tree", at, CAPABILITIES))
+    check_golden("prompt_informed_tree_explore.md", prompt)
 
 
 @sweep("key", PARTS, quick=3)
 def test_each_part_can_be_left_out(key: str) -> None:
     """One key takes away its part and no other one."""
-    found = both(adviser(f"informed.{key}"))
-    assert PARTS[key] not in found
-    assert all(text in found for other, text in PARTS.items() if other != key)
-    assert "{{" not in found
+    prompts = both(adviser(f"informed.{key}"))
+    assert PARTS[key] not in prompts
+    assert all(text in prompts for other, text in PARTS.items() if other != key)
+    assert "{{" not in prompts
 
 
 def test_reasons_come_before_the_decision() -> None:
     """In the schema's order, too: a server that keeps to it writes the fields in that order."""
     at = small_run()[1].states[-1]
     for key, first in (("reasoning=true", True), ("reasoning=false", False)):
-        found = adviser(f"informed.{key}")
-        rate = found.request("rate", at, CAPABILITIES).schema
-        tree = found.request("tree", at, CAPABILITIES).schema
+        questions = adviser(f"informed.{key}")
+        rate = questions.request("rate", at, CAPABILITIES).schema
+        tree = questions.request("tree", at, CAPABILITIES).schema
         assert rate is not None
         assert tree is not None
-        for shape, why, what in ((rate, "reasoning", "mutation_rate"), (tree, "rationale", "tree")):
+        for shape, reason, decision in (
+            (rate, "reasoning", "mutation_rate"),
+            (tree, "rationale", "tree"),
+        ):
             order = list(shape["properties"])
-            assert (order.index(why) < order.index(what)) is first
+            assert (order.index(reason) < order.index(decision)) is first
             assert shape["required"] == order
 
 
 def test_before_the_first_generation_nothing_is_known() -> None:
     """The parts that a run fills are left out, and no trace is played."""
-    found = Questions(settings("prompts=informed"), small_run()[0])
-    text = whole(found.request("tree", state(), CAPABILITIES))
+    questions = Questions(settings("prompts=informed"), small_run()[0])
+    text = prompt_text(questions.request("tree", state(), CAPABILITIES))
     assert PARTS["rewards=false"] in text
     assert all(PARTS[k] not in text for k in ("classes=false", "injected=0", "traces=false"))
 
 
-def test_traces_tell_the_episode_that_was_scored() -> None:
+def test_traces_are_of_the_episode_that_was_scored() -> None:
     """The world and the factors are those of the record, so the points are, too."""
     context, keeps = small_run()
-    seen = keeps.seen[-1]
-    best = max(seen.individuals, key=lambda i: i.fitness)
+    generation = keeps.generations[-1]
+    best = max(generation.individuals, key=lambda i: i.fitness)
     text = adviser().run_values(keeps.states[-1]).values["traces"]
     assert f"of class {best.specialist}, {best.fitness:,.0f} points" in text
     outcome, _ = describe_episode(
-        context.domain, parse(best.tree), seen.worlds[0], seen.multipliers
+        context.domain, parse(best.tree), generation.worlds[0], generation.multipliers
     )
     assert outcome.fitness == best.fitness
 
@@ -161,19 +164,19 @@ def test_prompts_have_a_largest_size() -> None:
     """The largest trees, the longest histories: not more than the documented characters."""
     context, keeps = small_run()
     huge = "sequence { " + "PatrolWaypoint " * 49 + "}\n"
-    found = Questions(settings("prompts=informed"), context)
+    questions = Questions(settings("prompts=informed"), context)
     for _ in range(5):
-        for seen in keeps.seen:
+        for generation in keeps.generations:
             trees = tuple(
                 replace(i, tree=huge, origin="injected", fitness=-123456789.0)
-                for i in seen.individuals
+                for i in generation.individuals
             )
-            found.on_generation(replace(seen, individuals=trees))
+            questions.on_generation(replace(generation, individuals=trees))
     at = keeps.states[-1]
     plain = Questions(settings(), context)
     for part in ("rate", "tree"):
-        asked, short = (of.request(part, at, CAPABILITIES).turns[0] for of in (found, plain))
-        assert len(asked) - len(short) < 30_000
+        question, short = (of.request(part, at, CAPABILITIES).turns[0] for of in (questions, plain))
+        assert len(question) - len(short) < 30_000
 
 
 @pytest.mark.slow
@@ -181,30 +184,30 @@ def test_prompts_have_a_largest_size() -> None:
 def test_runs_repeat_and_go_on(tmp_path: Path, lag: int) -> None:
     """Live, replayed, and stopped and gone on: the same bytes, also with faults and a lag."""
     again = ("gp.generations=6", "world.episode.length=20", f"supervisor.lag={lag}")
-    how = (*again, INFORMED)
+    overrides = (*again, INFORMED)
     with MessagesServer(every(4, [Fault.UNKNOWN_ACTION, Fault.HTML])) as server:
-        found = live(server, tmp_path / "live", *how)
-    assert lines(replayed(tmp_path / "live", tmp_path / "again", *again)) == lines(found)
-    assert found[-1].cost.llm["episodes"] >= 6 - 1 - lag
+        steps = live(server, tmp_path / "live", *overrides)
+    assert lines(replayed(tmp_path / "live", tmp_path / "again", *again)) == lines(steps)
+    assert steps[-1].cost.llm["episodes"] >= 6 - 1 - lag
     with MessagesServer() as server:
-        whole_run = live(server, tmp_path / "whole", *how)
-        first = live(server, tmp_path / "parts", *how, stop=2)
+        whole_run = live(server, tmp_path / "whole", *overrides)
+        first = live(server, tmp_path / "parts", *overrides, stop=2)
         past = [step.record for step in first]
-        rest = live(server, tmp_path / "parts", *how, start=first[-1].state, past=past)
+        rest = live(server, tmp_path / "parts", *overrides, start=first[-1].state, past=past)
     assert lines([*first, *rest]) == lines(whole_run)
 
 
 def individual(
     at: str, fitness: float, *parents: str, origin: str = "crossover"
 ) -> IndividualRecord:
-    """A line of a made-up lineage; trees are told apart by their ids."""
-    one = small_run()[1].seen[0].individuals[0]
+    """A line of a made-up lineage; each tree is its id."""
+    one = small_run()[1].generations[0].individuals[0]
     return replace(one, id=at, fitness=fitness, parents=parents, origin=origin, tree=f"{at}\n")
 
 
 def test_the_fate_of_a_tree() -> None:
     """Ranks, heirs by any parent, unchanged copies, and the end are those of the records."""
-    seen, *_ = small_run()[1].seen
+    first, *_ = small_run()[1].generations
     populations = [
         [individual("0.0", 9), individual("0.1", 5, origin="injected"), individual("0.2", 7)],
         [
@@ -217,8 +220,8 @@ def test_the_fate_of_a_tree() -> None:
     ]
     run, trees = RunHistory(), []
     for generation, people in enumerate(populations):
-        now = replace(seen.snapshot, generation=generation)
-        run = run.followed_by(replace(seen, snapshot=now, individuals=tuple(people)))
+        now = replace(first.snapshot, generation=generation)
+        run = run.followed_by(replace(first, snapshot=now, individuals=tuple(people)))
         trees.append(run.injected[0])
     assert [(f.rank, f.new.fitness) for f in trees] == [(3, 5)] * 4
     assert [len(f.alive) for f in trees] == [1, 2, 1, 0]
@@ -256,23 +259,23 @@ def test_spans_are_cut_where_the_actions_change() -> None:
 def test_stories_are_bounded_lines() -> None:
     """Also of a tree with many actions that nothing ever reaches."""
     context, keeps = small_run()
-    seen = keeps.seen[0]
+    generation = keeps.generations[0]
     tree = parse("selector { PatrolWaypoint " + "ExecuteCharge PickupGarbage " * 20 + "}")
-    _, told = describe_episode(context.domain, tree, seen.worlds[0], seen.multipliers)
-    assert all(len(line) <= LINE for line in told)
-    assert any("never done" in line and "ExecuteCharge" in line for line in told)
-    assert told[0].startswith("- 0 to ")
+    _, story = describe_episode(context.domain, tree, generation.worlds[0], generation.multipliers)
+    assert all(len(line) <= LINE for line in story)
+    assert any("never done" in line and "ExecuteCharge" in line for line in story)
+    assert story[0].startswith("- 0 to ")
 
 
 @pytest.mark.parametrize("text", ["{{#a}}x", "x{{/a}}", "{{#a}}{{#b}}{{/b}}{{/a}}"])
 def test_sections_come_in_pairs(text: str) -> None:
-    """Anything else is told before a run starts."""
+    """Anything else is refused before a run starts."""
     with pytest.raises(SupervisionError, match=r"prompts/p.md: expected .* in pairs"):
         render(Prompt("p", "", text), {"a": "1", "b": "2"})
 
 
 def test_sections_of_nothing_are_left_out() -> None:
-    """A section stands there where its value is not empty."""
+    """A section is there if its value is not empty."""
     prompt = Prompt("p", "", "a{{#b}} {{b}}!{{/b}}c")
     assert render(prompt, {"b": "x"})[1] == "a x!c"
     assert render(prompt, {"b": ""})[1] == "ac"
@@ -281,20 +284,20 @@ def test_sections_of_nothing_are_left_out() -> None:
 @pytest.mark.slow
 def test_the_transcript_counts_episodes_once(tmp_path: Path) -> None:
     """Asking again after a stop plays the traces again; they are written down once."""
-    how = ("gp.generations=4", "world.episode.length=20", INFORMED)
+    overrides = ("gp.generations=4", "world.episode.length=20", INFORMED)
     with MessagesServer() as server:
-        live(server, tmp_path, *how)
-        live(server, tmp_path, *how)
+        live(server, tmp_path, *overrides)
+        live(server, tmp_path, *overrides)
     text = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8")
     played = [json.loads(line) for line in text.splitlines() if '"line": "played"' in line]
     assert [line["generation"] for line in played] == [0, 1, 2]
 
 
 def test_records_are_read_as_they_were_made(tmp_path: Path) -> None:
-    """What a run that goes on tells its supervisor is what the loop told it."""
+    """A resumed run gives its supervisor the same generations as the loop."""
     folder = RunFolder(tmp_path)
     with MessagesServer() as server:
-        found = live(server, tmp_path, "gp.generations=3", "world.episode.length=20")
-    for step in found:
+        steps = live(server, tmp_path, "gp.generations=3", "world.episode.length=20")
+    for step in steps:
         folder.append(step)
-    assert list(folder.generations()) == [step.record for step in found]
+    assert list(folder.generations()) == [step.record for step in steps]

@@ -1,4 +1,4 @@
-"""The key: nothing a run leaves behind holds it, however it is given and whatever goes wrong."""
+"""The key: no file or output of a run has it, however it is given, with any error."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SMALL = (
 
 @pytest.fixture(autouse=True)
 def _environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever these tests do to the variable is undone."""
+    """Changes of the variable by these tests are undone."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
     monkeypatch.delenv("ANTHROPIC_API_KEY")
 
@@ -45,24 +45,24 @@ def holders(folder: Path) -> list[Path]:
     return [f for f in folder.rglob("*") if f.is_file() and PIECE in f.read_bytes()]
 
 
-def run(home: Path, *words: str, environment: dict[str, str] | None = None) -> str:
+def run(home: Path, *arguments: str, environment: dict[str, str] | None = None) -> str:
     """The whole command in its own process; returns all that it printed."""
     free = {k: v for k, v in os.environ.items() if not k.startswith("ANTHROPIC")}
     root = str(resource("conf").parent)
-    done = subprocess.run(
-        [sys.executable, "-m", "islandgp", *words],
+    process = subprocess.run(
+        [sys.executable, "-m", "islandgp", *arguments],
         cwd=home,
         env={**free, "PYTHONPATH": root, **(environment or {})},
         capture_output=True,
         text=True,
         check=False,
     )
-    return f"{done.returncode}\n{done.stdout}\n{done.stderr}"
+    return f"{process.returncode}\n{process.stdout}\n{process.stderr}"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("given", "tracking"),
+    ("source", "tracking"),
     [
         ("environment", "off"),
         ("command", "mlflow"),
@@ -71,7 +71,7 @@ def run(home: Path, *words: str, environment: dict[str, str] | None = None) -> s
         ("file, in a sweep", "mlflow"),
     ],
 )
-def test_a_run_leaves_the_key_nowhere(tmp_path: Path, given: str, tracking: str) -> None:
+def test_a_run_leaves_the_key_nowhere(tmp_path: Path, source: str, tracking: str) -> None:
     """Not in records, config dump, transcript, MLflow's store and artifacts, nor on the screen.
 
     The server quotes the key in its errors, which is the hardest case.
@@ -82,24 +82,24 @@ def test_a_run_leaves_the_key_nowhere(tmp_path: Path, given: str, tracking: str)
     (conf / "mine.yaml").write_text(
         f"# @package _global_\nsupervisor: {{policy: {{api_key: {KEY}}}}}\n", encoding="utf-8"
     )
-    words = [f"tracking={tracking}", *SMALL]
+    overrides = [f"tracking={tracking}", *SMALL]
     flags = []
-    if "command" in given:
-        words.append(f"supervisor.policy.api_key={KEY}")
-    if "file" in given:
+    if "command" in source:
+        overrides.append(f"supervisor.policy.api_key={KEY}")
+    if "file" in source:
         flags = ["--config-dir", str(conf.parent)]
-        words.append("experiment=mine")
-    if "sweep" in given:
-        words.append("seed=range(2)")
+        overrides.append("experiment=mine")
+    if "sweep" in source:
+        overrides.append("seed=range(2)")
         flags.append("-m")
-    environment = {"ANTHROPIC_API_KEY": KEY} if given == "environment" else None
+    environment = {"ANTHROPIC_API_KEY": KEY} if source == "environment" else None
     with MessagesServer(every(3, [Fault.UNAUTHORISED, Fault.RETRY_SOON])) as server:
         url = f"supervisor.policy.base_url={server.url}"
-        printed = run(home, *flags, *words, url, environment=environment)
+        output = run(home, *flags, *overrides, url, environment=environment)
         assert server.keys
         assert {key.removeprefix("Bearer ") for key in server.keys} == {KEY}
-    assert printed.startswith("0\n"), printed
-    assert PIECE.decode() not in printed
+    assert output.startswith("0\n"), output
+    assert PIECE.decode() not in output
     assert holders(home) == []
     transcripts = list(home.rglob("transcript.jsonl"))
     assert transcripts
@@ -108,25 +108,25 @@ def test_a_run_leaves_the_key_nowhere(tmp_path: Path, given: str, tracking: str)
     assert bool(list(home.rglob("mlflow.db"))) == (tracking == "mlflow")
 
 
-@pytest.mark.parametrize("given", ["command", "environment"])
+@pytest.mark.parametrize("source", ["command", "environment"])
 def test_a_run_in_this_process_leaves_the_key_nowhere(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
-    given: str,
+    source: str,
 ) -> None:
     """The quick form of the same: the run's folder and the screen."""
     monkeypatch.chdir(tmp_path)
-    words = [*SMALL, "tracking=off"]
-    if given == "command":
-        words.append(f"supervisor.policy.api_key={KEY}")
+    overrides = [*SMALL, "tracking=off"]
+    if source == "command":
+        overrides.append(f"supervisor.policy.api_key={KEY}")
     else:
         monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with MessagesServer(every(3, [Fault.UNAUTHORISED])) as server:
-        assert main([*words, f"supervisor.policy.base_url={server.url}"]) == 0
+        assert main([*overrides, f"supervisor.policy.base_url={server.url}"]) == 0
         assert {key.removeprefix("Bearer ") for key in server.keys} == {KEY}
-    said = capfd.readouterr()
-    assert PIECE.decode() not in said.out + said.err
+    captured = capfd.readouterr()
+    assert PIECE.decode() not in captured.out + captured.err
     assert holders(tmp_path) == []
     assert PIECE.decode() not in " ".join(map(str, tmp_path.rglob("*")))
 
@@ -136,23 +136,23 @@ def test_the_key_is_in_no_process_list(tmp_path: Path, monkeypatch: pytest.Monke
     """While a model is asked, no process that the run has started shows the key in its command."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
-    seen: list[bytes] = []
+    commands: list[bytes] = []
 
     def look(n: int) -> Fault | None:  # noqa: ARG001 -- a script's form
         for process in Path("/proc").glob("[0-9]*"):
             with suppress(OSError):  # it ended meanwhile
-                seen.append((process / "cmdline").read_bytes())
+                commands.append((process / "cmdline").read_bytes())
         return None
 
     with MessagesServer(look) as server:
-        words = [*SMALL, "evaluator=processes", "evaluator.policy.workers=2", "tracking=off"]
-        assert main([*words, f"supervisor.policy.base_url={server.url}"]) == 0
-    assert any(b"forkserver" in line for line in seen)
-    assert [line for line in seen if PIECE in line] == []
+        overrides = [*SMALL, "evaluator=processes", "evaluator.policy.workers=2", "tracking=off"]
+        assert main([*overrides, f"supervisor.policy.base_url={server.url}"]) == 0
+    assert any(b"forkserver" in line for line in commands)
+    assert [line for line in commands if PIECE in line] == []
 
 
 @pytest.mark.parametrize(
-    "word",
+    "override",
     [
         f"supervisor.policy={{api_key: {KEY}, base_url: 'http://127.0.0.1:1'}}",
         f"++supervisor.policy={{base_url: 'http://127.0.0.1:1', api_key : {KEY}}}",
@@ -170,21 +170,21 @@ def test_a_key_inside_a_value_is_refused(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
-    word: str,
+    override: str,
     sweep: tuple[str, ...],
 ) -> None:
-    """A key of a dict has no name of its own that folders, records and MLflow could hide it by."""
+    """A key inside a dict has no dotted name by which folders, records and MLflow could hide it."""
     monkeypatch.chdir(tmp_path)
     quick = ("supervisor.policy.retry.attempts=1", "supervisor.policy.retry.first_wait=0")
-    code = main([*SMALL, *quick, *sweep, word])
-    said = capfd.readouterr()
-    assert PIECE.decode() not in said.out + said.err
+    code = main([*SMALL, *quick, *sweep, override])
+    captured = capfd.readouterr()
+    assert PIECE.decode() not in captured.out + captured.err
     assert holders(tmp_path) == []
     assert PIECE.decode() not in " ".join(map(str, tmp_path.rglob("*")))
     assert list(tmp_path.iterdir()) == []
     assert code == 2
-    (line,) = said.err.splitlines()
-    name = word.partition("=")[0].lstrip("+")
+    (line,) = captured.err.splitlines()
+    name = override.partition("=")[0].lstrip("+")
     assert line.startswith(f"islandgp: {name}: expected no secret inside a value, found ")
     assert "set ANTHROPIC_API_KEY in the environment" in line
 
@@ -203,7 +203,7 @@ def test_words_without_a_secret_stay_as_they_are(word: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    "override",
     [
         "supervisor.policy.model=",
         "supervisor.policy.retry.attempts=none",
@@ -216,14 +216,17 @@ def test_words_without_a_secret_stay_as_they_are(word: str) -> None:
     ],
 )
 def test_no_error_shows_the_key(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], wrong: str
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    override: str,
 ) -> None:
-    """A mistake elsewhere in the command is told without the rest of the command."""
+    """A mistake elsewhere in the command is reported without the rest of the command."""
     monkeypatch.chdir(tmp_path)
-    code = main([*SMALL, f"supervisor.policy.api_key={KEY}", wrong])
-    said = capfd.readouterr()
+    code = main([*SMALL, f"supervisor.policy.api_key={KEY}", override])
+    captured = capfd.readouterr()
     assert code == 2
-    assert PIECE.decode() not in said.out + said.err
+    assert PIECE.decode() not in captured.out + captured.err
 
 
 def test_the_config_dump_of_hydra_shows_no_key(
@@ -232,9 +235,9 @@ def test_the_config_dump_of_hydra_shows_no_key(
     """`--cfg job` prints the configuration without a key that the command gives."""
     monkeypatch.chdir(tmp_path)
     assert main(["supervisor=llm", f"supervisor.policy.api_key={KEY}", "--cfg", "job"]) == 0
-    said = capfd.readouterr().out
-    assert "api_key: null" in said
-    assert PIECE.decode() not in said
+    output = capfd.readouterr().out
+    assert "api_key: null" in output
+    assert PIECE.decode() not in output
 
 
 def test_without_a_key_nothing_starts(
@@ -242,22 +245,22 @@ def test_without_a_key_nothing_starts(
 ) -> None:
     """Exit code 2, four ways named, no file written; the same for a sweep."""
     monkeypatch.chdir(tmp_path)
-    for words in ([], ["-m", "seed=range(3)"]):
-        assert main([*words, *SMALL]) == 2
-        said = capfd.readouterr().err
-        assert said.startswith("islandgp: Expected a key or an address for supervisor=llm")
-        assert [f"{n}. " in said for n in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
+    for arguments in ([], ["-m", "seed=range(3)"]):
+        assert main([*arguments, *SMALL]) == 2
+        errors = capfd.readouterr().err
+        assert errors.startswith("islandgp: Expected a key or an address for supervisor=llm")
+        assert [f"{n}. " in errors for n in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
         assert list(tmp_path.iterdir()) == []
 
 
 def test_a_key_on_the_command_line_is_moved_to_the_environment() -> None:
-    """In every form that Hydra knows; other words stay as they are."""
+    """In every form that Hydra knows; other arguments stay as they are."""
     for form in ("", "+", "++"):
-        words = ["seed=1", f"{form}supervisor.policy.api_key={KEY}", "-m"]
-        assert without_key(words) == ["seed=1", NONE, "-m"]
+        arguments = ["seed=1", f"{form}supervisor.policy.api_key={KEY}", "-m"]
+        assert without_key(arguments) == ["seed=1", NONE, "-m"]
         assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
-    for word in (f"supervisor.policy.api_key='{KEY}'", f" supervisor.policy.api_key = {KEY}"):
-        assert without_key([word]) == [NONE]
+    for argument in (f"supervisor.policy.api_key='{KEY}'", f" supervisor.policy.api_key = {KEY}"):
+        assert without_key([argument]) == [NONE]
         assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
     assert without_key(["supervisor.policy.api_key=null"]) == [NONE]
     assert "ANTHROPIC_API_KEY" not in os.environ
@@ -278,8 +281,8 @@ def test_a_key_in_a_file_is_moved_to_the_environment() -> None:
 
 def test_settings_do_not_show_the_key() -> None:
     """Neither printed, nor dumped, nor in the error of another field."""
-    found = settings(f"api_key={KEY}")
-    assert KEY not in f"{found!r}{found}{found.model_dump()}{found.model_dump_json()}"
+    loaded = settings(f"api_key={KEY}")
+    assert KEY not in f"{loaded!r}{loaded}{loaded.model_dump()}{loaded.model_dump_json()}"
     policy = composed("supervisor=llm").supervisor.policy
     with pytest.raises(ValueError, match="phases") as excinfo:
         LLMSettings.model_validate({**policy, "api_key": KEY, "phases": {}})
@@ -288,9 +291,9 @@ def test_settings_do_not_show_the_key() -> None:
 
 def test_a_key_of_digits_is_a_key() -> None:
     """A command line takes it for a number."""
-    found = settings("api_key=123456789")
-    assert found.api_key is not None
-    assert found.api_key.get_secret_value() == "123456789"
+    llm_settings = settings("api_key=123456789")
+    assert llm_settings.api_key is not None
+    assert llm_settings.api_key.get_secret_value() == "123456789"
 
 
 def test_no_password_in_the_address() -> None:

@@ -17,7 +17,7 @@ from islandgp.testing.server import MessagesServer
 
 pytestmark = pytest.mark.process
 
-WORDS = (
+OVERRIDES = (
     "supervisor=llm",
     "gp.population=6",
     "gp.generations=7",
@@ -43,17 +43,17 @@ class Killing(MessagesServer):
         self.process.kill()
         return Fault.SILENCE
 
-    def run(self, home: Path, *words: str) -> int:
+    def run(self, home: Path, *overrides: str) -> int:
         """The command in its own process; returns its exit code."""
-        self.process = self.started(home, *words)
+        self.process = self.started(home, *overrides)
         return self.process.wait()
 
-    def started(self, home: Path, *words: str) -> subprocess.Popen[bytes]:
+    def started(self, home: Path, *overrides: str) -> subprocess.Popen[bytes]:
         """The command in its own process."""
         free = {k: v for k, v in os.environ.items() if not k.startswith("ANTHROPIC")}
         url = f"supervisor.policy.base_url={self.url}"
         return subprocess.Popen(
-            [sys.executable, "-m", "islandgp", *WORDS, url, *words],
+            [sys.executable, "-m", "islandgp", *OVERRIDES, url, *overrides],
             cwd=home,
             env={**free, "PYTHONPATH": str(resource("conf").parent)},
             stdout=subprocess.DEVNULL,
@@ -62,27 +62,27 @@ class Killing(MessagesServer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("word", ["supervisor.lag=0", "supervisor.lag=2", "supervisor.edits=2"])
-def test_kill_9_and_resume(tmp_path: Path, word: str) -> None:
+@pytest.mark.parametrize("override", ["supervisor.lag=0", "supervisor.lag=2", "supervisor.edits=2"])
+def test_kill_9_and_resume(tmp_path: Path, override: str) -> None:
     """Killed three times with SIGKILL; only what was under way is asked for again."""
-    words = ("search=paper", word)  # which asks for rates and trees
-    words += ("supervisor.policy.prompts=informed",) if "edits" in word else ()
+    overrides = ("search=paper", override)  # which asks for rates and trees
+    overrides += ("supervisor.policy.prompts=informed",) if "edits" in override else ()
     straight, cut = tmp_path / "straight", tmp_path / "cut"
     straight.mkdir()
     cut.mkdir()
     with Killing(set()) as server:
-        assert server.run(straight, *words) == 0
-        asked = len(server.requests)
+        assert server.run(straight, *overrides) == 0
+        count = len(server.requests)
     with Killing({1, 4, 9}) as server:
         codes = []
         while not codes or codes[-1] != 0:
-            codes.append(server.run(cut, *words))
+            codes.append(server.run(cut, *overrides))
             assert len(codes) < 5
         again = len(server.requests)
     assert codes == [-9, -9, -9, 0]
     records = [next(home.rglob("generations.jsonl")).read_bytes() for home in (straight, cut)]
     assert records[0] == records[1]
-    assert asked < again <= asked + 3 * 3  # all questions of a generation may be under way
+    assert count < again <= count + 3 * 3  # all questions of a generation may be under way
 
 
 class NeverAnswers(Killing):
@@ -103,18 +103,21 @@ def test_no_number_of_kills_passes_a_cap(tmp_path: Path, cap: str, most: int) ->
 
     Each kill loses an answer, which may have been charged; the server counts what it was sent.
     """
-    words = (f"supervisor.policy.caps.{cap}", "gp.generations=30")
+    overrides = (f"supervisor.policy.caps.{cap}", "gp.generations=30")
     kills = 0
     with NeverAnswers() as server:
         while kills < 10:
-            before = (len(server.requests), written(tmp_path))
-            process = server.started(tmp_path, *words)
-            while process.poll() is None and before == (len(server.requests), written(tmp_path)):
+            before = (len(server.requests), recorded_generations(tmp_path))
+            process = server.started(tmp_path, *overrides)
+            while process.poll() is None and before == (
+                len(server.requests),
+                recorded_generations(tmp_path),
+            ):
                 sleep(0.005)
             process.kill()
             assert process.wait() == -9
             kills += 1
-        assert server.run(tmp_path, *words) == 3  # the fallback supervised it
+        assert server.run(tmp_path, *overrides) == 3  # the fallback supervised it
         sent = server.requests
     assert 2 <= len(sent) <= most
     *_, last = next(tmp_path.rglob("costs.jsonl")).read_text().splitlines()
@@ -129,6 +132,6 @@ def test_no_number_of_kills_passes_a_cap(tmp_path: Path, cap: str, most: int) ->
         assert spent["cost_usd_at_most"] <= 0.035
 
 
-def written(home: Path) -> int:
-    """How many generations stand in the record of the only run."""
+def recorded_generations(home: Path) -> int:
+    """The number of generations in the record of the only run."""
     return sum(file.read_bytes().count(b"\n") for file in home.rglob("generations.jsonl"))

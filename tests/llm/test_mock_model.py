@@ -14,7 +14,7 @@ from islandgp.supervision.llm.answers import Accepted, check_decision, check_pro
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.mock_model import MockModel
-from tests.llm.made import context, said, settings, state
+from tests.llm.made import context, reply_of, settings, state
 from tests.llm.test_informed import adviser, small_run
 from tests.llm.test_prompts import CAPABILITIES
 
@@ -53,13 +53,13 @@ def test_it_judges_by_the_prompt(paper: Questions) -> None:
 def test_its_answers_can_be_used(paper: Questions) -> None:
     """With both prompt sets, with and without candidates."""
     at = small_run()[1].states[-1]
-    for found in (paper, adviser(), adviser("candidates=3")):
-        n, limits = found.settings.candidates, found.context.limits
+    for questions in (paper, adviser(), adviser("candidates=3")):
+        n, limits = questions.settings.candidates, questions.context.limits
         targets = at.targets
-        proposal = check_proposal(said(tree(found, at)), limits, VOCABULARY, targets, n)
+        proposal = check_proposal(reply_of(tree(questions, at)), limits, VOCABULARY, targets, n)
         assert isinstance(proposal, Accepted)
         assert len(proposal.others) == n - 1
-        decision = check_decision(said(rate(found, at)), found.settings.rate)
+        decision = check_decision(reply_of(rate(questions, at)), questions.settings.rate)
         assert isinstance(decision, Accepted)
 
 
@@ -67,12 +67,12 @@ def test_it_goes_by_fates_and_traces() -> None:
     """A target whose trees died out twice gives way; the answer is no example of the prompt."""
     other = ("world.robot.charge_below=95", "world.humanoids.count=13")
     run = (*other, "gp.trees.kinds.parallel=0.5")  # one in which trees for a target die out
-    at, found = small_run(*run)[1].states[-1], adviser(run=run)
+    at, questions = small_run(*run)[1].states[-1], adviser(run=run)
     assert at.rarest_behaviours[0] == "humanoid"
-    assert tree(found, at)["target"] == "clearing"  # two trees for humanoid died out
-    assert tree(Questions(settings(), found.context), at)["target"] == "humanoid"
-    library = found.context.library().trees.values()
-    assert parse(tree(found, at)["tree"]) not in library
+    assert tree(questions, at)["target"] == "clearing"  # two trees for humanoid died out
+    assert tree(Questions(settings(), questions.context), at)["target"] == "humanoid"
+    library = questions.context.library().trees.values()
+    assert parse(tree(questions, at)["tree"]) not in library
 
 
 @pytest.mark.slow
@@ -80,8 +80,8 @@ def test_noise_and_faults_are_seeded(paper: Questions) -> None:
     """The same seed, the same answers; the shares are those that were asked for."""
     states = [state(g, complete=g % 4) for g in range(200)]
 
-    def answers(**how: Any) -> list[Any]:
-        return [rate(paper, at, MockModel(**how)) for at in states]
+    def answers(**options: Any) -> list[Any]:
+        return [rate(paper, at, MockModel(**options)) for at in states]
 
     plain = answers()
     assert plain == answers(seed=3)  # without noise the seed decides nothing

@@ -1,4 +1,4 @@
-"""A server that is not there stops a run; one that answers badly is told at the run's end."""
+"""A missing server stops a run; one that answers badly is reported at the run's end."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ SMALL = (
 
 
 @pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty folder in which the command is given."""
+def cwd(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -45,35 +45,35 @@ def refused() -> str:
         return f"http://127.0.0.1:{free.getsockname()[1]}"
 
 
-def found(here: Path, name: str) -> dict[str, Any]:
+def run_json(folder: Path, name: str) -> dict[str, Any]:
     """The JSON file of the only run."""
-    (file,) = here.rglob(name)
+    (file,) = folder.rglob(name)
     value: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return value
 
 
-@sweep("given", ["configuration", "environment"], quick=1)
+@sweep("source", ["configuration", "environment"], quick=1)
 def test_an_address_where_nobody_listens_stops_the_run(
-    here: Path,
+    cwd: Path,
     refused: str,
-    given: str,
+    source: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """Exit code 2 and one line, before generation 0: no expert plays the model."""
-    words = [f"supervisor.policy.base_url={refused}"] if given == "configuration" else []
-    if given == "environment":
+    overrides = [f"supervisor.policy.base_url={refused}"] if source == "configuration" else []
+    if source == "environment":
         monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
-    assert main([*SMALL, *words]) == 2
+    assert main([*SMALL, *overrides]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"from {refused}, found unreachable (" in line
     assert line.endswith("start the server, or set supervisor.policy.base_url.")
-    assert not list(here.rglob("generations.jsonl"))
-    assert not list(here.rglob("summary.json"))
+    assert not list(cwd.rglob("generations.jsonl"))
+    assert not list(cwd.rglob("summary.json"))
 
 
 class OnlyOpenAI(BaseHTTPRequestHandler):
-    """A server that knows /v1/chat/completions alone, as FastAPI would say it."""
+    """A server that knows only /v1/chat/completions, with FastAPI's error."""
 
     def log_message(self, format: str, *args: object) -> None:
         """Prints nothing."""
@@ -81,17 +81,17 @@ class OnlyOpenAI(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """Every other address is not found."""
         self.rfile.read(int(self.headers["content-length"]))
-        said = b'{"detail": "Not Found"}'
+        data = b'{"detail": "Not Found"}'
         self.send_response(404)
-        self.send_header("content-length", str(len(said)))
+        self.send_header("content-length", str(len(data)))
         self.end_headers()
-        self.wfile.write(said)
+        self.wfile.write(data)
 
 
 def test_a_server_that_speaks_another_language_stops_the_run(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 2 and one line with the remedy; its own address, too, is told before anything."""
+    """Exit code 2 and one line with the remedy, also for the address of its endpoint."""
     with ThreadingHTTPServer(("127.0.0.1", 0), OnlyOpenAI) as server:
         Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
         url = f"http://127.0.0.1:{server.server_port}"
@@ -103,59 +103,59 @@ def test_a_server_that_speaks_another_language_stops_the_run(
         assert "needs LiteLLM's proxy before it, see docs/llm.md, Any model" in line
     assert "found not_found (status 404)" in first
     assert f"such as {url}, found /v1/chat/completions at its end" in second
-    assert not list(here.rglob("generations.jsonl"))
+    assert not list(cwd.rglob("generations.jsonl"))
 
 
 def test_the_same_command_works_once_the_server_is_there(
-    here: Path,
+    cwd: Path,
     refused: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The failed probe is not taken for an answer. Share of the answers and costs are told."""
+    """The failed probe is not taken for an answer. Share of the answers and costs are printed."""
     monkeypatch.setenv("ANTHROPIC_BASE_URL", refused)
     assert main([*SMALL, "search=paper"]) == 2
     with MessagesServer() as server:
         monkeypatch.setenv("ANTHROPIC_BASE_URL", server.url)
         assert main([*SMALL, "search=paper"]) == 0
-    summary, said = found(here, "summary.json"), capsys.readouterr()
+    summary, captured = run_json(cwd, "summary.json"), capsys.readouterr()
     assert summary["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
     assert summary["mostly_fallback"] is False
-    assert "Language model: 100% of the answers, 7 requests, " in said.out
-    assert " out, $0.0" in said.out
+    assert "Language model: 100% of the answers, 7 requests, " in captured.out
+    assert " out, $0.0" in captured.out
 
 
 @pytest.mark.slow
 def test_a_run_whose_transcript_is_gone_does_not_go_on(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its ledger would begin again; with the file back, or with resume=never, it goes on."""
     faults = [Fault.OVERLOADED]
     with MessagesServer(lambda n: faults[0] if n > 2 and faults else None) as server:
         url = f"supervisor.policy.base_url={server.url}"
-        words = [*SMALL, url, "supervisor.policy.on_outage=stop"]
-        assert main(words) == 2
-        (file,) = here.rglob("transcript.jsonl")
-        kept = file.rename(here / "kept.jsonl")
+        overrides = [*SMALL, url, "supervisor.policy.on_outage=stop"]
+        assert main(overrides) == 2
+        (file,) = cwd.rglob("transcript.jsonl")
+        moved = file.rename(cwd / "kept.jsonl")
         faults.clear()
-        asked = len(server.requests)
+        count = len(server.requests)
         capsys.readouterr()
-        assert main(words) == 2
+        assert main(overrides) == 2
         (line,) = capsys.readouterr().err.splitlines()
         assert "requests that the run's costs.jsonl counts in" in line
-        assert len(server.requests) == asked
+        assert len(server.requests) == count
         assert not file.exists()
-        kept.rename(file)
-        assert main(words) == 0
-    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
+        moved.rename(file)
+        assert main(overrides) == 0
+    assert run_json(cwd, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
 
 
 @pytest.mark.slow
-def test_a_replay_of_an_edited_reply_stops(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also where nothing follows from the reply any more: it is not what the model said."""
+def test_a_replay_of_an_edited_reply_stops(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Also where nothing follows from the reply any more: it is not the model's."""
     with MessagesServer() as server:
         assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
-    (file,) = here.rglob("transcript.jsonl")
+    (file,) = cwd.rglob("transcript.jsonl")
     text = file.read_text(encoding="utf-8")
     last = text.rindex("Mock answer: ")
     file.write_text(text[:last] + "My answer: " + text[last + 13 :], encoding="utf-8")
@@ -169,25 +169,26 @@ def test_a_replay_of_an_edited_reply_stops(here: Path, capsys: pytest.CaptureFix
     assert main(replay) == 0
 
 
-def test_a_run_of_fallbacks_says_so(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A server that is always overloaded stops nothing; the exit code tells whose run it is."""
+def test_a_run_of_fallbacks_is_reported(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A server that is always overloaded stops nothing; the exit code shows the fallback."""
     with MessagesServer(lambda n: Fault.OVERLOADED) as server:  # noqa: ARG005
         assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3
         assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 3  # complete already
-    said = capsys.readouterr()
-    assert "Answers of the fallback: 3 of 3\n" in said.out
+    captured = capsys.readouterr()
+    assert "Answers of the fallback: 3 of 3\n" in captured.out
     assert (
-        "Language model: 0% of the answers, 12 requests, 0 tokens in, 0 out, $0.0000\n" in said.out
+        "Language model: 0% of the answers, 12 requests, 0 tokens in, 0 out, $0.0000\n"
+        in captured.out
     )
-    assert "found that the fallback gave more" in said.err
-    assert found(here, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
+    assert "found that the fallback gave more" in captured.err
+    assert run_json(cwd, "summary.json")["answers"] == {"total": 3, "fallback": 3, "in_part": 0}
 
 
 @pytest.mark.slow
 def test_answers_that_are_the_fallbacks_in_part(
-    here: Path, capsys: pytest.CaptureFixture[str]
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A model that gives rates and no trees; a sweep's table tells it, too."""
+    """A model that gives rates and no trees; a sweep's table shows it, too."""
 
     def rates_only(request: Mapping[str, Any]) -> Any:
         answer = MockModel()(request)
@@ -195,24 +196,24 @@ def test_answers_that_are_the_fallbacks_in_part(
 
     with MessagesServer(answer=rates_only) as server:
         address = f"supervisor.policy.base_url={server.url}"
-        words = [*SMALL, "search=paper", address, "seed=1", "-m"]
-        assert main(words) == 0
-        assert main([*words[:-2], "seed=2"]) == 0
-        assert main([*words, "supervisor.policy.most_fallback=0.4"]) == 3
-    said = capsys.readouterr()
-    assert "3 of 3, 3 of them in part" in said.out
-    assert "Answers of the fallback: 3 of 3, 3 of them in part\n" in said.out
-    assert "Language model: 50% of the answers" in said.out
-    assert "in 1 of 1 jobs expected guidance by the language model" in said.err
-    for file in here.rglob("summary.json"):
-        told = json.loads(file.read_text(encoding="utf-8"))
-        assert told["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
+        overrides = [*SMALL, "search=paper", address, "seed=1", "-m"]
+        assert main(overrides) == 0
+        assert main([*overrides[:-2], "seed=2"]) == 0
+        assert main([*overrides, "supervisor.policy.most_fallback=0.4"]) == 3
+    captured = capsys.readouterr()
+    assert "3 of 3, 3 of them in part" in captured.out
+    assert "Answers of the fallback: 3 of 3, 3 of them in part\n" in captured.out
+    assert "Language model: 50% of the answers" in captured.out
+    assert "in 1 of 1 jobs expected guidance by the language model" in captured.err
+    for file in cwd.rglob("summary.json"):
+        summary = json.loads(file.read_text(encoding="utf-8"))
+        assert summary["answers"] == {"total": 3, "fallback": 3, "in_part": 3}
 
 
-def test_a_run_without_fallbacks_says_nothing(
-    here: Path, capsys: pytest.CaptureFixture[str]
+def test_a_run_without_fallbacks_prints_nothing(
+    cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The expert answers for itself."""
     assert main([*SMALL[:-2], "supervisor=expert"]) == 0
     assert "Supervision:" not in capsys.readouterr().out
-    assert found(here, "summary.json")["answers"]["fallback"] == 0
+    assert run_json(cwd, "summary.json")["answers"]["fallback"] == 0

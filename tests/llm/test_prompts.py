@@ -38,28 +38,32 @@ def adviser() -> Questions:
     return Questions(settings(), context())
 
 
-def whole(request: Request) -> str:
+def prompt_text(request: Request) -> str:
     return f"# system\n\n{request.system}\n\n# user\n\n{request.turns[0]}\n"
 
 
 def test_golden_rate_prompt(adviser: Questions) -> None:
     """The whole question for a mutation rate."""
-    check_golden("prompt_mutation_rate.md", whole(adviser.request("rate", state(), CAPABILITIES)))
+    check_golden(
+        "prompt_mutation_rate.md", prompt_text(adviser.request("rate", state(), CAPABILITIES))
+    )
 
 
 def test_golden_prompt_of_phase_1(adviser: Questions) -> None:
     """The whole question for a tree while there is no robot of quality."""
-    check_golden("prompt_tree_explore.md", whole(adviser.request("tree", state(), CAPABILITIES)))
+    check_golden(
+        "prompt_tree_explore.md", prompt_text(adviser.request("tree", state(), CAPABILITIES))
+    )
 
 
 def test_golden_prompt_of_phase_2(adviser: Questions) -> None:
     """The whole question for a tree once there is one."""
-    found = adviser.request("tree", state(complete=3, excellent=1), CAPABILITIES)
-    check_golden("prompt_tree_exploit.md", whole(found))
+    request = adviser.request("tree", state(complete=3, excellent=1), CAPABILITIES)
+    check_golden("prompt_tree_exploit.md", prompt_text(request))
 
 
 def test_the_repair_prompt(adviser: Questions) -> None:
-    """The whole turn that tells what was wrong, with the error as the language words it."""
+    """The whole repair turn, with the language's own error."""
     error = "tree:1:1: unknown action 'FlyHome'"
     assert adviser.repair(Rejection(RejectionStage.NAMES, error)) == (
         'That answer cannot be used. It failed at the stage "names":\n'
@@ -88,10 +92,10 @@ def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
 
 
 def test_sizes_are_those_of_the_settings() -> None:
-    """What is asked for and what is taken both stand in the prompt."""
-    how = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    found = Questions(how, context()).request("tree", state(), CAPABILITIES).system
-    assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in found
+    """The size that is asked for and the largest one are both in the prompt."""
+    llm_settings = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
+    system = Questions(llm_settings, context()).request("tree", state(), CAPABILITIES).system
+    assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in system
 
 
 def test_the_system_part_is_the_same_in_every_generation(adviser: Questions) -> None:
@@ -105,13 +109,13 @@ def test_the_system_part_is_the_same_in_every_generation(adviser: Questions) -> 
 
 def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Questions) -> None:
     """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
-    found = adviser.request("rate", state(), CAPABILITIES).system
+    system = adviser.request("rate", state(), CAPABILITIES).system
     for phase, (low, high) in settings().phases.items():
-        row = next(line for line in found.splitlines() if line.startswith(f"| {phase} |"))
+        row = next(line for line in system.splitlines() if line.startswith(f"| {phase} |"))
         assert row.endswith(f"| {low:.2f} to {high:.2f} |")
     assert len(Phase) == 7
-    assert all(f"- {pattern}: " in found for pattern in Pattern)
-    assert all(f'"{field}"' in found for field in DecisionAnswer.model_fields)
+    assert all(f"- {pattern}: " in system for pattern in Pattern)
+    assert all(f'"{field}"' in system for field in DecisionAnswer.model_fields)
 
 
 def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
@@ -122,46 +126,46 @@ def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
     }
     assert {*meanings, *words("aims")} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
-        found = adviser.request("tree", at, CAPABILITIES).system
+        system = adviser.request("tree", at, CAPABILITIES).system
         for target, meaning in {**meanings, **words("aims")}.items():
-            assert f"- {target}: {meaning}" in found
-        assert all(f'"{field}"' in found for field in proposal_model(CLASSES.targets).model_fields)
+            assert f"- {target}: {meaning}" in system
+        assert all(f'"{field}"' in system for field in proposal_model(CLASSES.targets).model_fields)
 
 
 def test_the_language_is_the_declared_one() -> None:
     """Grammar, nodes, actions, keys, operators and rules are those of the declarations."""
-    found = language(VOCABULARY)
+    description = language(VOCABULARY)
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
     # rules that only files and actions with arguments need, and kinds beside the paper's
     hidden = ("domain:", "include:", "library:", "FILE:", "start:", "value:", "values:", "action:")
     others = [name for name, kind in KINDS.items() if not kind.paper]
     hidden += (*others, *map(str.upper, others))
     rules = [line for line in grammar.splitlines() if line[:1].isalpha()]
-    assert all((rule in found) != rule.startswith(hidden) for rule in rules)
-    assert "\nstart: _definition* _node\n" in found
-    assert "\naction: NAME\n" in found
-    assert "docs/" not in found
-    assert "include" not in found
+    assert all((rule in description) != rule.startswith(hidden) for rule in rules)
+    assert "\nstart: _definition* _node\n" in description
+    assert "\naction: NAME\n" in description
+    assert "docs/" not in description
+    assert "include" not in description
     paper = {name: kind for name, kind in KINDS.items() if kind.paper}
     for table in (paper, VOCABULARY.actions, VOCABULARY.keys):
         for name, entry in table.items():  # type: ignore[attr-defined]
-            assert f"- {name}: {entry.meaning}" in found
+            assert f"- {name}: {entry.meaning}" in description
     rules = words("abort_rules")
     assert list(rules) == list(ABORTS)
-    assert all(f"- abort {name}: {meaning}" in found for name, meaning in rules.items())
-    assert " ".join(OPERATORS) in found
+    assert all(f"- abort {name}: {meaning}" in description for name, meaning in rules.items())
+    assert " ".join(OPERATORS) in description
 
 
 def test_a_new_action_reaches_the_prompts() -> None:
     """One entry in the declaration is enough."""
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
-    words = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
-    given = replace(context(), schema=replace(SCHEMA, vocabulary=words))
-    found = Questions(settings(), given).request("tree", state(), CAPABILITIES).system
-    assert "- FlyHome: flies home" in found
+    vocabulary = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
+    run_context = replace(context(), schema=replace(SCHEMA, vocabulary=vocabulary))
+    system = Questions(settings(), run_context).request("tree", state(), CAPABILITIES).system
+    assert "- FlyHome: flies home" in system
 
 
-def test_examples_are_the_project_s_own(adviser: Questions) -> None:
+def test_examples_are_files_of_the_project(adviser: Questions) -> None:
     """Every example tree in a prompt is a file of grammar/examples, annotations included."""
     files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
     for at in (state(), state(excellent=1)):
@@ -175,7 +179,7 @@ def test_examples_are_the_project_s_own(adviser: Questions) -> None:
             parse(block, VOCABULARY)
 
 
-def test_urgency_is_told_in_words(adviser: Questions) -> None:
+def test_urgency_is_in_words(adviser: Questions) -> None:
     """Section 2.4.6: what nobody does is missing, what few do is rare."""
     assert urgency(state(), 0.1).splitlines() == [
         "- charging: 0 of 30 individuals do it: MISSING",
@@ -187,7 +191,7 @@ def test_urgency_is_told_in_words(adviser: Questions) -> None:
 
 
 def test_a_missing_variable_is_named() -> None:
-    """The error says which variable, in which file and line, and which one was perhaps meant."""
+    """The error names the variable, the file, the line, and the nearest variable."""
     prompt = Prompt("mine", "a\nb {{langage}} c", "u")
     with pytest.raises(SupervisionError) as excinfo:
         render(prompt, {"language": "x", "state": "y"})
@@ -202,30 +206,34 @@ def test_values_are_not_filled_in_again() -> None:
     assert render(Prompt("p", "", "{{ a }}"), {"a": "{{b}}"}) == ("", "{{b}}")
 
 
-def test_prompts_of_one_s_own(tmp_path: Path) -> None:
-    """A folder of one's own replaces the project's; a fault in it is told before the run starts."""
+def test_a_user_s_prompts(tmp_path: Path) -> None:
+    """A user's folder replaces the project's; a fault in it is an error before the run starts."""
     for file in resource("prompts").glob("*.md"):
         (tmp_path / file.name).write_text(file.read_text(encoding="utf-8"), encoding="utf-8")
-    mine = tmp_path / "mutation_rate.md"
-    mine.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
-    how = settings(f"prompts={tmp_path}")
-    assert Questions(how, context()).request("rate", state(), CAPABILITIES).system == "Be wise."
-    mine.write_text("# user\n{{sate}}", encoding="utf-8")
+    prompt_file = tmp_path / "mutation_rate.md"
+    prompt_file.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
+    llm_settings = settings(f"prompts={tmp_path}")
+    assert (
+        Questions(llm_settings, context()).request("rate", state(), CAPABILITIES).system
+        == "Be wise."
+    )
+    prompt_file.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
-        Questions(how, context())
-    mine.write_text("Just text.", encoding="utf-8")
+        Questions(llm_settings, context())
+    prompt_file.write_text("Just text.", encoding="utf-8")
     with pytest.raises(SupervisionError, match="# user"):
         load_prompt("mutation_rate", tmp_path)
-    mine.unlink()
+    prompt_file.unlink()
     with pytest.raises(SupervisionError, match="found none"):
-        Questions(how, context())
+        Questions(llm_settings, context())
 
 
-def test_a_domain_has_its_own_word_for_its_robots() -> None:
+def test_a_domain_may_name_its_robots() -> None:
     """`classes.agent` is in every place of the prompts that names a tier."""
-    found = Questions(settings(), context(None, "+classes.agent=Lander"))
+    questions = Questions(settings(), context(None, "+classes.agent=Lander"))
     texts = [
-        whole(found.request(part, state(complete=1), CAPABILITIES)) for part in ("rate", "tree")
+        prompt_text(questions.request(part, state(complete=1), CAPABILITIES))
+        for part in ("rate", "tree")
     ]
     assert "Complete Lander: in one episode" in texts[0]
     assert "whether any Complete Lander has ever existed" in texts[0]

@@ -12,9 +12,9 @@ from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, RetrySettings
 from islandgp.supervision.llm.transcript import Call, Transcript
-from tests.llm.made import FakeClient, failed, said
+from tests.llm.made import FakeClient, failed, reply_of
 
-HOW = RetrySettings(attempts=3, deadline=30, first_wait=1, longest_wait=20, retry_after_most=30)
+RETRIES = RetrySettings(attempts=3, deadline=30, first_wait=1, longest_wait=20, retry_after_most=30)
 ASK = Request("m", "s", ("u",), 100)
 CALL = Call(4, "rate", 0)
 NO_CAPS = Caps(requests=None, input_tokens=None, output_tokens=None, usd=None, seconds=None)
@@ -35,10 +35,12 @@ class Clock:
         return self.now
 
 
-def calls(client: FakeClient, how: RetrySettings = HOW, seed: int = 0) -> tuple[LiveCalls, Clock]:
+def calls(
+    client: FakeClient, retries: RetrySettings = RETRIES, seed: int = 0
+) -> tuple[LiveCalls, Clock]:
     transcript, clock = Transcript(None), Clock()
     ledger = Ledger(transcript, None, NO_CAPS)
-    live = LiveCalls(client, transcript, ledger, how, seed=seed, sleep=clock.sleep, clock=clock)
+    live = LiveCalls(client, transcript, ledger, retries, seed=seed, sleep=clock.sleep, clock=clock)
     return live, clock
 
 
@@ -46,19 +48,19 @@ def calls(client: FakeClient, how: RetrySettings = HOW, seed: int = 0) -> tuple[
 def test_a_transient_failure_is_tried_three_times(kind: FailureKind) -> None:
     """Section 2.4.5: up to three attempts; the last failure is the answer."""
     client = FakeClient([failed(kind)] * 5)
-    found = calls(client)[0].ask(CALL, ASK)
-    assert isinstance(found, Failure)
-    assert found.kind is kind
-    assert found.message.startswith(f"a made-up {kind} failure")
+    failure = calls(client)[0].ask(CALL, ASK)
+    assert isinstance(failure, Failure)
+    assert failure.kind is kind
+    assert failure.message.startswith(f"a made-up {kind} failure")
     assert len(client.requests) == 3
 
 
-def test_an_answer_that_is_too_late_tells_the_setting() -> None:
+def test_an_answer_that_is_too_late_names_the_setting() -> None:
     """The deadline of an attempt, or the cap that left less than that."""
     live, _ = calls(FakeClient([failed(FailureKind.TIMEOUT)] * 3))
-    found = live.ask(CALL, ASK)
-    assert isinstance(found, Failure)
-    assert "; raise supervisor.policy.retry.deadline, a model that thinks may" in found.message
+    failure = live.ask(CALL, ASK)
+    assert isinstance(failure, Failure)
+    assert "; raise supervisor.policy.retry.deadline, a model that thinks may" in failure.message
     live, clock = calls(FakeClient([failed(FailureKind.TIMEOUT)] * 3))
     live.ledger.caps = NO_CAPS.model_copy(update={"seconds": 7})
     live.client.script = lambda *_: clock.sleep(7) or failed(FailureKind.TIMEOUT)  # type: ignore[attr-defined, func-returns-value]
@@ -79,9 +81,9 @@ def test_a_lasting_failure_is_not_tried_again(kind: FailureKind) -> None:
 def test_the_first_reply_ends_the_call() -> None:
     """A reply after two failures is the answer; nothing is sent after it."""
     client = FakeClient(
-        [failed(FailureKind.SERVER), failed(FailureKind.TIMEOUT), said("yes"), said("no")]
+        [failed(FailureKind.SERVER), failed(FailureKind.TIMEOUT), reply_of("yes"), reply_of("no")]
     )
-    assert calls(client)[0].ask(CALL, ASK) == said("yes")
+    assert calls(client)[0].ask(CALL, ASK) == reply_of("yes")
     assert len(client.requests) == 3
 
 
@@ -90,8 +92,8 @@ def test_waits_double_and_have_jitter() -> None:
     rng = np.random.default_rng(0)
     failure = failed(FailureKind.SERVER)
     for attempt, most in ((1, 1), (2, 2), (3, 4), (4, 8), (5, 16), (6, 20), (60, 20)):
-        found = {wait(failure, attempt, HOW, rng) for _ in range(50)}
-        assert most / 2 <= min(found) < max(found) <= most
+        waits = {wait(failure, attempt, RETRIES, rng) for _ in range(50)}
+        assert most / 2 <= min(waits) < max(waits) <= most
 
 
 def test_jitter_comes_from_the_run_s_seed() -> None:
@@ -110,15 +112,17 @@ def test_jitter_comes_from_the_run_s_seed() -> None:
 
 def test_a_short_retry_after_is_obeyed() -> None:
     """The wait is never shorter than the server asks for."""
-    client = FakeClient([failed(FailureKind.RATE_LIMITED, 25), said("yes")])
+    client = FakeClient([failed(FailureKind.RATE_LIMITED, 25), reply_of("yes")])
     live, clock = calls(client)
     assert isinstance(live.ask(CALL, ASK), Reply)
     assert clock.slept == [25]
 
 
-def test_the_next_call_waits_as_the_last_one_was_told() -> None:
+def test_the_next_call_waits_as_the_server_wished() -> None:
     """A call that ended with a wish of the server leaves it to the call behind it."""
-    client = FakeClient([failed(FailureKind.RATE_LIMITED, 25)] * 3 + [said("yes"), said("yes")])
+    client = FakeClient(
+        [failed(FailureKind.RATE_LIMITED, 25)] * 3 + [reply_of("yes"), reply_of("yes")]
+    )
     live, clock = calls(client)
     assert isinstance(live.ask(CALL, ASK), Failure)
     assert clock.slept == [25, 25]
@@ -141,8 +145,8 @@ def test_an_endless_retry_after_ends_the_call_at_once() -> None:
 def test_the_cap_itself_is_still_obeyed() -> None:
     """Exactly at the cap the server's wish is granted."""
     at, above = failed(FailureKind.RATE_LIMITED, 30), failed(FailureKind.RATE_LIMITED, 30.1)
-    assert not final(at, 1, HOW)
-    assert final(above, 1, HOW)
+    assert not final(at, 1, RETRIES)
+    assert final(above, 1, RETRIES)
 
 
 def test_each_attempt_has_the_same_deadline() -> None:
@@ -173,9 +177,9 @@ def test_attempts_are_written_down_one_by_one() -> None:
 def test_a_call_goes_on_where_a_kill_ended_it() -> None:
     """Attempts that are written down count: after one failure two are left."""
     client = FakeClient([failed(FailureKind.SERVER)] * 9)
-    live, _ = calls(client, RetrySettings(**{**HOW.model_dump(), "attempts": 1}))
+    live, _ = calls(client, RetrySettings(**{**RETRIES.model_dump(), "attempts": 1}))
     live.ask(CALL, ASK)
-    live.retry = HOW
+    live.retry = RETRIES
     live.ask(CALL, ASK)
     assert [a.number for a in live.transcript.attempts] == [1, 2, 3]
     live.ask(CALL, ASK)
@@ -183,15 +187,15 @@ def test_a_call_goes_on_where_a_kill_ended_it() -> None:
 
 
 def test_an_answer_that_is_written_down_is_not_asked_for_again() -> None:
-    """The same request at the same place of the run is sent once; another one is sent anew."""
-    client = FakeClient([said("one"), said("two")])
+    """The same request at the same place of the run is sent once; a different one is sent, too."""
+    client = FakeClient([reply_of("one"), reply_of("two")])
     live, _ = calls(client)
-    assert live.ask(CALL, ASK) == live.ask(CALL, ASK) == said("one")
-    assert live.ask(CALL, ASK.followed_by("one", "again")) == said("two")
+    assert live.ask(CALL, ASK) == live.ask(CALL, ASK) == reply_of("one")
+    assert live.ask(CALL, ASK.followed_by("one", "again")) == reply_of("two")
 
 
-def test_a_server_that_says_whether_to_try_again_is_obeyed() -> None:
-    """Its word goes before the kind of the failure, in both directions."""
+def test_the_server_s_header_on_retries_is_obeyed() -> None:
+    """It overrides the kind of the failure, in both directions."""
     no = replace(failed(FailureKind.OVERLOADED), should_retry=False)
     yes = replace(failed(FailureKind.REJECTED), should_retry=True)
     for failure, attempts in ((no, 1), (yes, 3)):

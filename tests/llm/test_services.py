@@ -77,7 +77,7 @@ def answer(
 
 
 @pytest.mark.parametrize("service", CLOUDS)
-def test_a_cloud_gets_its_own_credentials(
+def test_a_cloud_gets_its_credentials(
     service: Service, requests: list[httpx2.Request], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The URL has the region or resource; no header has a key of the Anthropic API."""
@@ -115,7 +115,7 @@ def test_signed_requests(requests: list[httpx2.Request], monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize(
-    ("service", "missing", "found"),
+    ("service", "missing", "message"),
     [
         ("bedrock", "AWS_REGION", "Amazon Bedrock .*found: No AWS region"),
         ("vertex", "CLOUD_ML_REGION", "Google Vertex AI .*found: No region"),
@@ -124,14 +124,14 @@ def test_signed_requests(requests: list[httpx2.Request], monkeypatch: pytest.Mon
     ],
 )
 def test_a_missing_setting(
-    service: Service, missing: str, found: str, monkeypatch: pytest.MonkeyPatch
+    service: Service, missing: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One message names the cloud and its variables, before anything is sent."""
     for name, value in ENVIRONMENT[service].items():
         if name != missing:
             monkeypatch.setenv(name, value)
     monkeypatch.setenv("AWS_CONFIG_FILE", "/nowhere")
-    with pytest.raises(SupervisionError, match=found) as excinfo:
+    with pytest.raises(SupervisionError, match=message) as excinfo:
         LLM.check(settings(f"service={service}"), context())
     assert missing in str(excinfo.value)
     assert "\n" not in str(excinfo.value)
@@ -166,6 +166,6 @@ def test_missing_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_gateway_before_a_cloud(monkeypatch: pytest.MonkeyPatch) -> None:
     """`base_url` holds for a cloud; ANTHROPIC_BASE_URL does not."""
     monkeypatch.setenv("ANTHROPIC_BASE_URL", "http://there:2")
-    how: LLMSettings = settings("service=bedrock")
-    assert (how.address, how.place) == (None, "Amazon Bedrock")
+    llm_settings: LLMSettings = settings("service=bedrock")
+    assert (llm_settings.address, llm_settings.place) == (None, "Amazon Bedrock")
     assert settings("service=bedrock", "base_url=http://here:1").place == "http://here:1"

@@ -1,4 +1,4 @@
-"""Table 5 as JSON: one whole state as a literal, and every field of it told."""
+"""Table 5 as JSON: one whole state as a literal, and every field of it documented."""
 
 from __future__ import annotations
 
@@ -122,17 +122,17 @@ def fields(value: Any, path: str = "") -> Iterator[str]:
 
 def test_a_whole_state() -> None:
     """Everything that a supervisor is shown, in the order and the rounding it is shown in."""
-    found = state_json(state(complete=2), CRISIS)
-    assert found == WHOLE
-    assert list(found) == list(WHOLE)
+    document = state_json(state(complete=2), CRISIS)
+    assert document == WHOLE
+    assert list(document) == list(WHOLE)
 
 
-def test_every_field_is_told() -> None:
+def test_every_field_has_a_meaning() -> None:
     """The meanings that prompts and docs give are those of exactly the fields there are."""
     weighted = {f"next_multipliers.{name}" for name in SCHEMA.components}
-    found = set(fields(WHOLE))
-    assert found - weighted == set(FIELDS) - weighted
-    assert found <= set(FIELDS), "a curriculum names some components, the document all"
+    names = set(fields(WHOLE))
+    assert names - weighted == set(FIELDS) - weighted
+    assert names <= set(FIELDS), "a curriculum names some components, the document all"
 
 
 def test_titles() -> None:
@@ -141,7 +141,7 @@ def test_titles() -> None:
     assert title("complete") == "Complete"
 
 
-def test_the_document_tells_every_field() -> None:
+def test_the_document_has_every_field() -> None:
     """docs/llm/state.md has the same table as the prompts."""
     text = (resource("conf").parent / "docs" / "llm" / "state.md").read_text(encoding="utf-8")
     for name, meaning in FIELDS.items():
@@ -149,15 +149,15 @@ def test_the_document_tells_every_field() -> None:
 
 
 @given(population_states())
-def test_the_text_is_the_json(given_state: object) -> None:
-    """What the prompt shows is JSON and says the same, for any state."""
-    found = given_state
-    assert json.loads(state_text(found, CRISIS)) == json.loads(  # type: ignore[arg-type]
-        json.dumps(state_json(found, CRISIS))  # type: ignore[arg-type]
+def test_the_text_is_the_json(population_state: object) -> None:
+    """The text of the prompt is the same JSON, for any state."""
+    values = population_state
+    assert json.loads(state_text(values, CRISIS)) == json.loads(  # type: ignore[arg-type]
+        json.dumps(state_json(values, CRISIS))  # type: ignore[arg-type]
     )
 
 
-def test_a_crisis_is_told() -> None:
+def test_a_crisis_is_in_the_state() -> None:
     """Eq. (7): whether the emergency rate is enforced."""
     states = [replace(state(), crisis=reason) for reason in ("", "diversity", "stagnation")]
     assert [state_json(s, CRISIS)["crisis"]["now"] for s in states] == [False, True, True]
@@ -166,7 +166,7 @@ def test_a_crisis_is_told() -> None:
 def test_no_share_of_nothing_and_no_negative_zero() -> None:
     """A change from nothing has the share 0, and what rounds to zero has no sign."""
     first = replace(state(), best_change=4000.4, diversity_trend=-0.0001, best_trend=-0.0)
-    found = state_json(first, CRISIS)
-    assert found["fitness"]["best_change_share"] == 0.0
-    assert str(found["diversity"]["trend"]) == "0.0"
-    assert str(found["fitness"]["best_trend"]) == "0"
+    document = state_json(first, CRISIS)
+    assert document["fitness"]["best_change_share"] == 0.0
+    assert str(document["diversity"]["trend"]) == "0.0"
+    assert str(document["fitness"]["best_trend"]) == "0"

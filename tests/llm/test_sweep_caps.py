@@ -44,8 +44,8 @@ def test_no_number_of_kills_passes_the_cap_of_a_sweep(tmp_path: Path, cap: str) 
 
     for process in range(10):
         folder = tmp_path / "ab"[process % 2]
-        given = replace(context(folder), adapt_mutation=False)
-        llm, _ = supervisor(script, f"sweep_caps.{cap}", given=given)
+        run_context = replace(context(folder), adapt_mutation=False)
+        llm, _ = supervisor(script, f"sweep_caps.{cap}", run_context=run_context)
         with suppress(Killed):
             advise(llm, state(process // 2))
     charged = 2048 * len(lost) + USAGE.output * (len(sent) - len(lost))
@@ -56,8 +56,8 @@ def test_no_number_of_kills_passes_the_cap_of_a_sweep(tmp_path: Path, cap: str) 
 def test_a_refused_connection_takes_nothing(tmp_path: Path) -> None:
     """What was reserved for it is given back; a deleted file is counted again."""
     caps = "retry.attempts=1", "sweep_caps.usd=1"
-    gone = failed(FailureKind.UNREACHABLE)
-    llm, _ = supervisor(answering(rate=gone), *caps, folder=tmp_path / "a")
+    unreachable = failed(FailureKind.UNREACHABLE)
+    llm, _ = supervisor(answering(rate=unreachable), *caps, folder=tmp_path / "a")
     advise(llm, state(0))
     assert llm._calls is not None
     ledger = SweepLedger(tmp_path, llm.settings.price, llm.settings.sweep_caps)

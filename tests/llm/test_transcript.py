@@ -30,11 +30,11 @@ ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"}, F
 def attempt(
     generation: int = 3, number: int = 1, request: Request = ASK, answer: object = None
 ) -> Attempt:
-    found = answer or Reply("text\nof two lines, « é »", "end_turn", Usage(1, 2, 3, 4))
-    assert isinstance(found, (Reply, Failure))
-    usage = found.usage if isinstance(found, Reply) else None
+    reply = answer or Reply("text\nof two lines, « é »", "end_turn", Usage(1, 2, 3, 4))
+    assert isinstance(reply, (Reply, Failure))
+    usage = reply.usage if isinstance(reply, Reply) else None
     return Attempt(
-        Call(generation, "rate", 0), number, request, found, usage, Usage(9, 9), 0.5, 1.5, 0.2, "at"
+        Call(generation, "rate", 0), number, request, reply, usage, Usage(9, 9), 0.5, 1.5, 0.2, "at"
     )
 
 
@@ -44,23 +44,23 @@ FAILED = attempt(number=2, answer=Failure(FailureKind.TIMEOUT, "late", 3.5))
 def test_what_is_written_reads_back(tmp_path: Path) -> None:
     """Attempts, parts and the start are the same after reading, in their order."""
     path = tmp_path / "run" / NAME
-    written = Transcript(path)
-    written.begin({"dialect": {"structured": True}})
+    transcript = Transcript(path)
+    transcript.begin({"dialect": {"structured": True}})
     parts = [Conclusion(3, "rate", "fallback", "timeout: late", ("json", "range"))]
     for each in (attempt(), FAILED, attempt(4, request=ASK.followed_by("a", "b"))):
-        written.add(each)
-    written.add(parts[0])
+        transcript.add(each)
+    transcript.add(parts[0])
     read = Transcript(path)
-    assert read.attempts == written.attempts
+    assert read.attempts == transcript.attempts
     assert read.parts == parts
     assert read.start == {"format": 1, "dialect": {"structured": True}}
 
 
 def test_a_system_prompt_is_stored_once(tmp_path: Path) -> None:
     """It is long and the same in every generation."""
-    written = Transcript(tmp_path / NAME)
+    transcript = Transcript(tmp_path / NAME)
     for generation in range(5):
-        written.add(attempt(generation))
+        transcript.add(attempt(generation))
     assert (tmp_path / NAME).read_text(encoding="utf-8").count("system text") == 1
 
 
@@ -74,11 +74,11 @@ def test_a_part_is_concluded_once(tmp_path: Path) -> None:
 
 def test_every_torn_end_is_survived(tmp_path: Path) -> None:
     """Killed at any byte, the transcript holds the whole lines, and goes on behind them."""
-    whole = Transcript(tmp_path / "whole")
-    whole.begin({})
-    whole.add(attempt())
+    complete = Transcript(tmp_path / "whole")
+    complete.begin({})
+    complete.add(attempt())
     size_before = (tmp_path / "whole").stat().st_size
-    whole.add(FAILED)
+    complete.add(FAILED)
     data = (tmp_path / "whole").read_bytes()
     step = max(1, 300 // cases(300))  # at night each byte
     for cut in range(size_before, len(data), step):
@@ -101,7 +101,7 @@ def test_reading_changes_nothing(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "data", [b"not json\n", b'{"no": "line"}\n', b'{"line": "attempt"}\n', b"[1]\n", b"\xff\n"]
 )
-def test_a_damaged_transcript_is_told(tmp_path: Path, data: bytes) -> None:
+def test_a_damaged_transcript_is_refused(tmp_path: Path, data: bytes) -> None:
     """Not a traceback but the file's name and a remedy."""
     (tmp_path / NAME).write_bytes(data)
     with pytest.raises(SupervisionError, match="damaged"):
@@ -109,7 +109,7 @@ def test_a_damaged_transcript_is_told(tmp_path: Path, data: bytes) -> None:
 
 
 def edited(path: Path, old: str, new: str) -> None:
-    """Changes the first place in the file that says so."""
+    """Replaces the first occurrence in the file."""
     text = path.read_text(encoding="utf-8")
     assert old in text
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
@@ -126,13 +126,13 @@ def edited(path: Path, old: str, new: str) -> None:
         ('"source": "fallback"', '"source": "llm"'),
     ],
 )
-def test_a_changed_line_is_told(tmp_path: Path, old: str, new: str) -> None:
+def test_a_changed_line_is_refused(tmp_path: Path, old: str, new: str) -> None:
     """A reply that somebody edited is not replayed as the model's, nor is a smaller bill."""
     path = tmp_path / NAME
-    written = Transcript(path)
-    written.begin({"dialect": {"structured": True}})
-    written.add(attempt())
-    written.add(Conclusion(3, "rate", "fallback", "timeout: late", ()))
+    transcript = Transcript(path)
+    transcript.begin({"dialect": {"structured": True}})
+    transcript.add(attempt())
+    transcript.add(Conclusion(3, "rate", "fallback", "timeout: late", ()))
     edited(path, old, new)
     with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as excinfo:
         Transcript(path)
@@ -147,9 +147,9 @@ def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
     line["reply"]["text"] = "mine"
     del line["checksum"]
     path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
-    (found,) = Transcript(path).attempts
-    assert isinstance(found.answer, Reply)
-    assert found.answer.text == "mine"
+    (restored,) = Transcript(path).attempts
+    assert isinstance(restored.answer, Reply)
+    assert restored.answer.text == "mine"
     line["request"]["turns"] = ["another question"]
     path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
     with pytest.raises(SupervisionError, match=r"rate after generation 3\) changed: the digest of"):
@@ -162,7 +162,7 @@ def test_a_write_that_fails_leaves_no_piece_behind(
     """On a full disk a part of a line may be written; the next line takes its place."""
     transcript = Transcript(tmp_path / NAME)
     transcript.add(attempt())
-    whole = (tmp_path / NAME).read_bytes()
+    content = (tmp_path / NAME).read_bytes()
 
     def full(number: int) -> None:  # noqa: ARG001 -- os.fsync's
         raise OSError(ENOSPC, "No space left on device")
@@ -173,8 +173,8 @@ def test_a_write_that_fails_leaves_no_piece_behind(
             transcript.add(FAILED)
     transcript.add(Conclusion(3, "rate", "llm", "", ()))
     after = (tmp_path / NAME).read_bytes()
-    assert after.startswith(whole)
-    assert after[len(whole) :].count(b"\n") == 1
+    assert after.startswith(content)
+    assert after[len(content) :].count(b"\n") == 1
     assert Transcript(tmp_path / NAME).attempts == [attempt()]
 
 
@@ -192,7 +192,7 @@ def test_without_a_folder_nothing_is_written() -> None:
 
 
 def test_finding_one(tmp_path: Path) -> None:
-    """By the run's folder or by the file; nothing there is told with a remedy."""
+    """By the run's folder or by the file; a missing one is an error with a remedy."""
     with pytest.raises(SupervisionError, match="supervisor=llm writes one"):
         find_transcript(tmp_path)
     (tmp_path / NAME).touch()
@@ -209,7 +209,7 @@ def test_a_recorded_call_is_answered_with_its_last_attempt() -> None:
 
 
 def test_a_call_that_was_not_recorded_is_an_error() -> None:
-    """The error says which call it is."""
+    """The error names the call."""
     with pytest.raises(SupervisionError, match="the rate after generation 5, repair 1, found none"):
         RecordedCalls(Transcript(None)).ask(Call(5, "rate", 1), ASK)
 
@@ -229,8 +229,8 @@ def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
 
 def test_a_long_difference_is_cut() -> None:
     """The first forty lines are enough to see what it is about."""
-    found = difference(replace(ASK, system="a\n" * 99), replace(ASK, system="b\n" * 99))
-    assert len(found.splitlines()) == 41
+    text = difference(replace(ASK, system="a\n" * 99), replace(ASK, system="b\n" * 99))
+    assert len(text.splitlines()) == 41
 
 
 def test_digests_tell_requests_apart() -> None:
@@ -253,14 +253,14 @@ def test_digests_tell_requests_apart() -> None:
 
 
 def test_a_request_of_an_older_version_keeps_its_digest() -> None:
-    """Fields that came later leave no trace where they say nothing, so old transcripts replay."""
+    """Later fields leave no trace if they are empty, so old transcripts replay."""
     assert ASK.digest == "e9bde50f703f937cfd6e98c5394a6aef7d2203f3157b8749b3aa9346b34af1e7"
 
 
 @given(st.text() | st.text(st.characters(categories=["Cs", "Cc", "Cf", "Zl"])))
 def test_any_text_can_be_stored_once_it_is_clean(text: str) -> None:
     """What leaves the seam survives JSON, UTF-8 and a terminal."""
-    kept = clean(text)
-    assert json.loads(json.dumps(kept, ensure_ascii=False).encode()) == kept
-    assert all(c.isprintable() or c in "\n\t" for c in kept)
-    assert clean(kept) == kept
+    cleaned = clean(text)
+    assert json.loads(json.dumps(cleaned, ensure_ascii=False).encode()) == cleaned
+    assert all(c.isprintable() or c in "\n\t" for c in cleaned)
+    assert clean(cleaned) == cleaned

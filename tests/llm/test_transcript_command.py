@@ -51,9 +51,9 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_transcript_in_words(islandgp: Cli, run: Path) -> None:
     """Questions by generation and part, answers by field, and results with their reasons."""
-    said = islandgp("transcript", run)
-    assert (said.code, said.err) == (0, "")
-    before, first, second = re.split(r"^After generation \d$", said.out, flags=re.MULTILINE)
+    result = islandgp("transcript", run)
+    assert (result.code, result.err) == (0, "")
+    before, first, second = re.split(r"^After generation \d$", result.out, flags=re.MULTILINE)
     assert "greeting: Hello" in before
     assert re.findall(r"^  (\w+): (taken|fallback).*$", first, re.MULTILINE) == [
         ("rate", "taken"), ("tree", "taken"), ("edits", "taken"),
@@ -70,19 +70,21 @@ def test_a_transcript_in_words(islandgp: Cli, run: Path) -> None:
 
 def test_one_generation_has_its_whole_prompts(islandgp: Cli, run: Path) -> None:
     """The system prompt once, each turn's prompt, and the replies as they came."""
-    said = islandgp("transcript", run / NAME, "--generation", 0, "--part", "tree").out
+    output = islandgp("transcript", run / NAME, "--generation", 0, "--part", "tree").out
     question, repair = (
         a for a in Transcript(run / NAME).attempts if a.call.generation == 0 and is_tree(a)
     )
-    assert said.count("system prompt:") == said.count(f"  {question.request.turns[0][:20]}") == 1
-    shown = {line.strip() for line in said.splitlines()}
+    assert (
+        output.count("system prompt:") == output.count(f"  {question.request.turns[0][:20]}") == 1
+    )
+    lines = {line.strip() for line in output.splitlines()}
     for text in (question.request.system, *question.request.turns, repair.request.turns[-1]):
-        assert {line.strip() for line in text.splitlines()} <= shown
+        assert {line.strip() for line in text.splitlines()} <= lines
     for attempt in (question, repair):
         assert isinstance(attempt.answer, Reply)
-        assert attempt.answer.text in shown
-    assert "After generation 1" not in said
-    assert "\n  rate" not in said
+        assert attempt.answer.text in lines
+    assert "After generation 1" not in output
+    assert "\n  rate" not in output
 
 
 def is_tree(attempt: Attempt) -> bool:
@@ -122,12 +124,12 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
     transcript.add(Attempt(call, 1, REQUEST, answer, None, Usage(), None, 0.5, 1.0, "at"))
     transcript.add(Conclusion(3, call.part, f"llm, {ESCAPE}", ESCAPE, (ESCAPE,)))
     transcript.add(Sent(Call(3, "rate", 0), 1, Usage()))
-    said = islandgp("transcript", tmp_path, *options)
-    assert (said.code, said.err) == (0, "")
-    assert all(c.isprintable() or c == "\n" for c in said.out)
-    assert "attempt 1: sent, no answer is recorded" in said.out
-    assert "1 attempt, 1 of them with unknown tokens: 0 tokens in" in said.out
-    assert "unknown dollars, 0.5 s after waiting for 1.0 s" in said.out
+    result = islandgp("transcript", tmp_path, *options)
+    assert (result.code, result.err) == (0, "")
+    assert all(c.isprintable() or c == "\n" for c in result.out)
+    assert "attempt 1: sent, no answer is recorded" in result.out
+    assert "1 attempt, 1 of them with unknown tokens: 0 tokens in" in result.out
+    assert "unknown dollars, 0.5 s after waiting for 1.0 s" in result.out
 
 
 @pytest.mark.parametrize(
@@ -148,11 +150,11 @@ def test_what_is_no_transcript_is_one_line(
     """Exit code 2, with the file and a remedy."""
     if content is not None:
         (tmp_path / NAME).write_bytes(content)
-    said = islandgp("transcript", tmp_path, *options)
-    assert (said.code, said.out) == (2, "")
-    assert said.err.count("\n") == 1
-    assert said.err[:-1].isprintable()
-    assert message in said.err
+    result = islandgp("transcript", tmp_path, *options)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.count("\n") == 1
+    assert result.err[:-1].isprintable()
+    assert message in result.err
     assert islandgp("transcript", tmp_path / "nothing").code == 2
 
 
@@ -162,21 +164,21 @@ def test_damaged_lines_are_left_out(islandgp: Cli, run: Path, tmp_path: Path) ->
     at = next(i for i, line in enumerate(lines) if '"mutation_rate\\": 7' in line)
     lines[at] = lines[at].replace('"mutation_rate\\": 7', '"mutation_rate\\": 0')
     (tmp_path / NAME).write_text("\n".join([*lines, "{}", ""]), encoding="utf-8")
-    said = islandgp("transcript", tmp_path)
-    assert said.code == 2
+    result = islandgp("transcript", tmp_path)
+    assert result.code == 2
     assert f"found 2 damaged or changed lines, which are not shown (the first: line {at + 1}," in (
-        said.err
+        result.err
     )
-    assert "greeting: Hello" in said.out
-    assert "9 attempts" in said.out
-    assert "attempt 1: sent, no answer is recorded" in said.out
+    assert "greeting: Hello" in result.out
+    assert "9 attempts" in result.out
+    assert "attempt 1: sent, no answer is recorded" in result.out
 
 
 def test_options_that_fit_no_question(islandgp: Cli, run: Path) -> None:
     """The error has the generations that the transcript has."""
-    said = islandgp("transcript", run, "--generation", 9)
-    assert (said.code, said.out) == (2, "")
-    assert "that fit the options, found generations -1 to 1;" in said.err
+    result = islandgp("transcript", run, "--generation", 9)
+    assert (result.code, result.out) == (2, "")
+    assert "that fit the options, found generations -1 to 1;" in result.err
 
 
 LINES = re.findall(
@@ -189,7 +191,7 @@ LINES = re.findall(
 @pytest.mark.parametrize("line", LINES)
 def test_the_commands_of_the_page_run(islandgp: Cli, run: Path, line: str) -> None:
     """With the folder of this run."""
-    words = line.replace("runs/default/llm-seed0", str(run)).split()
-    said = islandgp(*words)
-    assert (said.code, said.err) == (0, "")
-    assert "attempts: " in said.out
+    arguments = line.replace("runs/default/llm-seed0", str(run)).split()
+    result = islandgp(*arguments)
+    assert (result.code, result.err) == (0, "")
+    assert "attempts: " in result.out

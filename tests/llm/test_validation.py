@@ -32,7 +32,7 @@ from islandgp.supervision.llm.message import MAX_ANSWER, Reply
 from islandgp.supervision.llm.settings import RateSettings
 from tests.llm.made import DECISION as GOOD
 from tests.llm.made import PROPOSAL as GOOD_TREE
-from tests.llm.made import USAGE, said
+from tests.llm.made import USAGE, reply_of
 from tests.made import CLASSES
 from tests.strategies import nodes
 
@@ -43,32 +43,32 @@ PROPOSAL = proposal_model(CLASSES.targets)
 propose = partial(check_proposal, limits=LIMITS, vocabulary=VOCABULARY, targets=CLASSES.targets)
 
 
-def rejected(found: object) -> Rejection:
-    assert isinstance(found, Rejection), found
-    return found
+def rejected(answer: object) -> Rejection:
+    assert isinstance(answer, Rejection), answer
+    return answer
 
 
 def test_a_good_decision_is_taken_whole() -> None:
     """Every field of it arrives, typed."""
-    found = decide(said(GOOD))
-    assert isinstance(found, Accepted)
-    d = found.guidance
+    accepted = decide(reply_of(GOOD))
+    assert isinstance(accepted, Accepted)
+    d = accepted.guidance
     assert (d.mutation_rate, d.phase, d.pattern) == (
         0.42,
         Phase.EARLY_EXPLORATION,
         Pattern.EXPLORATION_PHASE,
     )
-    assert (d.intervention, d.risk, d.reasoning, found.change) == (False, "a", "b", "")
+    assert (d.intervention, d.risk, d.reasoning, accepted.change) == (False, "a", "b", "")
 
 
 def test_a_good_tree_is_taken_whole() -> None:
     """The tree is parsed, comments and subtrees included; target and rationale come along."""
     text = "# a note\nsubtree go = PatrolWaypoint\nselector { use go use go }"
-    found = propose(said({**GOOD_TREE, "tree": text}))
-    assert isinstance(found, Accepted)
-    assert found.guidance.tree is not None
-    assert to_text(found.guidance.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
-    assert (found.guidance.target, found.guidance.rationale) == ("rare", "c")
+    accepted = propose(reply_of({**GOOD_TREE, "tree": text}))
+    assert isinstance(accepted, Accepted)
+    assert accepted.guidance.tree is not None
+    assert to_text(accepted.guidance.tree) == "selector { PatrolWaypoint PatrolWaypoint }\n"
+    assert (accepted.guidance.target, accepted.guidance.rationale) == ("rare", "c")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_good_tree_is_taken_whole() -> None:
 )
 def test_json_is_found_between_other_words(text: str) -> None:
     """Servers that take no schema wrap their JSON in prose; fields too many do no harm."""
-    assert isinstance(decide(said(text)), Accepted)
+    assert isinstance(decide(reply_of(text)), Accepted)
 
 
 @pytest.mark.parametrize(
@@ -100,22 +100,22 @@ def test_json_is_found_between_other_words(text: str) -> None:
 )
 def test_no_json(text: str) -> None:
     """What holds no whole object, or is too long for an answer, ends at the first stage."""
-    assert rejected(decide(said(text))).stage is RejectionStage.JSON
+    assert rejected(decide(reply_of(text))).stage is RejectionStage.JSON
 
 
-def test_a_cut_off_answer_is_told_so() -> None:
+def test_a_cut_off_answer_is_repaired_with_a_shorter_one() -> None:
     """The repair turn of an answer that ran out of tokens asks for a shorter one."""
-    found = rejected(decide(said('{"mutation_rate": 0.', "max_tokens")))
-    assert found.stage is RejectionStage.JSON
-    assert "shorter" in found.error
+    rejection = rejected(decide(reply_of('{"mutation_rate": 0.', "max_tokens")))
+    assert rejection.stage is RejectionStage.JSON
+    assert "shorter" in rejection.error
 
 
 def test_a_whole_answer_counts_even_at_the_token_limit() -> None:
     """A complete object before the cut is used."""
-    assert isinstance(decide(said(json.dumps(GOOD) + " And furth", "max_tokens")), Accepted)
+    assert isinstance(decide(reply_of(json.dumps(GOOD) + " And furth", "max_tokens")), Accepted)
 
 
-@pytest.mark.parametrize("reply", [said("", "refusal"), said(GOOD, "refusal")])
+@pytest.mark.parametrize("reply", [reply_of("", "refusal"), reply_of(GOOD, "refusal")])
 def test_a_refusal(reply: Reply) -> None:
     """Nothing of a refused answer is used."""
     assert rejected(decide(reply)).stage is RejectionStage.REFUSED
@@ -137,47 +137,49 @@ def test_a_refusal(reply: Reply) -> None:
     ],
 )
 def test_wrong_fields_are_named(change: dict[str, object], error: str) -> None:
-    """Each wrong field is told with what was expected and what was found."""
-    found = rejected(decide(said({**GOOD, **change})))
-    assert found.stage is RejectionStage.FIELDS
-    assert error in found.error
+    """Each wrong field is named with what was expected and what was found."""
+    rejection = rejected(decide(reply_of({**GOOD, **change})))
+    assert rejection.stage is RejectionStage.FIELDS
+    assert error in rejection.error
 
 
 def test_missing_fields_are_all_named() -> None:
     """One line for each."""
-    found = rejected(decide(said({"mutation_rate": 0.3})))
-    assert found.error.splitlines() == [
+    rejection = rejected(decide(reply_of({"mutation_rate": 0.3})))
+    assert rejection.error.splitlines() == [
         f"{name}: expected a value, found none" for name in list(GOOD)[1:]
     ]
 
 
 @pytest.mark.parametrize("target", ["flying", "Rare", "", 3, None])
 def test_a_target_is_one_of_the_state_s(target: object) -> None:
-    """The words that there are are told."""
-    found = rejected(propose(said({**GOOD_TREE, "target": target})))
-    assert found.stage is RejectionStage.FIELDS
-    assert found.error.startswith("target: expected one of pickup, humanoid, charging, clearing, ")
+    """The error lists the targets."""
+    rejection = rejected(propose(reply_of({**GOOD_TREE, "target": target})))
+    assert rejection.stage is RejectionStage.FIELDS
+    assert rejection.error.startswith(
+        "target: expected one of pickup, humanoid, charging, clearing, "
+    )
 
 
 @pytest.mark.parametrize("rate", [7, -0.2, 0.09999, 0.50001, 45, 1e299])
 def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
     """By default it is never used, clamped or not."""
-    found = rejected(decide(said({**GOOD, "mutation_rate": rate})))
-    assert found.stage is RejectionStage.RANGE
-    assert "from 0.1 to 0.5" in found.error
+    rejection = rejected(decide(reply_of({**GOOD, "mutation_rate": rate})))
+    assert rejection.stage is RejectionStage.RANGE
+    assert "from 0.1 to 0.5" in rejection.error
 
 
 @pytest.mark.parametrize("rate", [0.1, 0.5, 0.3])
 def test_the_range_s_ends_belong_to_it(rate: float) -> None:
     """The limits themselves are taken."""
-    assert isinstance(decide(said({**GOOD, "mutation_rate": rate})), Accepted)
+    assert isinstance(decide(reply_of({**GOOD, "mutation_rate": rate})), Accepted)
 
 
-def test_clamping_is_told() -> None:
-    """Where configuration says so the nearest limit is taken, and the record can say from what."""
+def test_clamping_is_recorded() -> None:
+    """If so configured the nearest limit is taken, and the record has the original value."""
     clamp = partial(check_decision, rates=RATES.model_copy(update={"outside": "clamp"}))
-    high = clamp(said({**GOOD, "mutation_rate": 7}))
-    low = clamp(said({**GOOD, "mutation_rate": -1}))
+    high = clamp(reply_of({**GOOD, "mutation_rate": 7}))
+    low = clamp(reply_of({**GOOD, "mutation_rate": -1}))
     assert isinstance(high, Accepted)
     assert isinstance(low, Accepted)
     assert (high.guidance.mutation_rate, high.change) == (0.5, "clamped from 7.0")
@@ -213,20 +215,20 @@ def test_trees_are_turned_away_at_their_stage(tree: str, stage: RejectionStage, 
     """Grammar, names and limits each speak with the language's own message."""
     body = json.dumps({**GOOD_TREE, "tree": tree})
     if len(body) > MAX_ANSWER:
-        assert rejected(propose(said(body))).stage is RejectionStage.JSON
+        assert rejected(propose(reply_of(body))).stage is RejectionStage.JSON
         return
-    found = rejected(propose(said(body)))
-    assert found.stage is stage
-    assert error in found.error
+    rejection = rejected(propose(reply_of(body)))
+    assert rejection.stage is stage
+    assert error in rejection.error
 
 
 @given(nodes())
-def test_whatever_is_taken_keeps_the_limits(tree: object) -> None:
+def test_any_accepted_tree_keeps_the_limits(tree: object) -> None:
     """Any tree of the language is taken if and only if it is within the limits."""
-    found = propose(said({**GOOD_TREE, "tree": to_text(tree)}))  # type: ignore[arg-type]
-    assert isinstance(found, Accepted) == within(tree, LIMITS)  # type: ignore[arg-type]
-    if isinstance(found, Accepted):
-        assert found.guidance.tree == parse(to_text(tree))  # type: ignore[arg-type]
+    answer = propose(reply_of({**GOOD_TREE, "tree": to_text(tree)}))  # type: ignore[arg-type]
+    assert isinstance(answer, Accepted) == within(tree, LIMITS)  # type: ignore[arg-type]
+    if isinstance(answer, Accepted):
+        assert answer.guidance.tree == parse(to_text(tree))  # type: ignore[arg-type]
 
 
 @given(st.text() | st.text('{}[]",:0', max_size=40))
@@ -245,31 +247,31 @@ json_values = st.recursive(
 
 @given(st.fixed_dictionaries({name: json_values | st.just(GOOD[name]) for name in GOOD}))
 def test_what_is_taken_is_of_the_declared_types(answer: dict[str, object]) -> None:
-    """A decision is only made of a rate in range and of real names, whatever the values are."""
-    found = decide(said(json.dumps(answer)))
-    if isinstance(found, Accepted):
-        assert found.guidance.mutation_rate is not None
-        assert 0.1 <= found.guidance.mutation_rate <= 0.5
-        assert isinstance(found.guidance.phase, Phase)
-        assert isinstance(found.guidance.pattern, Pattern)
+    """A decision is only made of a rate in range and of real names, for any values."""
+    result = decide(reply_of(json.dumps(answer)))
+    if isinstance(result, Accepted):
+        assert result.guidance.mutation_rate is not None
+        assert 0.1 <= result.guidance.mutation_rate <= 0.5
+        assert isinstance(result.guidance.phase, Phase)
+        assert isinstance(result.guidance.pattern, Pattern)
 
 
 def test_texts_inside_the_json_are_made_storable() -> None:
     """JSON can spell half a character and control codes where the text around it cannot."""
     odd = r"a\ud800b\u001b[31m\u0000c"
     body = json.dumps({**GOOD, "risk": "@"}).replace("@", odd)
-    found = decide(said(body))
-    assert isinstance(found, Accepted)
-    assert found.guidance.risk == "a?b [31m c"
+    accepted = decide(reply_of(body))
+    assert isinstance(accepted, Accepted)
+    assert accepted.guidance.risk == "a?b [31m c"
     tree = json.dumps({**GOOD_TREE, "tree": "@"}).replace("@", odd)
-    rejected(propose(said(tree))).error.encode()
+    rejected(propose(reply_of(tree))).error.encode()
 
 
 def test_explanations_are_kept_short() -> None:
     """A model that rambles does not fill the records."""
-    found = decide(said({**GOOD, "reasoning": "x" * 50_000}))
-    assert isinstance(found, Accepted)
-    assert len(found.guidance.reasoning) == MAX_EXPLANATION
+    accepted = decide(reply_of({**GOOD, "reasoning": "x" * 50_000}))
+    assert isinstance(accepted, Accepted)
+    assert len(accepted.guidance.reasoning) == MAX_EXPLANATION
 
 
 def test_the_first_object_with_a_known_field_wins() -> None:
@@ -281,9 +283,9 @@ def test_the_first_object_with_a_known_field_wins() -> None:
 @pytest.mark.parametrize(("model", "good"), [(DecisionAnswer, GOOD), (PROPOSAL, GOOD_TREE)])
 def test_schemas_and_checks_agree(model: type[ModelAnswer], good: dict[str, object]) -> None:
     """The schema that is sent asks for exactly the fields that are checked."""
-    found = schema(model)
-    assert list(found["properties"]) == found["required"] == list(good)
-    assert found["additionalProperties"] is False
+    document = schema(model)
+    assert list(document["properties"]) == document["required"] == list(good)
+    assert document["additionalProperties"] is False
     model.model_validate(good)
 
 
@@ -317,33 +319,33 @@ DRAFT = {**GOOD, "mutation_rate": 0.11}
 )
 def test_the_last_whole_answer_counts(text: str) -> None:
     """Drafts, thoughts and trees come before it, remarks after it."""
-    found = decide(said(text))
-    assert isinstance(found, Accepted), found
-    assert found.guidance.mutation_rate == 0.42
+    answer = decide(reply_of(text))
+    assert isinstance(answer, Accepted), answer
+    assert answer.guidance.mutation_rate == 0.42
 
 
 def test_line_breaks_inside_a_tree_do_no_harm() -> None:
     """A model that writes a tree over several lines forgets to escape them."""
     text = '{"tree": "selector {\n\tPatrolWaypoint\n}", "target": "rare", "rationale": "c"}'
-    assert isinstance(propose(said(text)), Accepted)
+    assert isinstance(propose(reply_of(text)), Accepted)
 
 
 def test_a_draft_before_a_cut_is_no_answer() -> None:
     """Where the tokens ran out in the middle of the last object, the model is asked again."""
     text = f"{json.dumps(DRAFT)} Better: {json.dumps(GOOD)[:40]}"
-    assert rejected(decide(said(text, "max_tokens"))).stage is RejectionStage.JSON
+    assert rejected(decide(reply_of(text, "max_tokens"))).stage is RejectionStage.JSON
 
 
 def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
-    """No text at the token limit is not a refusal: the model is told to think less."""
-    found = rejected(decide(said("", "max_tokens")))
-    assert found.stage is RejectionStage.JSON
-    assert "think much less" in found.error
+    """No text at the token limit is not a refusal: the repair asks to think less."""
+    rejection = rejected(decide(reply_of("", "max_tokens")))
+    assert rejection.stage is RejectionStage.JSON
+    assert "think much less" in rejection.error
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * MAX_ANSWER])
 def test_no_text_takes_long_to_read(text: str) -> None:
     """However many brackets there are."""
     began = time.monotonic()
-    decide(said(text))
+    decide(reply_of(text))
     assert time.monotonic() - began < 2

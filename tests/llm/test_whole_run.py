@@ -62,25 +62,27 @@ def steps_of(
         update={"policy": {**settings.supervisor.policy, **policy}}
     )
     settings = settings.model_copy(update={"supervisor": part, "seed": seed})
-    made = make_supervisor(settings, folder)
-    found = []
+    instance = make_supervisor(settings, folder)
+    steps = []
     with closing(
-        evolve(settings.plan(settings.make_domain()), seed, made, Fake(), start=start, past=past)
+        evolve(
+            settings.plan(settings.make_domain()), seed, instance, Fake(), start=start, past=past
+        )
     ) as run:
         for step in run:
-            found.append(step)
+            steps.append(step)
             if step.record.snapshot.generation == stop:
                 break
-    return found
+    return steps
 
 
-def live(server: MessagesServer, folder: Path, *overrides: str, **how: object) -> list[Step]:
+def live(server: MessagesServer, folder: Path, *overrides: str, **options: object) -> list[Step]:
     """The same with supervisor=llm against a server."""
-    return steps_of("llm", folder, *overrides, base_url=server.url, **how)  # type: ignore[arg-type]
+    return steps_of("llm", folder, *overrides, base_url=server.url, **options)  # type: ignore[arg-type]
 
 
 def lines(steps: Sequence[Step]) -> list[bytes]:
-    """The records as they stand on disk."""
+    """The records as they are on disk."""
     return [dump(asdict(step.record)).encode() for step in steps]
 
 
@@ -90,35 +92,35 @@ def replayed(record: Path, folder: Path, *overrides: str, seed: int = 3) -> list
 
 @pytest.mark.slow
 def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
-    """41 generations, each telling where its guidance came from, and a replay that is the same.
+    """41 generations, each with the source of its guidance, and a replay that is the same.
 
     Every fault that the server knows comes up at least once.
     """
     with MessagesServer(every(3, list(Fault))) as server:
-        found = live(server, tmp_path / "live", "supervisor.policy.retry.attempts=2")
-        asked = len(server.requests)
-    assert len(found) == 41
-    given = [step.record.guidance for step in found[:-1]]
-    all_sources = [g.source for g in given if g is not None]
+        steps = live(server, tmp_path / "live", "supervisor.policy.retry.attempts=2")
+        count = len(server.requests)
+    assert len(steps) == 41
+    answers = [step.record.guidance for step in steps[:-1]]
+    all_sources = [g.source for g in answers if g is not None]
     assert set(all_sources) == {"llm", "llm and fallback"}
-    for g in given:
+    for g in answers:
         assert g is not None
         assert (g.source == "llm") == (
             not any(g.notes[part].startswith("fallback: ") for part in ("rate", "tree"))
         )
         assert 0.1 <= g.applied_rate <= 0.5
         assert g.tree is not None
-    assert asked // 3 >= len(Fault)
-    spent = found[-1].cost.llm
-    assert spent["requests"] >= asked  # on a busy machine one may run out of time on its way
+    assert count // 3 >= len(Fault)
+    spent = steps[-1].cost.llm
+    assert spent["requests"] >= count  # on a busy machine one may run out of time on its way
     assert spent["failures"] > 10
     assert spent["rejections"] > 3
     assert spent["repaired"] >= 1
     text = (tmp_path / "live" / "transcript.jsonl").read_text(encoding="utf-8")
     assert text.count('"line": "attempt"') == spent["requests"]
-    assert lines(replayed(tmp_path / "live", tmp_path / "again")) == lines(found)
+    assert lines(replayed(tmp_path / "live", tmp_path / "again")) == lines(steps)
     assert not (tmp_path / "again" / "transcript.jsonl").exists()
-    counted = decisions([[g for g in given if g is not None]])
+    counted = decisions([[g for g in answers if g is not None]])
     assert counted.total == 40
     assert counted.phases["early_exploration"] > 0
 
@@ -128,9 +130,9 @@ def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
     """A server that fails every time costs the answers, not the run."""
     short = ("gp.generations=5", "supervisor.policy.output=text")
     with MessagesServer(script) as server:
-        found = live(server, tmp_path, *short)
-    assert len(found) == 5
-    assert {g.source for s in found if (g := s.record.guidance) is not None} == {"fallback"}
+        steps = live(server, tmp_path, *short)
+    assert len(steps) == 5
+    assert {g.source for s in steps if (g := s.record.guidance) is not None} == {"fallback"}
 
 
 @pytest.mark.parametrize(
@@ -142,15 +144,15 @@ def test_answers_that_never_arrive_whole_are_not_paid_to_the_end(
 ) -> None:
     """A server that answers the probe and no question: ten are asked, three times each."""
     with MessagesServer(lambda n: fault if n else None) as server:
-        found = live(server, tmp_path / "live", "gp.generations=7")
+        steps = live(server, tmp_path / "live", "gp.generations=7")
         assert len(server.requests) == 1 + 10 * 3
-    last = found[-2].record.guidance
+    last = steps[-2].record.guidance
     assert last is not None
     assert "useless: no usable answer to 10 questions in a row (the last: " in last.notes["rate"]
     setting = "raise supervisor.policy.retry.deadline"
     assert (setting in last.notes["rate"]) == (fault is Fault.DRIP)
     again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=7")
-    assert lines(again) == lines(found)
+    assert lines(again) == lines(steps)
 
 
 @pytest.mark.parametrize(
@@ -168,51 +170,51 @@ def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -
     """
     caps = () if lag else ("supervisor.policy.caps.requests=14",)
     patient = "supervisor.policy.retry.deadline=5"  # no answer is late, however busy the machine
-    how = ("gp.generations=8", f"supervisor.lag={lag}", patient, *caps)
+    overrides = ("gp.generations=8", f"supervisor.lag={lag}", patient, *caps)
     with MessagesServer() as server:
-        whole = live(server, tmp_path / "whole", *how)
+        complete = live(server, tmp_path / "whole", *overrides)
         straight = list(server.requests)
     with MessagesServer() as server:
-        first = live(server, tmp_path / "cut", *how, stop=stop)
-        rest = live(server, tmp_path / "cut", *how, start=first[-1].state)
-        assert lines(first) + lines(rest) == lines(whole)
+        first = live(server, tmp_path / "cut", *overrides, stop=stop)
+        rest = live(server, tmp_path / "cut", *overrides, start=first[-1].state)
+        assert lines(first) + lines(rest) == lines(complete)
         again = Counter(map(dump, server.requests)) - Counter(map(dump, straight))
         assert again.total() <= (1 if lag else 0)  # one may have been under way at the stop
-    assert lines(replayed(tmp_path / "cut", tmp_path / "again", *how[:2])) == lines(whole)
+    assert lines(replayed(tmp_path / "cut", tmp_path / "again", *overrides[:2])) == lines(complete)
 
 
-def test_a_run_begun_anew_in_its_folder_asks_nothing_again(tmp_path: Path) -> None:
+def test_a_restarted_run_asks_nothing_again(tmp_path: Path) -> None:
     """Killed before its first checkpoint, it finds every answer it was given."""
     with MessagesServer() as server:
         first = live(server, tmp_path, "gp.generations=4")
-        asked = len(server.requests)
+        count = len(server.requests)
         assert lines(live(server, tmp_path, "gp.generations=4")) == lines(first)
-        assert len(server.requests) == asked
+        assert len(server.requests) == count
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [pytest.param(1, marks=NIGHTLY), 3])
 def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     """With quick answers, slow ones and recorded ones: the same bytes, the lag applied exactly."""
-    how = ("gp.generations=9", f"supervisor.lag={lag}")
-    found = []
+    overrides = ("gp.generations=9", f"supervisor.lag={lag}")
+    records = []
     for delay in (0.0, 0.04):
         with MessagesServer(delay=delay) as server:
-            found.append(lines(live(server, tmp_path / str(delay), *how)))
-    found.append(lines(replayed(tmp_path / "0.0", tmp_path / "again", *how)))
-    assert found[0] == found[1] == found[2]
-    given = [json.loads(line)["guidance"] for line in found[0][:-1]]
-    assert [g["asked_at"] for g in given] == [None] * lag + list(range(8 - lag))
-    assert [g["source"] for g in given] == ["none"] * lag + ["llm"] * (8 - lag)
+            records.append(lines(live(server, tmp_path / str(delay), *overrides)))
+    records.append(lines(replayed(tmp_path / "0.0", tmp_path / "again", *overrides)))
+    assert records[0] == records[1] == records[2]
+    answers = [json.loads(line)["guidance"] for line in records[0][:-1]]
+    assert [g["asked_at"] for g in answers] == [None] * lag + list(range(8 - lag))
+    assert [g["source"] for g in answers] == ["none"] * lag + ["llm"] * (8 - lag)
 
 
 def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
     """With a lag of 1 the model is asked, and may answer, while episodes of the next run."""
     evaluating, answered = Event(), Semaphore(0)
-    seen: list[bool] = []  # by answer: whether episodes ran meanwhile
+    overlaps: list[bool] = []  # by answer: whether episodes ran meanwhile
 
     def answer(request: Mapping[str, Any]) -> Any:
-        seen.append(evaluating.wait(10))
+        overlaps.append(evaluating.wait(10))
         answered.release()
         return MockModel()(request)
 
@@ -234,37 +236,37 @@ def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
         settings = composed("supervisor=llm", QUICK[0], "gp.generations=9", "supervisor.lag=1")
         part = settings.supervisor
         part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
-        made = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
-        assert isinstance(made, SupervisorLifecycle)
+        supervisor = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
+        assert isinstance(supervisor, SupervisorLifecycle)
         evaluating.set()  # for the probe
-        made.start()
+        supervisor.start()
         evaluating.clear()
-        probes = len(seen)
+        probes = len(overlaps)
         while answered.acquire(blocking=False):
             pass
-        steps = list(evolve(settings.plan(settings.make_domain()), 0, made, Waits()))
+        steps = list(evolve(settings.plan(settings.make_domain()), 0, supervisor, Waits()))
     assert len(steps) == 9
-    assert len(seen) == probes + 2 * 7
-    assert all(seen)
+    assert len(overlaps) == probes + 2 * 7
+    assert all(overlaps)
 
 
 @sweep(
-    ("search", "asked"),
+    ("search", "parts"),
     [("paper", {"rate", "tree"}), ("racing", {"tree"}), ("random", set())],
     quick=2,
 )
-def test_the_model_is_asked_for_what_the_search_uses(search: str, asked: set[str]) -> None:
+def test_the_model_is_asked_for_what_the_search_uses(search: str, parts: set[str]) -> None:
     """Nothing is asked that the search does not take; where that is all, no run starts."""
     context = run_context(composed("supervisor=llm", f"search={search}", *QUICK))
-    if not asked:
+    if not parts:
         with pytest.raises(SupervisionError, match="nothing to ask the model for"):
             Questions(llm_settings(), context)
     else:
-        assert set(Questions(llm_settings(), context).parts) == asked
+        assert set(Questions(llm_settings(), context).parts) == parts
 
 
 def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None:
-    """Another seed has another population: the first request already differs, and where is told."""
+    """Another seed has another population: the error shows where the first request differs."""
     with MessagesServer() as server:
         live(server, tmp_path / "live", "gp.generations=3")
     with pytest.raises(SupervisionError) as excinfo:
@@ -275,7 +277,7 @@ def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None
     assert '+ "fitness": ' in text
 
 
-def test_a_replay_that_goes_further_than_its_record_is_told(tmp_path: Path) -> None:
+def test_a_replay_that_goes_further_than_its_record_is_refused(tmp_path: Path) -> None:
     """The recorded run ended before: the error names the first answer that lacks."""
     with MessagesServer() as server:
         live(server, tmp_path / "live", "gp.generations=4", stop=1)
@@ -285,16 +287,20 @@ def test_a_replay_that_goes_further_than_its_record_is_told(tmp_path: Path) -> N
 
 def test_a_replay_is_of_the_recorded_settings(tmp_path: Path) -> None:
     """Model, limits and fallback come from the record, not from today's configuration."""
-    how = ("gp.generations=3", "supervisor.policy.model=m", "supervisor.policy.rate.most=0.46")
+    overrides = (
+        "gp.generations=3",
+        "supervisor.policy.model=m",
+        "supervisor.policy.rate.most=0.46",
+    )
     with MessagesServer(every(2, [Fault.OUT_OF_RANGE])) as server:
-        found = live(server, tmp_path / "live", *how)
+        steps = live(server, tmp_path / "live", *overrides)
     again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3")
-    assert lines(again) == lines(found)
+    assert lines(again) == lines(steps)
 
 
 @pytest.mark.parametrize("start", [b"", b'{"line": "start", "format": 1, "settings": {}}\n'])
-def test_a_record_without_its_start_is_told(tmp_path: Path, start: bytes) -> None:
-    """A transcript that does not say how it was made cannot be replayed."""
+def test_a_record_without_its_start_is_refused(tmp_path: Path, start: bytes) -> None:
+    """A transcript without its settings cannot be replayed."""
     (tmp_path / "transcript.jsonl").write_bytes(start)
     settings = composed("supervisor=replay", f"supervisor.policy.transcript={tmp_path}")
     with pytest.raises(SupervisionError, match="settings of a recorded run"):
@@ -302,19 +308,19 @@ def test_a_record_without_its_start_is_told(tmp_path: Path, start: bytes) -> Non
 
 
 def test_a_replay_needs_a_record(tmp_path: Path) -> None:
-    """Before anything starts it is told that there is none, and how to name one."""
-    for given, said in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
-        settings = composed("supervisor=replay", f"supervisor.policy.transcript={given}")
-        with pytest.raises(SupervisionError, match=said):
+    """Before anything starts the error names the missing one, and the key to set."""
+    for value, message in (("null", "supervisor.policy.transcript=..."), (tmp_path, str(tmp_path))):
+        settings = composed("supervisor=replay", f"supervisor.policy.transcript={value}")
+        with pytest.raises(SupervisionError, match=message):
             Replay.check(settings.supervisor.settings(), run_context(settings))
 
 
 def test_text_dialect_end_to_end(tmp_path: Path) -> None:
     """A server that knows no schemas and takes no temperature supervises just as well."""
     with MessagesServer(no_faults, structured=False, temperature=False) as server:
-        found = live(server, tmp_path, "gp.generations=4")
+        steps = live(server, tmp_path, "gp.generations=4")
         last = server.requests[-1]
-    assert {g.source for s in found if (g := s.record.guidance) is not None} == {"llm"}
+    assert {g.source for s in steps if (g := s.record.guidance) is not None} == {"llm"}
     assert "output_config" not in last
     assert "temperature" not in last
 
@@ -322,19 +328,19 @@ def test_text_dialect_end_to_end(tmp_path: Path) -> None:
 def test_a_transcript_moved_elsewhere_still_replays(tmp_path: Path) -> None:
     """It is one file that depends on no other."""
     with MessagesServer() as server:
-        found = live(server, tmp_path / "live", "gp.generations=3")
+        steps = live(server, tmp_path / "live", "gp.generations=3")
     shutil.move(tmp_path / "live" / "transcript.jsonl", tmp_path / "kept.jsonl")
     again = replayed(tmp_path / "kept.jsonl", tmp_path / "again", "gp.generations=3")
-    assert lines(again) == lines(found)
+    assert lines(again) == lines(steps)
 
 
 def test_the_loop_s_generator_is_not_the_network_s(tmp_path: Path) -> None:
     """Failed attempts draw their jitter elsewhere: a retried answer changes no other draw."""
-    found = []
+    records = []
     for script in (no_faults, every(2, [Fault.RETRY_SOON])):
         with MessagesServer(script) as server:
-            folder = tmp_path / str(len(found))
-            how = ("gp.generations=4", "supervisor.policy.retry.attempts=5")
-            found.append(lines(live(server, folder, *how)))
-    assert found[0] == found[1]
-    assert np.unique(found[0]).size == 4
+            folder = tmp_path / str(len(records))
+            overrides = ("gp.generations=4", "supervisor.policy.retry.attempts=5")
+            records.append(lines(live(server, folder, *overrides)))
+    assert records[0] == records[1]
+    assert np.unique(records[0]).size == 4
