@@ -45,15 +45,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _write_docs(options.out or results.FILE)
     effort = Effort.TINY if options.tiny else Effort.QUICK if options.quick else Effort.FULL
     load = results.load_average()
-    found = [_measured(name, effort, load) for name in options.names or BENCHMARKS]
-    print(as_text(found))
-    print(f"\n{conditions(found[-1])}; {sum(r.seconds for r in found):.0f} s in all")
+    rows = [_measured(name, effort, load) for name in options.names or BENCHMARKS]
+    print(as_text(rows))
+    print(f"\n{conditions(rows[-1])}; {sum(r.seconds for r in rows):.0f} s in all")
     if load > BUSY:
         print("Other programs were at work: measure again when the machine is quiet.")
     print(f"A busy machine spoils {', '.join(WALL)}: their wall times, and less their ratios.")
     out = options.out or (results.FILE if effort is Effort.FULL else None)
     if out is not None:
-        results.save(found, out)
+        results.save(rows, out)
         print(f"written to {out}; python -m benchmarks --write-docs puts them into the pages")
     return 0
 
@@ -61,9 +61,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(BENCHMARKS))
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--quick", action="store_true", help="a first look; nothing is written down")
-    how.add_argument("--tiny", action="store_true", help="for tests: the figures mean nothing")
+    effort = parser.add_mutually_exclusive_group()
+    effort.add_argument(
+        "--quick", action="store_true", help="a first look; nothing is written down"
+    )
+    effort.add_argument("--tiny", action="store_true", help="for tests: the figures mean nothing")
     parser.add_argument("--out", type=Path, help=f"where results go (default: {results.FILE.name})")
     parser.add_argument(
         "--write-docs", action="store_true", help="put the written results into the pages"

@@ -29,8 +29,8 @@ def measure(effort: Effort) -> list[Figure]:
     compiled = warm(world)
     rows = []
     for seed in range(SEEDS[effort]):
-        found = run_episode(example("all_rounder"), world, seed, points())
-        assert found.steps == steps, f"seed {seed} ended after {found.steps} steps"
+        episode = run_episode(example("all_rounder"), world, seed, points())
+        assert episode.steps == steps, f"seed {seed} ended after {episode.steps} steps"
         for _ in range(ROUNDS[effort]):
             sides = [_episode(world, seed), _in_python(world, seed), _bare(world, seed, steps)]
             rows += turns(sides, 1, clock=process_time)

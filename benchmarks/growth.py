@@ -41,15 +41,15 @@ class Growth(NamedTuple):
     @property
     def exponent(self) -> float:
         """The power of the last doubling: 0 costs nothing, 1 is linear."""
-        grown = self.seconds[-1] / self.seconds[-2]
-        return log(grown) / log(self.sizes[-1] / self.sizes[-2])
+        factor = self.seconds[-1] / self.seconds[-2]
+        return log(factor) / log(self.sizes[-1] / self.sizes[-2])
 
 
 def measure(effort: Effort) -> list[Figure]:
     """Garbage, humanoids and nodes in an episode; individuals in a generation's operators."""
     length = 5 if effort is Effort.TINY else settings().world.episode.length
     world = endless(endless(settings().world, episode={"length": length}))
-    found = {
+    growths = {
         "garbage": (_garbage(world, effort), "an episode's us for an item of garbage more"),
         "humanoid": (_humanoids(world, effort), "an episode's us for a humanoid more"),
         "node": (_nodes(world, effort), "an episode's us for a node more"),
@@ -59,10 +59,10 @@ def measure(effort: Effort) -> list[Figure]:
         ),
     }
     figures = []
-    for name, (growth, what) in found.items():
+    for name, (growth, meaning) in growths.items():
         span = f"{growth.sizes[-2]} to {growth.sizes[-1]}"
         figures += [
-            Figure(f"per_{name}_us", 1e6 * growth.per_item, "us", f"{what}, {span}"),
+            Figure(f"per_{name}_us", 1e6 * growth.per_item, "us", f"{meaning}, {span}"),
             Figure(
                 f"per_{name}_power",
                 growth.exponent,
@@ -119,9 +119,9 @@ def _episodes(
         sum(run_episode(tree, world, seed, award).steps for seed in seeds)
         for tree, world in zip(trees, worlds, strict=True)
     ]
-    whole = round(worlds[0].episode.length / worlds[0].episode.step)
+    planned = round(worlds[0].episode.length / worlds[0].episode.step)
     seconds = medians(turns(sides, ROUNDS[effort], clock=process_time))
-    return Growth(list(sizes), [s * whole / n for s, n in zip(seconds, steps, strict=True)])
+    return Growth(list(sizes), [s * planned / n for s, n in zip(seconds, steps, strict=True)])
 
 
 def _population(effort: Effort) -> Growth:

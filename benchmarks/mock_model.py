@@ -63,10 +63,10 @@ def measure(folder: Path, overrides: Sequence[str], *, noise: float, faults: flo
         return 2
     with mock as server:
         for name, arm in (ARMS | PARTS).items():
-            where = [f"name={name}", f"runs='{folder}'"]
+            run_overrides = [f"name={name}", f"runs='{folder}'"]
             if arm[0] == LLM[0]:
-                where.append(f"supervisor.policy.base_url={server.url}")
-            code = main([*SETTING, *arm, *where, *overrides, "-m"])
+                run_overrides.append(f"supervisor.policy.base_url={server.url}")
+            code = main([*SETTING, *arm, *run_overrides, *overrides, "-m"])
             if code:
                 return code
     print("\n" + "\n".join(table(folder)))
@@ -79,23 +79,25 @@ def table(folder: Path) -> Iterator[str]:
     yield "|" + "---|" * len(HEAD)
     for name in ARMS | PARTS:
         runs = load(folder / name)
-        found = runs.runs
-        spent = [list(run.costs())[-1]["llm"] for run in runs.folders]
-        given = [run.summary()["answers"] for run in runs.folders]
-        halves = sum(2 * g["fallback"] - g["in_part"] for g in given)
-        share = halves / (2 * sum(g["total"] for g in given))
-        reached = found[next(c for c in found.columns if c.startswith("first."))].notna()
+        table_of_runs = runs.runs
+        costs = [list(run.costs())[-1]["llm"] for run in runs.folders]
+        answers = [run.summary()["answers"] for run in runs.folders]
+        halves = sum(2 * g["fallback"] - g["in_part"] for g in answers)
+        share = halves / (2 * sum(g["total"] for g in answers))
+        reached = table_of_runs[
+            next(c for c in table_of_runs.columns if c.startswith("first."))
+        ].notna()
 
-        def mean(key: str, spent: list[dict[str, Any]] = spent) -> str:
+        def mean(key: str, spent: list[dict[str, Any]] = costs) -> str:
             values = [one.get(key, 0) for one in spent]
             return f"{sum(values) / len(values):,.0f}" if any(values) else ""
 
-        trials = sum(one.get("trials", 0) for one in spent)
-        gain = sum(one.get("trial_gain", 0) for one in spent) / trials if trials else None
+        trials = sum(one.get("trials", 0) for one in costs)
+        gain = sum(one.get("trial_gain", 0) for one in costs) / trials if trials else None
         cells = (
             name,
-            f"{found['validation_mean'].mean():,.0f}",
-            f"{reached.sum()} of {len(found)}",
+            f"{table_of_runs['validation_mean'].mean():,.0f}",
+            f"{reached.sum()} of {len(table_of_runs)}",
             f"{share:.0%}" if name.startswith("mock") else "",
             mean("input_tokens"),
             mean("output_tokens"),

@@ -100,10 +100,10 @@ def _singles(effort: Effort, world: IslandWorld) -> tuple[list[tuple[float, ...]
     theirs, ours = [0, 0], [0, 0]  # pickups, deliveries
     for seed in range(SINGLE[effort]):
         peer = run_peer_episode(tree, world, seed, award)
-        own = [event for _, event, _ in run_episode(tree, world, seed, award).events]
+        kinds = [event for _, event, _ in run_episode(tree, world, seed, award).events]
         for i, event in enumerate((IslandEvent.PICKUP, IslandEvent.DELIVERY)):
             theirs[i] += peer.counts.get(event, 0)
-            ours[i] += own.count(event)
+            ours[i] += kinds.count(event)
         sides = [partial(run, tree, world, seed, award) for run in (run_peer_episode, run_episode)]
         rows += turns(sides, 1, clock=process_time)
     return rows, [

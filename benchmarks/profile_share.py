@@ -57,31 +57,31 @@ def measure(effort: Effort) -> list[Figure]:
     count = BATCH[effort]
     plan = settings().plan(settings().make_domain())
     population = first_population(plan, Streams(SEED))[:count]
-    found = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
-    return found + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])
+    figures = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
+    return figures + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])
 
 
 def _shares(kind: str, trees: list[Node], rounds: int) -> list[Figure]:
-    world, award, found = settings().world, points(), Counter[str]()
-    with _sampling(found):
+    world, award, counts = settings().world, points(), Counter[str]()
+    with _sampling(counts):
         for _ in range(rounds):
             for seed, tree in enumerate(trees):
                 run_episode(tree, world, seed % 5, award)
     whose = "all-rounder" if kind == "all_rounder" else "random trees"
-    samples = sum(found.values())
+    samples = sum(counts.values())
     return [
-        Figure(f"{kind}_{part}", 100 * found[part] / max(1, samples), "%", f"{whose}: {what}")
-        for part, (what, _) in PARTS.items()
+        Figure(f"{kind}_{part}", 100 * counts[part] / max(1, samples), "%", f"{whose}: {meaning}")
+        for part, (meaning, _) in PARTS.items()
     ] + [Figure(f"{kind}_samples", samples, "", f"{whose}: samples behind these shares")]
 
 
 @contextmanager
-def _sampling(found: Counter[str]) -> Iterator[None]:
+def _sampling(counts: Counter[str]) -> Iterator[None]:
     """Counts the parts that are seen at work."""
 
     def look(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
         if frame is not None:
-            found[_part(frame)] += 1
+            counts[_part(frame)] += 1
 
     before = signal.signal(signal.SIGPROF, look)
     signal.setitimer(signal.ITIMER_PROF, EVERY, EVERY)

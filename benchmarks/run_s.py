@@ -40,12 +40,12 @@ def measure(effort: Effort) -> list[Figure]:
     """Evolutions in turns: 1, 2, 4 workers, and again."""
     chosen = settings(*SHORTER[effort])
     counts = [n for n in WORKERS if n <= cores()]
-    found: dict[int, list[Evolution]] = {n: [] for n in counts}
+    evolutions: dict[int, list[Evolution]] = {n: [] for n in counts}
     for _ in range(ROUNDS[effort]):
         for n in counts:
-            found[n].append(_evolve(chosen, n))
-    seconds = {n: median(e.start + e.evolving for e in runs) for n, runs in found.items()}
-    evolving = {n: median(e.evolving for e in runs) for n, runs in found.items()}
+            evolutions[n].append(_evolve(chosen, n))
+    seconds = {n: median(e.start + e.evolving for e in runs) for n, runs in evolutions.items()}
+    evolving = {n: median(e.evolving for e in runs) for n, runs in evolutions.items()}
     most = counts[-1]
     size = f"{chosen.gp.generations} generations of {chosen.gp.population}"
     figures = [
@@ -69,8 +69,8 @@ def measure(effort: Effort) -> list[Figure]:
                 at_least(90.0),
             ),
         ]
-    last = found[most][-1]
-    serial = median(e.evolving - e.evaluating for e in found[most])
+    last = evolutions[most][-1]
+    serial = median(e.evolving - e.evaluating for e in evolutions[most])
     batches = episode_seconds(chosen)
     figures += [
         Figure(
@@ -85,7 +85,7 @@ def measure(effort: Effort) -> list[Figure]:
         *figures,
         Figure(
             "start_s",
-            median(e.start for e in found[most]),
+            median(e.start for e in evolutions[most]),
             "s",
             f"start of {most} workers, and {WARM_UP} episodes each",
         ),

@@ -27,24 +27,29 @@ def measure(effort: Effort) -> list[Figure]:
         "config_error_s": lambda: _command(RUN, "gp.population=-5", expected=2),
         "first_generation_s": lambda: _first_generation(overrides)[0],
     }
-    found: dict[str, list[float]] = {name: [] for name in waits}
+    seconds: dict[str, list[float]] = {name: [] for name in waits}
     for _ in range(ROUNDS[effort]):
         for name, wait in waits.items():
-            found[name].append(wait())
-    what = {
+            seconds[name].append(wait())
+    meanings = {
         "help_s": "islandgp --help",
         "config_error_s": "python -m islandgp gp.population=-5, until the error is printed",
         "first_generation_s": "python -m islandgp tracking=off, until generation 0 is on disk",
     }
     goals = {"first_generation_s": at_most(1.2)} if effort is Effort.FULL else {}
     figures = [
-        Figure(name, median(found[name]), "s", what[name], goals.get(name)) for name in waits
+        Figure(name, median(seconds[name]), "s", meanings[name], goals.get(name)) for name in waits
     ]
-    _, (resident, own) = _first_generation(overrides)
+    _, (resident, proportional) = _first_generation(overrides)
     if resident:
         figures += [
             Figure("worker_mb", resident / MB, "MB", "resident memory of a worker"),
-            Figure("worker_own_mb", own / MB, "MB", "the same, shared pages split among sharers"),
+            Figure(
+                "worker_own_mb",
+                proportional / MB,
+                "MB",
+                "the same, shared pages split among sharers",
+            ),
         ]
     return figures
 
@@ -85,15 +90,15 @@ def _worker_memory(run: int) -> tuple[float, float]:
 
 def _processes() -> list[tuple[int, int]]:
     """(process, its parent) of all that can be seen."""
-    found = []
+    processes = []
     for name in os.listdir("/proc"):
         if name.isdecimal():
             try:
                 stat = Path(f"/proc/{name}/stat").read_text()
             except OSError:
                 continue  # it has ended
-            found.append((int(name), int(stat.rpartition(")")[2].split()[1])))
-    return found
+            processes.append((int(name), int(stat.rpartition(")")[2].split()[1])))
+    return processes
 
 
 def _memory(pid: int) -> tuple[float, float]:

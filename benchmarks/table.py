@@ -13,12 +13,12 @@ HEAD: Final = ("figure", "here", "goal", "", "what it is")
 
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
     """A row of HEAD for each figure; a benchmark that could not run has one with the reason."""
-    found: list[tuple[str, ...]] = []
+    table_rows: list[tuple[str, ...]] = []
     for result in results:
         if result.missing:
-            found.append((result.benchmark, "-", "", "", result.missing))
-        found += [_row(figure) for figure in result.figures]
-    return found
+            table_rows.append((result.benchmark, "-", "", "", result.missing))
+        table_rows += [_row(figure) for figure in result.figures]
+    return table_rows
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
@@ -27,8 +27,8 @@ def _row(figure: Figure) -> tuple[str, ...]:
         goal = f"{figure.goal.side} {number(figure.goal.value)}"
         verdict = "reached" if figure.goal.reached(figure.value) else "MISSED"
     unit = f" {figure.unit}" if figure.unit else ""
-    what = f"{figure.what} ({figure.warning})" if figure.warning else figure.what
-    return figure.name, f"{number(figure.value)}{unit}", goal, verdict, what
+    meaning = f"{figure.what} ({figure.warning})" if figure.warning else figure.what
+    return figure.name, f"{number(figure.value)}{unit}", goal, verdict, meaning
 
 
 def number(value: float) -> str:

@@ -67,7 +67,7 @@ def measure(effort: Effort) -> list[Figure]:
         else:
             libraries[name] = make(tree)
     figures = []
-    for kind, situations, what in (
+    for kind, situations, meaning in (
         ("tick", RESUMING, "a tick of 20 nodes that resumes its leaf; leaves in Python"),
         ("walk", WALKING, "a tick that tries every branch of the 20 nodes in vain"),
     ):
@@ -76,7 +76,7 @@ def measure(effort: Effort) -> list[Figure]:
         rows = turns(sides, ROUNDS[effort], clock=process_time)
         us = [1e6 * seconds / ticks for seconds in medians(rows)]
         warning = "; ".join(absent)
-        figures.append(Figure(f"{kind}_us", us[0], "us", what, at_most(2.0), warning))
+        figures.append(Figure(f"{kind}_us", us[0], "us", meaning, at_most(2.0), warning))
         for at, name in list(enumerate(libraries))[1:]:
             figures += [
                 Figure(f"{kind}_us_{name}", us[at], "us", f"the same in {name}"),
@@ -151,15 +151,15 @@ def _behaviortreepy(tree: Node) -> Prepare:
     factory = behaviortreepy.BehaviorTreeFactory()
     for name in VOCABULARY.actions:
         factory.register_simple_stateful_action(name, lambda _: status, lambda _: status)
-    made = factory.create_tree_from_text(to_xml(tree, VOCABULARY, plain=True))
-    board = made.root_blackboard()
+    engine = factory.create_tree_from_text(to_xml(tree, VOCABULARY, plain=True))
+    board = engine.root_blackboard()
 
     def prepare(situation: Situation) -> Callable[[], object]:
         nonlocal status
         status = getattr(names, STATUS_NAMES[situation.leaves])
         for (name, key), value in zip(VOCABULARY.keys.items(), situation.board, strict=True):
             (board.set_bool if key.flag else board.set_double)(name, value)
-        tick: Callable[[], object] = made.tick_exactly_once
+        tick: Callable[[], object] = engine.tick_exactly_once
         return tick
 
     return prepare

@@ -25,13 +25,13 @@ class _Timed:
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.simulated += len(jobs)
-        found, seconds = [], []
+        outcomes, seconds = [], []
         for job in jobs:
             began = process_time()
-            found.append(simulate(self.setting, job))
+            outcomes.append(simulate(self.setting, job))
             seconds.append(process_time() - began)
         self.batches.append(seconds)
-        return found
+        return outcomes
 
     def close(self) -> None:
         """See `Evaluator`."""

@@ -118,17 +118,17 @@ def _bare(episodes: list[Taken], *, blind: bool = False) -> Callable[[], object]
         warnings.simplefilter("ignore")
         import gymnasium
 
-        made: Mapping[str, Any] = {
+        environments: Mapping[str, Any] = {
             level: gymnasium.make(level, disable_env_checker=True)
             for level in {episode.level for episode in episodes}
         }
     if blind:
-        for env in made.values():
+        for env in environments.values():
             env.unwrapped.gen_obs = lambda: None
 
     def run() -> None:
         for episode in episodes:
-            env = made[episode.level]
+            env = environments[episode.level]
             env.reset(seed=episode.seed)
             for action in episode.actions:
                 env.step(action)

@@ -48,7 +48,7 @@ STATE = ROOT / "docs" / "llm" / "state.md"
 TEXTMATE = ROOT / "editors" / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-_WRITTEN = {
+_EXAMPLES = {
     "parallel": "`parallel success one failure all { ... }`",
     "inverter": "`inverter { x }`",
     "repeater": "`repeater 3 { x }`",
@@ -68,7 +68,7 @@ def tables() -> dict[str, str]:
             ("node", "sign", "children", "what it does"),
             [
                 (
-                    _WRITTEN.get(name, f"`{name} {{ ... }}`"),
+                    _EXAMPLES.get(name, f"`{name} {{ ... }}`"),
                     kind.look.sign,
                     _CHILDREN.get(kind.children, "one or more"),
                     kind.meaning,
@@ -141,7 +141,7 @@ def measured_characters() -> dict[str, int]:
 
     They come from the transcript of a run of a few generations on the island.
     """
-    found = {}
+    by_prompt_set = {}
     for prompts in PROMPT_SETS:
         with TemporaryDirectory() as home, MessagesServer(answer=MockModel()) as server:
             overrides = [
@@ -153,10 +153,10 @@ def measured_characters() -> dict[str, int]:
             if main(overrides):
                 raise SystemExit("Expected a run with the mock, found an error; see above.")
             transcript = Transcript(next(Path(home).rglob("transcript.jsonl")))
-        asked = [a.request for a in transcript.attempts if a.call.part in ("rate", "tree")]
-        sizes = [len(request.system) + sum(map(len, request.turns)) for request in asked]
-        found[prompts] = round(2 * fmean(sizes))
-    return found
+        requests = [a.request for a in transcript.attempts if a.call.part in ("rate", "tree")]
+        sizes = [len(request.system) + sum(map(len, request.turns)) for request in requests]
+        by_prompt_set[prompts] = round(2 * fmean(sizes))
+    return by_prompt_set
 
 
 def cost_table(characters: Mapping[str, int]) -> str:
@@ -166,13 +166,13 @@ def cost_table(characters: Mapping[str, int]) -> str:
     rows = []
     for model, price in prices.models.items():
         cells = [f"`{model}`"]
-        for found in characters.values():
-            tokens = GENERATIONS * found / prices.facts.get(model, Facts()).characters
+        for size in characters.values():
+            tokens = GENERATIONS * size / prices.facts.get(model, Facts()).characters
             usd = cost(Usage(round(tokens), questions * ANSWER), price)
             cells += [f"{tokens:,.0f}", f"${usd:,.2f}"]
         rows.append(tuple(cells))
     heads = [head for name in characters for head in (f"{name}: tokens in", f"{name}: cost")]
-    sizes = ", ".join(f"{found:,} ({name})" for name, found in characters.items())
+    sizes = ", ".join(f"{size:,} ({name})" for name, size in characters.items())
     return (
         f"Characters of a generation's two questions, as measured in runs with the mock: {sizes}."
         f" {questions} answers of {ANSWER} tokens; prices of {prices.date}.\n\n"
@@ -183,13 +183,13 @@ def cost_table(characters: Mapping[str, int]) -> str:
 def documented_characters(text: str) -> dict[str, int]:
     """The measured characters that a document states."""
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
-    found = re.findall(r"([\d,]+) \((\w+)\)", line)
-    return {name: int(size.replace(",", "")) for size, name in found}
+    sizes = re.findall(r"([\d,]+) \((\w+)\)", line)
+    return {name: int(size.replace(",", "")) for size, name in sizes}
 
 
-def filled(text: str, made: Mapping[str, str]) -> str:
+def filled(text: str, parts: Mapping[str, str]) -> str:
     """A text with its generated parts brought up to date."""
-    return _PART.sub(lambda part: f"{part[1]}{made[part[2]]}{part[3]}", text)
+    return _PART.sub(lambda part: f"{part[1]}{parts[part[2]]}{part[3]}", text)
 
 
 def files(tutorial: str) -> dict[str, str]:

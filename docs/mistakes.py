@@ -68,9 +68,9 @@ def vocabulary() -> Vocabulary:
     return declared(json.dumps(PORTER), "", name="porter.json")
 
 
-def messages(slip: str, words: Vocabulary) -> list[str]:
+def messages(slip: str, vocabulary_: Vocabulary) -> list[str]:
     """The messages of `check` for a text."""
-    return [str(error) for error in tree_errors(slip, words, name="tree.bt", folder=None)]
+    return [str(error) for error in tree_errors(slip, vocabulary_, name="tree.bt", folder=None)]
 
 
 def page() -> str:
@@ -80,10 +80,10 @@ def page() -> str:
 
 def _parts() -> Iterator[str]:
     yield HEAD.format(json.dumps(PORTER, indent=2))
-    words = vocabulary()
+    porter = vocabulary()
     for title, texts in slips().items():
-        found = ["\n".join(messages(text, words)) for text in texts]
-        yield f"## {title}\n\n```text\n" + "\n\n".join(found) + "\n```\n"
+        message_lists = ["\n".join(messages(text, porter)) for text in texts]
+        yield f"## {title}\n\n```text\n" + "\n\n".join(message_lists) + "\n```\n"
 
 
 if __name__ == "__main__":

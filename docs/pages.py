@@ -40,12 +40,12 @@ _CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 
 def sources() -> dict[str, str]:
     """The place in the site of each file that it takes over, both as paths."""
-    found = dict(AT_THE_TOP)
+    places = dict(AT_THE_TOP)
     for file in sorted(DOCS.rglob("*")):
         if file.suffix in (".md", ".css", ".gif", ".png", ".svg", ".csv", ".html"):
             name = file.relative_to(ROOT).as_posix()
-            found[name] = RENAMED.get(name, file.relative_to(DOCS).as_posix())
-    return found
+            places[name] = RENAMED.get(name, file.relative_to(DOCS).as_posix())
+    return places
 
 
 def rewritten(text: str, source: str, places: dict[str, str]) -> str:
@@ -54,21 +54,21 @@ def rewritten(text: str, source: str, places: dict[str, str]) -> str:
     A link to a file that the site does not have becomes its label, with the file's name.
     """
 
-    def link(found: re.Match[str]) -> str:
-        picture, label, target, anchor = found.groups()
+    def link(match: re.Match[str]) -> str:
+        picture, label, target, anchor = match.groups()
         if ":" in target:
-            return found[0]
-        meant = os.path.normpath(Path(source).parent / target)
-        if meant in places:
-            near = os.path.relpath(places[meant], Path(places[source]).parent)
+            return match[0]
+        path = os.path.normpath(Path(source).parent / target)
+        if path in places:
+            near = os.path.relpath(places[path], Path(places[source]).parent)
             return f"{picture}[{label}]({near}{anchor or ''})"
-        if not (ROOT / meant).exists():
+        if not (ROOT / path).exists():
             raise SystemExit(
                 f"{source}: expected a file at {target}, found none; correct the link."
             )
         if picture:
             raise SystemExit(f"{source}: expected a picture below docs, found {target}; move it.")
-        return label if meant in label else f"{label} (`{meant}`)"
+        return label if path in label else f"{label} (`{path}`)"
 
     parts = _CODE.split(text)  # odd ones are code, where brackets are no links
     joined = "".join(f"\0{i}\0" if i % 2 else part for i, part in enumerate(parts))
@@ -104,11 +104,11 @@ def api() -> str:
 
 def gallery() -> str:
     """The study's figures, the paper's first."""
-    shown = ["# Figures of the study\n\n[The results](study/results.md) read them.\n"]
+    lines = ["# Figures of the study\n\n[The results](study/results.md) read them.\n"]
     for file in sorted((DOCS / "study" / "figures").glob("*.png"), key=_in_order):
         name = file.stem.replace("-", " ").capitalize()
-        shown.append(f"\n## {name}\n\n![{name}](study/figures/{file.name})\n")
-    return "".join(shown)
+        lines.append(f"\n## {name}\n\n![{name}](study/figures/{file.name})\n")
+    return "".join(lines)
 
 
 def _in_order(file: Path) -> tuple[bool, int, str]:
@@ -131,7 +131,7 @@ def replay(file: Path) -> str:
     )
 
 
-MADE: dict[str, Callable[[], str]] = {
+GENERATED: dict[str, Callable[[], str]] = {
     "configuration.md": lambda: page(chapters()),
     "api.md": api,
     "gallery.md": gallery,
@@ -151,8 +151,8 @@ def write() -> None:
             target.write_text(rewritten(text, source, places), encoding="utf-8")
         else:
             shutil.copyfile(ROOT / source, target)
-    for name, made in MADE.items():
-        (SITE_PAGES / name).write_text(made(), encoding="utf-8")
+    for name, generate in GENERATED.items():
+        (SITE_PAGES / name).write_text(generate(), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ _SIZES = {"min_length": "at least {} {}", "max_length": "at most {} {}"}
 class Key:
     """One line of the reference."""
 
-    path: str  # as in an override; NAME and N stand for a key of a mapping and a place in a list
+    path: str  # as in an override; NAME and N are a key of a mapping and a place in a list
     type: str
     range: str  # empty: any value of the type
     default: str
@@ -74,25 +74,29 @@ def chapters() -> list[Chapter]:
     settings = configured(["supervisor=expert", "tracking=mlflow"])
     comments = _comments(_files("config"))
     scalars = [n for n in Settings.model_fields if not (CONF / n).is_dir() and n != "domain"]
-    found = [Chapter("Of a run", _files("config"), tuple(_some(settings, scalars, comments)))]
+    all_chapters = [
+        Chapter("Of a run", _files("config"), tuple(_some(settings, scalars, comments)))
+    ]
     for name in (n for n in Settings.model_fields if n not in scalars):
         value, files = getattr(settings, name), _files(name)
         comments = _comments(files)
         if name in _CHOICES:
-            found += [_option(name, file) for file in files]
+            all_chapters += [_option(name, file) for file in files]
         else:
             keys = tuple(_keys(type(value), value, name, comments))
-            found.append(Chapter(f"`{name}`", files, keys))
+            all_chapters.append(Chapter(f"`{name}`", files, keys))
     file = CONF / "hydra" / "sweeper" / "optuna.yaml"
     values = yaml.safe_load(file.read_text(encoding="utf-8"))
     keys = tuple(_keys(SweeperSettings, values, "hydra.sweeper", _comments([file])))
-    found.append(Chapter("`hydra/sweeper=optuna`", (file,), keys))
+    all_chapters.append(Chapter("`hydra/sweeper=optuna`", (file,), keys))
     for file in sorted((CONF / "hydra" / "launcher").glob("*.yaml")):
-        found.append(Chapter(f"`hydra/launcher={file.stem}`", (file,), tuple(_launcher(file))))
-    return found
+        all_chapters.append(
+            Chapter(f"`hydra/launcher={file.stem}`", (file,), tuple(_launcher(file)))
+        )
+    return all_chapters
 
 
-def page(found: Iterable[Chapter]) -> str:
+def page(all_chapters: Iterable[Chapter]) -> str:
     """The reference as Markdown."""
     parts = [
         "# Configuration keys\n\nEvery key that a run takes, as `key=value` on the command line or"
@@ -100,7 +104,7 @@ def page(found: Iterable[Chapter]) -> str:
         " one that is there, and `N` for a place in a list, from 0. This page is made from the"
         " models that check the configuration and from the files in `conf`.\n"
     ]
-    for chapter in found:
+    for chapter in all_chapters:
         files = ", ".join(f"`conf/{file.relative_to(CONF)}`" for file in chapter.files)
         parts.append(f"\n## {chapter.title}\n\n{files}\n\n")
         rows = [
@@ -177,16 +181,20 @@ def _keys(
             )
             continue
         if value is None:
-            given = _ABSENT if field.is_required() else field.default
+            configured_value = _ABSENT if field.is_required() else field.default
         else:
-            given = value.get(name) if isinstance(value, Mapping) else getattr(value, name)
-        yield from _field(model, name, given, f"{path}.{name}", f"{inner}{name}", comments)
+            configured_value = (
+                value.get(name) if isinstance(value, Mapping) else getattr(value, name)
+            )
+        yield from _field(
+            model, name, configured_value, f"{path}.{name}", f"{inner}{name}", comments
+        )
 
 
 def _field(
     model: type[BaseModel],
     name: str,
-    given: Any,
+    configured_value: Any,
     path: str,
     inner: str,
     comments: Mapping[str, str],
@@ -197,10 +205,10 @@ def _field(
         note = _join(_field_comment(model, name), comments.get(inner, ""))
         paper = ", ".join(dict.fromkeys(_PAPER.findall(note)))
         kind = "class" if name == "factory" else _type(field.annotation)
-        yield Key(path, kind, _range(field), _default(given), note, paper)
+        yield Key(path, kind, _range(field), _default(configured_value), note, paper)
     if below is not None:
-        mine = None if step or given is _ABSENT else given
-        yield from _keys(below, mine, f"{path}{step}", comments, f"{inner}{step}.")
+        below_value = None if step or configured_value is _ABSENT else configured_value
+        yield from _keys(below, below_value, f"{path}{step}", comments, f"{inner}{step}.")
 
 
 def _model_in(kind: Any) -> tuple[type[BaseModel] | None, str]:
@@ -210,10 +218,10 @@ def _model_in(kind: Any) -> tuple[type[BaseModel] | None, str]:
     origin, inner = get_origin(kind), [a for a in get_args(kind) if a is not Ellipsis]
     if origin is Annotated or origin in (Union, UnionType):
         for part in inner:
-            if (found := _model_in(part))[0] is not None:
-                return found
-    elif isinstance(origin, type) and inner and (found := _model_in(inner[-1])[0]):
-        return found, ".NAME" if issubclass(origin, Mapping) else ".N"
+            if (model := _model_in(part))[0] is not None:
+                return model
+    elif isinstance(origin, type) and inner and (model := _model_in(inner[-1])[0]):
+        return model, ".NAME" if issubclass(origin, Mapping) else ".N"
     return None, ""
 
 
@@ -245,8 +253,8 @@ def _type(kind: Any) -> str:
 def _range(field: FieldInfo) -> str:
     """What a value may be, of its field and of its parts."""
     listed = _type(field.annotation).startswith(("list", "mapping", "["))
-    own = _bounds(field.metadata, "entries" if listed else "characters")
-    return "; ".join(dict.fromkeys([*own, *_inner(field.annotation)]))
+    bounds = _bounds(field.metadata, "entries" if listed else "characters")
+    return "; ".join(dict.fromkeys([*bounds, *_inner(field.annotation)]))
 
 
 def _inner(kind: Any) -> Iterator[str]:
@@ -255,8 +263,8 @@ def _inner(kind: Any) -> Iterator[str]:
         yield ", ".join(f"`{choice}`" for choice in inner)
         return
     if origin is Annotated:
-        for made in inner[1:]:
-            yield from _bounds(getattr(made, "metadata", [made]), "characters")
+        for constraint in inner[1:]:
+            yield from _bounds(getattr(constraint, "metadata", [constraint]), "characters")
         inner = inner[:1]
     for part in inner:
         yield from _inner(part)
@@ -264,12 +272,12 @@ def _inner(kind: Any) -> Iterator[str]:
 
 def _bounds(metadata: Iterable[Any], unit: str) -> Iterator[str]:
     for limit in metadata:
-        for name, words in _BOUNDS.items():
+        for name, template in _BOUNDS.items():
             if (bound := getattr(limit, name, None)) is not None:
-                yield words.format("2^63" if bound >= 2**63 else f"{bound:,}".removesuffix(".0"))
-        for name, words in _SIZES.items():
+                yield template.format("2^63" if bound >= 2**63 else f"{bound:,}".removesuffix(".0"))
+        for name, template in _SIZES.items():
             if (bound := getattr(limit, name, None)) is not None:
-                yield words.format(bound, unit if bound != 1 else _ONE[unit])
+                yield template.format(bound, unit if bound != 1 else _ONE[unit])
         if (pattern := getattr(limit, "pattern", None)) is not None:
             yield f"`{pattern}`"
 
@@ -301,7 +309,7 @@ def _join(field: str, file: str) -> str:
 def _fields_comments(model: type[BaseModel]) -> dict[str, str]:
     """The comment or the docstring of each field that a class itself declares."""
     source = dedent(inspect.getsource(model))
-    lines, found = source.splitlines(), {}
+    lines, comments = source.splitlines(), {}
     [declared] = ast.parse(source).body
     assert isinstance(declared, ast.ClassDef)
     for at, part in enumerate(declared.body):
@@ -309,19 +317,19 @@ def _fields_comments(model: type[BaseModel]) -> dict[str, str]:
             continue
         assert part.end_lineno is not None
         after = lines[part.end_lineno - 1].encode()[part.end_col_offset :].decode()
-        found[part.target.id] = after.partition("#")[2].strip()
+        comments[part.target.id] = after.partition("#")[2].strip()
         following = declared.body[at + 1] if at + 1 < len(declared.body) else None
         if isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant):
-            found[part.target.id] = " ".join(str(following.value.value).split())
-    return found
+            comments[part.target.id] = " ".join(str(following.value.value).split())
+    return comments
 
 
 def _field_comment(model: type[BaseModel], name: str) -> str:
     for kind in model.__mro__:
         if issubclass(kind, BaseModel) and kind is not BaseModel:
-            found = _fields_comments(kind)
-            if name in found:
-                text = found[name]
+            comments = _fields_comments(kind)
+            if name in comments:
+                text = comments[name]
                 break
     else:
         text = ""
@@ -333,7 +341,7 @@ def _field_comment(model: type[BaseModel], name: str) -> str:
 
 def _comments(files: Iterable[Path]) -> dict[str, str]:
     """The comment beside each key of YAML files, by its path; the first file that has one."""
-    found: dict[str, str] = {}
+    comments: dict[str, str] = {}
     for file in files:
         text = file.read_text(encoding="utf-8")
         lines = text.splitlines()
@@ -341,9 +349,9 @@ def _comments(files: Iterable[Path]) -> dict[str, str]:
             last = value.end_mark if value.end_mark.line == key.end_mark.line else key.end_mark
             after = lines[last.line][last.column :] if last.line < len(lines) else ""
             comment = re.search(r"(?:^|\s)#\s*(.*)", after)
-            if comment and path not in found:
-                found[path] = comment[1].strip()
-    return found
+            if comment and path not in comments:
+                comments[path] = comment[1].strip()
+    return comments
 
 
 def _nodes(node: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -30,17 +30,17 @@ FIRST, LAST, STEP = 200, 260, 1.5  # seconds of the animation's frames
 FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 64
 
 
-def replay_of(file: Path, written: Path, title: str) -> None:
+def replay_of(file: Path, target: Path, title: str) -> None:
     """Writes the replay page of a tree's episode."""
     tree, _, setting = tree_in_domain(str(file), Chosen((), None))
-    written.write_text(page(record(tree, setting, seed=WORLD, stage=STAGE), title=title))
+    target.write_text(page(record(tree, setting, seed=WORLD, stage=STAGE), title=title))
 
 
-def frame(browser: Browser, written: Path, second: float) -> Image.Image:
+def frame(browser: Browser, page_file: Path, second: float) -> Image.Image:
     """The page at a second of the episode."""
-    browser.open(f"file://{written}#t={second}")
-    taken = browser.call("Page.captureScreenshot", format="png")["data"]
-    return Image.open(BytesIO(base64.b64decode(taken))).convert("RGB")
+    browser.open(f"file://{page_file}#t={second}")
+    data = browser.call("Page.captureScreenshot", format="png")["data"]
+    return Image.open(BytesIO(base64.b64decode(data))).convert("RGB")
 
 
 def reduced(picture: Image.Image, colours: int) -> Image.Image:
@@ -66,11 +66,11 @@ def main() -> None:
             frames = [frame(browser, evolved, second) for second in seconds]
     small = (FRAME_WIDTH, FRAME_WIDTH * HEIGHT // WIDTH)
     palette = reduced(frames[0].resize(small), COLOURS)
-    shown = [f.resize(small).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
-    shown[0].save(
+    images = [f.resize(small).quantize(palette=palette, dither=Image.Dither.NONE) for f in frames]
+    images[0].save(
         IMAGES / "replay.gif",
         save_all=True,
-        append_images=shown[1:],
+        append_images=images[1:],
         duration=FRAME_MS,
         loop=0,
         optimize=True,

@@ -154,19 +154,19 @@ def main() -> None:
     parts, tests = [], []
     for study in STUDIES:
         runs = {arm: [best_robot(study, arm, seed) for seed in seeds] for arm in ARMS}
-        found = {arm: [measured(study, row["tree"]) for row in runs[arm]] for arm in ARMS}
+        scores = {arm: [measured(study, row["tree"]) for row in runs[arm]] for arm in ARMS}
         for one, other in PAIRS:
-            differences = [a - b for a, b in zip(found[one], found[other], strict=True)]
+            differences = [a - b for a, b in zip(scores[one], scores[other], strict=True)]
             mean = bootstrap([differences], lambda x: np.mean(x, axis=-1))
-            p = paired_test(found[one], found[other])
+            p = paired_test(scores[one], scores[other])
             tests.append((study, one, other, mean, p))
-        parts.append((study, runs, found))
+        parts.append((study, runs, scores))
     adjusted = benjamini_hochberg([p.p for *_, p in tests])
     lines = [f"{len(seeds)} paired seeds.", "", _row("study", "measure", *ARMS), _rule(5)]
-    for study, _, found in parts:
-        cells = (bootstrap([found[arm]], lambda x: np.mean(x, axis=-1)) for arm in ARMS)
-        shown = (_numbers(study, c.estimate, c.low, c.high) for c in cells)
-        lines.append(_row(study.title, study.unit, *shown))
+    for study, _, scores in parts:
+        cells = (bootstrap([scores[arm]], lambda x: np.mean(x, axis=-1)) for arm in ARMS)
+        intervals = (_numbers(study, c.estimate, c.low, c.high) for c in cells)
+        lines.append(_row(study.title, study.unit, *intervals))
     lines += [
         "",
         _row("study", "comparison", "mean difference", "better in", "p", "p BH"),
@@ -190,7 +190,7 @@ def main() -> None:
     )
     for study, runs, _ in parts:
         picture(study, str(evolved(runs)["tree"]))
-    gallery = "\n".join(_shown(study, runs) for study, runs, _ in parts)
+    gallery = "\n".join(_gallery_entry(study, runs) for study, runs, _ in parts)
     replace_parts(GALLERY, gallery=gallery)
 
 
@@ -205,7 +205,7 @@ def picture(study: Study, tree: str) -> None:
     domain = experiment(study.domain, study.shown).domain
     node, frames = experiment(study.domain, study.shown).parse(tree), _Frames()
     domain.run_episode(node, study.seed, {}, frames)
-    frame = frames.seen[2 * len(frames.seen) // 3]
+    frame = frames.pictures[2 * len(frames.pictures) // 3]
     (ROOT / "docs" / "img" / f"world-{study.domain}.png").write_bytes(frame)
 
 
@@ -213,18 +213,18 @@ class _Frames:
     """Collects the pictures of an episode."""
 
     def __init__(self) -> None:
-        self.seen: list[bytes] = []
+        self.pictures: list[bytes] = []
 
     def node(self, place: int, status: int) -> None: ...
 
     def tick(self, _board: Sequence[float], scene: Scene | None) -> None:
         if scene is not None and scene.frame is not None:
-            self.seen.append(scene.frame())
+            self.pictures.append(scene.frame())
 
     def credit(self, component: str, points: float, event: str, action: str) -> None: ...
 
 
-def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
+def _gallery_entry(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
     """A domain of the gallery: picture, vocabulary, best tree, score."""
     schema, tree = experiment(study.domain).domain.schema, str(evolved(runs)["tree"])
     levels = study.levels[:TRAINED] or ("",)
@@ -234,7 +234,7 @@ def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
             study, [o for level in levels for o in episodes(study, text, UNSEEN, level)]
         )
 
-    where = f"100 unseen seeds{' of each of the six levels' if study.levels else ''}"
+    seeds = f"100 unseen seeds{' of each of the six levels' if study.levels else ''}"
     return "\n".join(
         (
             f"### {study.title}: `domain={study.domain}`",
@@ -245,7 +245,7 @@ def _shown(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
             "",
             f"- actions: {', '.join(f'`{name}`' for name in schema.vocabulary.actions)}",
             f"- keys: {', '.join(f'`{name}`' for name in schema.vocabulary.keys)}",
-            f"- score, the {study.unit} on {where}: best tree of [the study](study_worlds.md),"
+            f"- score, the {study.unit} on {seeds}: best tree of [the study](study_worlds.md),"
             f" with the paper's algorithm, {score(tree)},"
             f" [by hand](../{study.by_hand.relative_to(ROOT)})"
             f" {score(study.by_hand.read_text(encoding='utf-8'))}",
@@ -296,8 +296,8 @@ def replace_parts(page: Path, **parts: str) -> None:
     text = page.read_text(encoding="utf-8")
     for part, content in parts.items():
         begin, end = f"<!-- begin {part} -->\n", "<!-- end -->"
-        before, found, rest = text.partition(begin)
-        assert found, f"{page} has no {begin}"
+        before, marker, rest = text.partition(begin)
+        assert marker, f"{page} has no {begin}"
         text = f"{before}{begin}{content}\n{end}{rest.partition(end)[2]}"
     page.write_text(text, encoding="utf-8")
     print(f"wrote {page}")

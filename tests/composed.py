@@ -61,8 +61,8 @@ def _composed(options: Sequence[str]) -> DictConfig:
 @cache
 def composed(*overrides: str) -> Settings:
     """The validated settings, which tests share, as they are immutable."""
-    chosen = any(each.startswith(("search=", "experiment=")) for each in overrides)
-    return read_settings(plain(*(() if chosen else ("search=paper",)), *overrides))
+    has_search = any(each.startswith(("search=", "experiment=")) for each in overrides)
+    return read_settings(plain(*(() if has_search else ("search=paper",)), *overrides))
 
 
 def named(settings: Settings) -> dict[str, Any]:

@@ -16,16 +16,16 @@ import pytest
 FOLDER = Path(__file__).parent / "golden"
 
 
-def check_golden(name: str, found: str) -> None:
-    """Fails unless `found` equals the golden file; with GOLDEN=write, writes the file."""
+def check_golden(name: str, text: str) -> None:
+    """Fails unless `text` equals the golden file; with GOLDEN=write, writes the file."""
     file = FOLDER / name
     if os.environ.get("GOLDEN") == "write":
         file.parent.mkdir(exist_ok=True)
-        file.write_text(found, encoding="utf-8")
+        file.write_text(text, encoding="utf-8")
         pytest.skip(f"wrote {file.name}; read `git diff tests/golden` before you commit it")
-    if found == (expected := file.read_text(encoding="utf-8")):
+    if text == (expected := file.read_text(encoding="utf-8")):
         return
-    texts = (expected.splitlines(), found.splitlines())
+    texts = (expected.splitlines(), text.splitlines())
     lines = unified_diff(*texts, "golden", "found", n=1, lineterm="")
-    shown = "\n".join(islice(lines, 30))
-    pytest.fail(f"{file.name} differs; GOLDEN=write replaces it:\n{shown}", pytrace=False)
+    difference = "\n".join(islice(lines, 30))
+    pytest.fail(f"{file.name} differs; GOLDEN=write replaces it:\n{difference}", pytrace=False)

@@ -115,8 +115,8 @@ def state(history: Sequence[GenerationStats], **changes: Any) -> PopulationState
 
 
 def evaluated(
-    name: str, done: Outcome, classes: Classes = CLASSES, tree: str = "PatrolWaypoint"
+    name: str, result: Outcome, classes: Classes = CLASSES, tree: str = "PatrolWaypoint"
 ) -> Evaluated:
     """An individual with an outcome, classified."""
     individual = Individual(name, parse(tree), Origin.RANDOM)
-    return Evaluated(individual, done, classify(done, classes), done.fitness)
+    return Evaluated(individual, result, classify(result, classes), result.fitness)

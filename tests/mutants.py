@@ -113,11 +113,11 @@ def mutated(mutant: Mutant) -> tuple[ast.Module, str] | None:
     """
     try:
         tree = ast.parse(mutant.file.read_text(encoding="utf-8"))
-        node, what = list(places(dict(functions(tree))[mutant.function]))[mutant.place]
+        node, description = list(places(dict(functions(tree))[mutant.function]))[mutant.place]
     except (OSError, KeyError, IndexError):
         return None
     change(node)
-    return ast.fix_missing_locations(tree), f"line {node.lineno}: {what}"
+    return ast.fix_missing_locations(tree), f"line {node.lineno}: {description}"
 
 
 def codes(code: CodeType) -> Iterator[CodeType]:
@@ -254,12 +254,12 @@ class Mutating:
             slow = hasattr(getattr(item, "obj", None), "hypothesis")
             return item.nodeid != mutant.killer, slow, files.index(item.nodeid.split("::")[0])
 
-        wanted = sorted((i for i in items if i.nodeid.split("::")[0] in files), key=cost)
-        while wanted := [item for item in wanted if item.nodeid not in self.unreliable]:
-            by = killer(mutant, wanted, self.cpu)
+        candidates = sorted((i for i in items if i.nodeid.split("::")[0] in files), key=cost)
+        while candidates := [item for item in candidates if item.nodeid not in self.unreliable]:
+            by = killer(mutant, candidates, self.cpu)
             if by is None or by in self.reliable:
                 return by
-            alone = [item for item in wanted if item.nodeid == by]
+            alone = [item for item in candidates if item.nodeid == by]
             if alone and killer(None, alone, self.cpu) is None:
                 self.reliable.add(by)
                 return by

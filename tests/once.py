@@ -44,7 +44,7 @@ _merge = ConfigLoaderImpl._compose_config_from_defaults_list
 _configure = ConfigLoaderImpl.load_configuration
 
 _loaders: dict[str, Any] = {}  # OmegaConf makes a class for each text, always the same one
-_made: dict[str, bytes] = {}
+_cache: dict[str, bytes] = {}
 _trees: dict[tuple[str, str, int], tuple[Node, Vocabulary]] = {}  # it keeps the vocabularies' ids
 
 
@@ -82,15 +82,15 @@ def cached(key: object, make: Callable[[], Any], *, keep: bool) -> Any:
     """A new copy of the result of `make` for the key; `keep`: also for later processes."""
     name = hashlib.sha256(repr(key).encode()).hexdigest()
     file = _folder() / name
-    if name not in _made and keep and file.exists():
-        _made[name] = file.read_bytes()
-    if name not in _made:
-        _made[name] = pickle.dumps(make())
+    if name not in _cache and keep and file.exists():
+        _cache[name] = file.read_bytes()
+    if name not in _cache:
+        _cache[name] = pickle.dumps(make())
         if keep:
             part = file.with_suffix(f".{os.getpid()}")
-            part.write_bytes(_made[name])
+            part.write_bytes(_cache[name])
             part.replace(file)
-    return pickle.loads(_made[name])
+    return pickle.loads(_cache[name])
 
 
 def _is_ours(repo: Any) -> bool:

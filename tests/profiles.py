@@ -49,9 +49,9 @@ def sweep(
     """`pytest.mark.parametrize` that marks all but `quick` evenly spread cases as `slow`."""
     one = isinstance(names, str) and "," not in names
     cases = list(values)
-    kept = {n * len(cases) // quick for n in range(quick)}
+    quick_cases = {n * len(cases) // quick for n in range(quick)}
     for n, case in enumerate(cases):
-        if n in kept:
+        if n in quick_cases:
             continue
         param = case if isinstance(case, type(pytest.param())) else None
         parts = param.values if param else (case,) if one else case

@@ -25,8 +25,8 @@ _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
 def numbers() -> st.SearchStrategy[float]:
     """Every threshold that the language allows."""
-    whole = st.integers(-MAX_NUMBER, MAX_NUMBER).map(float)
-    return whole | st.floats(-MAX_NUMBER, MAX_NUMBER)
+    integers = st.integers(-MAX_NUMBER, MAX_NUMBER).map(float)
+    return integers | st.floats(-MAX_NUMBER, MAX_NUMBER)
 
 
 def few_numbers() -> st.SearchStrategy[float]:
@@ -66,13 +66,13 @@ def conditions(
     single = single_conditions(numbers() if thresholds is None else thresholds)
     single = single | compared_keys() if pairs else single
 
-    def grown(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
+    def joined(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
         connectives = st.sampled_from(["and", "or"])
         return st.builds(combine, connectives, st.lists(part, min_size=2, max_size=3)) | part.map(
             negate
         )
 
-    return st.one_of(single, st.recursive(single, grown, max_leaves=8))
+    return st.one_of(single, st.recursive(single, joined, max_leaves=8))
 
 
 def when_args(
@@ -110,7 +110,7 @@ def nodes(
     )
     count = st.builds(CountArgs, st.integers(REPEATS[0], max_repeats))
 
-    def grown(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
+    def inner(child: st.SearchStrategy[Node]) -> st.SearchStrategy[Node]:
         one = st.tuples(child)
         several = st.lists(child, min_size=1, max_size=4).map(tuple)
         composite = st.sampled_from(composites)
@@ -127,7 +127,7 @@ def nodes(
         )
 
     action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)
-    return st.recursive(action, grown, max_leaves=max_leaves)
+    return st.recursive(action, inner, max_leaves=max_leaves)
 
 
 def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[GenerationStats]:

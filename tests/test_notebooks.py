@@ -20,11 +20,13 @@ def executed(notebook: Any, folder: Path) -> Any:
     """The notebook with the outputs of a run in an empty folder."""
     from nbclient import NotebookClient
 
-    where = {"metadata": {"path": folder}}
-    return NotebookClient(notebook, timeout=3000, kernel_name="python3", resources=where).execute()
+    resources = {"metadata": {"path": folder}}
+    return NotebookClient(
+        notebook, timeout=3000, kernel_name="python3", resources=resources
+    ).execute()
 
 
-def printed(notebook: Any) -> list[str]:
+def printed_outputs(notebook: Any) -> list[str]:
     """The texts of the outputs, without those of figures."""
     texts = [
         output["text"] if output.output_type == "stream" else output["data"].get("text/plain", "")
@@ -45,11 +47,11 @@ def test_it_runs(name: str, tmp_path: Path) -> None:
     """Every cell runs, with smaller experiments, and has outputs where those in the file are."""
     import nbformat
 
-    kept = nbformat.read(NOTEBOOKS[name], as_version=4)
+    saved = nbformat.read(NOTEBOOKS[name], as_version=4)
     notebook = nbformat.read(NOTEBOOKS[name], as_version=4)
     for cell in notebook.cells:
         cell["source"] = cell["source"].replace('"tracking=off"', SMALL)
-    assert len(printed(executed(notebook, tmp_path))) == len(printed(kept)) > 0
+    assert len(printed_outputs(executed(notebook, tmp_path))) == len(printed_outputs(saved)) > 0
 
 
 @pytest.mark.slow
@@ -59,6 +61,6 @@ def test_its_outputs_are_up_to_date(name: str, tmp_path: Path) -> None:
     """The file has the outputs of its own cells, to the digit."""
     import nbformat
 
-    kept = nbformat.read(NOTEBOOKS[name], as_version=4)
+    saved = nbformat.read(NOTEBOOKS[name], as_version=4)
     notebook = nbformat.read(NOTEBOOKS[name], as_version=4)
-    assert printed(executed(notebook, tmp_path)) == printed(kept)
+    assert printed_outputs(executed(notebook, tmp_path)) == printed_outputs(saved)

@@ -30,15 +30,15 @@ class Named:
 def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
     """Also the path of a folder whose name is no text. Further fields are kept."""
     values = {"name": text, "n": 1, "more": text}
-    written = json.dumps(values)
-    assert validate_json(Named, written.encode() if as_bytes else written) == values
+    document = json.dumps(values)
+    assert validate_json(Named, document.encode() if as_bytes else document) == values
 
 
 def test_nan_is_null_at_every_depth() -> None:
     """JSON has no NaN; infinite and other values stay as they are."""
     nan = float("nan")
-    found = nan_to_none({"a": nan, "b": [1.5, nan, {"c": (nan, "x")}], "d": float("inf")})
-    assert found == {"a": None, "b": [1.5, None, {"c": [None, "x"]}], "d": float("inf")}
+    cleaned = nan_to_none({"a": nan, "b": [1.5, nan, {"c": (nan, "x")}], "d": float("inf")})
+    assert cleaned == {"a": None, "b": [1.5, None, {"c": [None, "x"]}], "d": float("inf")}
 
 
 @given(TEXTS, st.sampled_from([None, 1.5, "1", [], True]))

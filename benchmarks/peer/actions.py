@@ -37,8 +37,8 @@ class MoveToGarbage(Action):
         item, robot = self.target, self.island.world.robot
         if item is None or not item.there:
             return Status.FAILURE
-        there = self.island.drive_to(item.x, item.y, robot.pickup_reach)
-        return Status.SUCCESS if there else Status.RUNNING
+        arrived = self.island.drive_to(item.x, item.y, robot.pickup_reach)
+        return Status.SUCCESS if arrived else Status.RUNNING
 
 
 class PickupGarbage(Action):
@@ -66,8 +66,8 @@ class SeekCharger(Action):
 
     def update(self) -> Status:
         """RUNNING on the way, SUCCESS on arrival."""
-        there = self.island.drive_to(*self.target, self.island.world.robot.station_reach)
-        return Status.SUCCESS if there else Status.RUNNING
+        arrived = self.island.drive_to(*self.target, self.island.world.robot.station_reach)
+        return Status.SUCCESS if arrived else Status.RUNNING
 
 
 class ExecuteCharge(Action):
@@ -119,10 +119,10 @@ class MoveToHumanoid(Action):
         if gap > island.world.robot.perception:
             return Status.FAILURE
         if gap <= island.world.humanoids.reach:
-            given = min(int(island.carried[h]), room)
-            island.carried[h] -= given
-            island.load += given
-            island.act(IslandEvent.INTERACTION, given)
+            amount = min(int(island.carried[h]), room)
+            island.carried[h] -= amount
+            island.load += amount
+            island.act(IslandEvent.INTERACTION, amount)
             return Status.SUCCESS
         if island.step >= self.aim_end or (island.at - self.aim).length < island.stride:
             self.aim = island.people[h].position

@@ -150,10 +150,12 @@ class Island:
                 self.garbage.append(Item(x, y))
                 self._lay_out()
         while self.schedule.turns[self.turn][0] == self.step:
-            _, who, vx, vy = self.schedule.turns[self.turn]
+            _, humanoid, vx, vy = self.schedule.turns[self.turn]
             self.turn += 1
-            self.people[who].velocity = (vx, vy)
-            self.carried[who] = min(self.carried[who] + 1, self.world.humanoids.most_items)
+            self.people[humanoid].velocity = (vx, vy)
+            self.carried[humanoid] = min(
+                self.carried[humanoid] + 1, self.world.humanoids.most_items
+            )
 
     def _account(self) -> None:
         robot = self.world.robot
@@ -182,7 +184,7 @@ class Island:
             self.log(IslandEvent.PATROL, 1)
 
     def _lay_out(self) -> None:
-        """The garbage as arrays, made anew whenever an item comes or goes."""
+        """The garbage as arrays, rebuilt whenever an item comes or goes."""
         self.xs = np.array([item.x for item in self.garbage])
         self.ys = np.array([item.y for item in self.garbage])
         self.seen = np.array([item.seen for item in self.garbage], dtype=bool)

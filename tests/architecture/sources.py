@@ -40,11 +40,11 @@ def module_name(path: Path) -> str:
 @cache
 def imports() -> tuple[Import, ...]:
     """Every import of the package."""
-    found: list[Import] = []
+    all_imports: list[Import] = []
     for path in modules():
         tree = ast.parse(path.read_text(encoding="utf-8"))
-        found += _of(tree, module_name(path), at_load=True)
-    return tuple(found)
+        all_imports += _of(tree, module_name(path), at_load=True)
+    return tuple(all_imports)
 
 
 def _of(node: ast.AST, module: str, *, at_load: bool) -> Iterator[Import]:
@@ -55,8 +55,10 @@ def _of(node: ast.AST, module: str, *, at_load: bool) -> Iterator[Import]:
             assert child.level == 0, f"{module}: imports are absolute"
             # `from islandgp.bt import engine` imports a module, `from ...node import Node` a name.
             for alias in child.names:
-                whole = f"{child.module}.{alias.name}"
-                yield Import(module, whole if _is_module(whole) else str(child.module), at_load)
+                full_name = f"{child.module}.{alias.name}"
+                yield Import(
+                    module, full_name if _is_module(full_name) else str(child.module), at_load
+                )
         else:
             later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             typing = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)

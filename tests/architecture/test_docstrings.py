@@ -64,15 +64,15 @@ def gaps(function: ast.FunctionDef) -> list[str]:
     spec = function.args
     arguments = [a.arg for a in (*spec.args, *spec.kwonlyargs) if a.arg not in ("self", "cls")]
     arguments += [f"*{spec.vararg.arg}"] if spec.vararg else []
-    found = [
+    missing = [
         f"Args: {a}" for a in arguments if not re.search(rf"^ {{4}}{re.escape(a)}: ", text, re.M)
     ]
     returns = function.returns is not None and ast.unparse(function.returns) != "None"
     if arguments and returns and not re.search(r"^(Returns|Yields):$", text, re.M):
-        found.append("Returns")
+        missing.append("Returns")
     if _raises(function) and not re.search(r"^Raises:$", text, re.M):
-        found.append("Raises")
-    return found
+        missing.append("Raises")
+    return missing
 
 
 def _raises(node: ast.AST) -> bool:

@@ -9,9 +9,11 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, modules
 from tests.architecture.test_imports import below
 
 ISLAND = PACKAGE / "domains" / "island"
-WORDS = re.compile(r"humanoid|pickup|garbage|charger|clearing.?point|batteryLevel", re.IGNORECASE)
+ISLAND_WORDS = re.compile(
+    r"humanoid|pickup|garbage|charger|clearing.?point|batteryLevel", re.IGNORECASE
+)
 
-LEFT = {
+EXCEPTIONS = {
     # file: why it has such a word. Files leave this list; none comes in.
     "islandgp/running/app.py": "Python's own garbage collector",
 }
@@ -55,23 +57,23 @@ def test_domains_know_the_contract_and_no_more() -> None:
 
 
 def sources() -> list[Path]:
-    """What must not speak of the island: Python, JavaScript and prompts outside the domains."""
-    found = [*modules(), *PACKAGE.rglob("*.js"), *(ROOT / "prompts").glob("*.md")]
-    return sorted(path for path in found if not path.is_relative_to(ISLAND.parent))
+    """Files without the island: Python, JavaScript and prompts outside the domains."""
+    files = [*modules(), *PACKAGE.rglob("*.js"), *(ROOT / "prompts").glob("*.md")]
+    return sorted(path for path in files if not path.is_relative_to(ISLAND.parent))
 
 
 def test_no_word_of_the_island_outside_the_domains() -> None:
-    """Except in the files of LEFT, which all have one."""
-    found = {
+    """Except in the files of EXCEPTIONS, which all have one."""
+    files = {
         str(path.relative_to(ROOT))
         for path in sources()
-        if WORDS.search(path.read_text(encoding="utf-8"))
+        if ISLAND_WORDS.search(path.read_text(encoding="utf-8"))
     }
-    assert found == set(LEFT)
+    assert files == set(EXCEPTIONS)
 
 
 def test_the_words_are_those_of_the_island() -> None:
     """The pattern finds what the test above looks for: the island's own files have them."""
     text = "".join(path.read_text(encoding="utf-8") for path in ISLAND.glob("*.py"))
-    found = {word.lower() for word in WORDS.findall(text)}
-    assert {"humanoid", "pickup", "garbage", "charger", "clearing_point", "batterylevel"} <= found
+    matches = {word.lower() for word in ISLAND_WORDS.findall(text)}
+    assert {"humanoid", "pickup", "garbage", "charger", "clearing_point", "batterylevel"} <= matches

@@ -124,18 +124,18 @@ def below(module: str, prefix: str) -> bool:
 
 def layer(module: str) -> int:
     """The number of a module's layer."""
-    found = [
+    matches = [
         (len(prefix), number)
         for number, prefixes in enumerate(LAYERS)
         for prefix in prefixes
         if below(module, prefix)
     ]
-    assert found, f"islandgp.{module}: add it to LAYERS, where it belongs"
-    return max(found)[1]  # the longest prefix counts
+    assert matches, f"islandgp.{module}: add it to LAYERS, where it belongs"
+    return max(matches)[1]  # the longest prefix counts
 
 
 def test_every_module_has_a_layer() -> None:
-    """A new module or package says where it belongs."""
+    """A new module or package must be added to a layer."""
     names = [name for path in modules() if (name := module_name(path)) not in NAMES_ONLY]
     assert len({layer(name) for name in names}) == len(LAYERS)
 
@@ -174,19 +174,19 @@ def test_who_may_import(library: str) -> None:
 @pytest.mark.parametrize("library", SLOW)
 def test_slow_libraries_wait(library: str) -> None:
     """Slow libraries are imported in functions, not when a module is loaded."""
-    found = {i.module for i in imports() if i.top == library and i.at_load}
+    importers = {i.module for i in imports() if i.top == library and i.at_load}
     in_functions = {
         "domains.island.chipmunk",
         "domains.island.kernel",
         "domains.island.machine_code",
     }  # themselves imported so
-    assert found - in_functions == set()
+    assert importers - in_functions == set()
 
 
 def loaded_after(code: str) -> set[str]:
     """The slow libraries that a fresh interpreter has loaded after some code."""
     tail = f"\nimport sys\nprint(*[name for name in {SLOW!r} if name in sys.modules])"
-    found = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code + tail],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": "."},
@@ -194,7 +194,7 @@ def loaded_after(code: str) -> set[str]:
         text=True,
         check=True,
     )
-    return set(found.stdout.split())
+    return set(process.stdout.split())
 
 
 @pytest.mark.process
@@ -213,7 +213,7 @@ def test_starting_is_quick() -> None:
 
 @pytest.mark.process
 def test_a_robot_loads_little() -> None:
-    """A tree in a program of one's own brings no simulator and nothing that evolves or reports."""
+    """A tree in a user's program loads no simulator and nothing that evolves or reports."""
     code = (
         "import islandgp\n"
         "tree = islandgp.load_tree('grammar/examples/all_rounder.bt')\n"
@@ -255,12 +255,12 @@ def declared() -> set[str]:
     """The names in pyproject.toml: dependencies and extras."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     lines = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
-    found = {re.split(r"[ <>=!~;\[]", line)[0].lower() for line in lines}
-    return found - {"islandgp"}  # extras that hold other extras
+    names = {re.split(r"[ <>=!~;\[]", line)[0].lower() for line in lines}
+    return names - {"islandgp"}  # extras that hold other extras
 
 
 def test_dependencies_are_declared() -> None:
-    """Whatever is imported stands in pyproject.toml, in the dependencies or in an extra."""
+    """Every import is in pyproject.toml, in the dependencies or in an extra."""
     used = {i.top for i in imports()} - set(sys.stdlib_module_names) - {"islandgp"}
     assert {DISTRIBUTIONS.get(name, name) for name in used} - declared() == set()
 
@@ -268,8 +268,10 @@ def test_dependencies_are_declared() -> None:
 def test_dependencies_are_documented() -> None:
     """Each dependency has its line in docs/dependencies.md, and each line its dependency."""
     text = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
-    told = {name.lower() for name in re.findall(r"^\| \[?([\w.-]+)\]?.* \|$", text, re.MULTILINE)}
-    assert told - {"package"} == declared()
+    documented = {
+        name.lower() for name in re.findall(r"^\| \[?([\w.-]+)\]?.* \|$", text, re.MULTILINE)
+    }
+    assert documented - {"package"} == declared()
 
 
 def test_no_module_is_a_drawer() -> None:

@@ -69,11 +69,11 @@ def needed(benchmark: str) -> None:
 
 def expected(benchmark: str) -> list[str]:
     """Its figures; workers that this machine has no cores for are left out."""
-    found = FIGURES[benchmark].split()
+    names = FIGURES[benchmark].split()
     if benchmark != "run_s":
-        return found
+        return names
     too_many = tuple(f"_{n}" for n in (2, 4) if n > cores())
-    return [name for name in found if not name.endswith(too_many)] if too_many else found
+    return [name for name in names if not name.endswith(too_many)] if too_many else names
 
 
 @pytest.mark.parametrize(
@@ -86,15 +86,15 @@ def expected(benchmark: str) -> list[str]:
 def test_a_benchmark_gives_its_figures(benchmark: str) -> None:
     """All figures by name, with the goals of the issue they come from, and no other goals."""
     needed(benchmark)
-    found: list[Figure] = import_module(f"benchmarks.{benchmark}").measure(Effort.TINY)
-    assert [figure.name for figure in found] == expected(benchmark)
-    for figure in found:
+    figures: list[Figure] = import_module(f"benchmarks.{benchmark}").measure(Effort.TINY)
+    assert [figure.name for figure in figures] == expected(benchmark)
+    for figure in figures:
         assert figure.what
         assert (figure.goal.value if figure.goal else None) == GOALS.get(figure.name)
 
 
 def test_names_are_unique() -> None:
-    """A figure's name alone tells which one it is."""
+    """A figure's name alone identifies it."""
     names = " ".join(FIGURES.values()).split()
     assert len(set(names)) == len(names)
     assert set(FIGURES) == set(BENCHMARKS)

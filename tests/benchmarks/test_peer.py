@@ -68,7 +68,7 @@ def test_deap_gives_each_individual_its_fitness() -> None:
     jobs = [(to_text(tree), seed) for tree in trees for seed in range(2)]
     batch.start(world)
     with batch.pool(1, world) as workers:
-        found = batch.run_batch(batch.toolbox(workers), jobs)
+        fitnesses = batch.run_batch(batch.toolbox(workers), jobs)
     alone = [run_peer_episode(t, world, s, points()).fitness for t in trees for s in range(2)]
-    assert found == alone
-    assert len(set(found)) > 1
+    assert fitnesses == alone
+    assert len(set(fitnesses)) > 1

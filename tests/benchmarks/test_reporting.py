@@ -22,12 +22,12 @@ PLAIN = Figure("paper_s", 36000.0, "s", "a run")
 
 def result(*figures: Figure, missing: str = "") -> Result:
     """Figures that were measured on a day of this test's choice."""
-    found = results.result("b", figures, effort=Effort.FULL, seconds=3.21, load=0.123)
-    return replace(found, date="2026-01-02", python="3.11.0", cores=4, missing=missing)
+    measured = results.result("b", figures, effort=Effort.FULL, seconds=3.21, load=0.123)
+    return replace(measured, date="2026-01-02", python="3.11.0", cores=4, missing=missing)
 
 
 def test_text() -> None:
-    """Goals and verdicts stand beside the figures; a warning is told."""
+    """Goals and verdicts are beside the figures; a warning is shown."""
     assert as_text([result(FAST, WEAK, PLAIN)]).splitlines() == [
         "figure       here  goal                   what it is",
         "fast_us   1.23 us  at most 2     reached  a tick",
@@ -78,20 +78,20 @@ def test_results_keep_what_was_not_measured_again(tmp_path: Path) -> None:
 def test_pages_hold_the_figures() -> None:
     """Only the text between the markers is written, and writing again changes nothing."""
     page = "Before\n<!-- begin benchmarks -->\nold\n<!-- end -->\nAfter\n"
-    written = pages.with_figures(page, [result(FAST, PLAIN)])
-    assert written.startswith("Before\n<!-- begin benchmarks -->\n| figure |")
-    assert "| a tick |\n" in written
-    assert written.endswith("3.2 s\n<!-- end -->\nAfter\n")
-    assert pages.with_figures(written, [result(FAST, PLAIN)]) == written
-    assert "- `b`: 2026-01-02, Python 3.11.0, 4 cores, load 0.12 before, full, 3.2 s" in written
+    filled = pages.with_figures(page, [result(FAST, PLAIN)])
+    assert filled.startswith("Before\n<!-- begin benchmarks -->\n| figure |")
+    assert "| a tick |\n" in filled
+    assert filled.endswith("3.2 s\n<!-- end -->\nAfter\n")
+    assert pages.with_figures(filled, [result(FAST, PLAIN)]) == filled
+    assert "- `b`: 2026-01-02, Python 3.11.0, 4 cores, load 0.12 before, full, 3.2 s" in filled
 
 
 def test_the_pages_quote_the_results() -> None:
     """The figures in the pages are those of benchmarks/results.json."""
-    found = results.load(results.FILE)
+    saved = results.load(results.FILE)
     texts = {page: page.read_text(encoding="utf-8") for page in pages.PAGES}
     for page, text in texts.items():
-        assert pages.with_figures(text, found) == text, (
+        assert pages.with_figures(text, saved) == text, (
             f"python -m benchmarks --write-docs ({page})"
         )
     assert "<!-- begin benchmarks -->" in texts[pages.PAGES[0]]
@@ -106,12 +106,12 @@ def test_an_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The table is printed, and results are written where `--out` says."""
+    """The table is printed, and results are written to `--out`."""
     out = tmp_path / "r.json"
     assert main(["engine_ratio", "--tiny", "--out", str(out)]) == 0
     assert "all-rounder's episode of 100 steps" in capsys.readouterr().out
-    (found,) = results.load(out)
-    assert (found.benchmark, found.effort, found.missing) == ("engine_ratio", "tiny", "")
+    (saved,) = results.load(out)
+    assert (saved.benchmark, saved.effort, saved.missing) == ("engine_ratio", "tiny", "")
 
 
 def test_turns_alternate() -> None:
@@ -130,7 +130,7 @@ def test_turns_alternate() -> None:
 
 
 def test_growth() -> None:
-    """Linear growth has power 1, whatever one thing costs; square growth 2."""
+    """Linear growth has power 1, for any cost of one thing; square growth 2."""
     linear, square = Growth([10, 20, 40], [1, 2, 4]), Growth([10, 20, 40], [1, 4, 16])
     assert (linear.exponent, linear.per_item) == (1, 0.1)
     assert square.exponent == 2

@@ -26,7 +26,7 @@ CORPUS = Path(__file__).parent / "corpus"
 PAGE = ROOT / "docs" / "reliability.md"
 LIMIT = 1.0  # s of CPU for one input
 MEMORY = 2**30  # bytes that the search may hold
-KEPT = 4  # inputs of a target that are also given to the command
+SAMPLES = 4  # inputs of a target that are also given to the command
 COMMANDS = {
     # target: the file's name, and the words before it
     "language": ("a.bt", ["check"]),
@@ -37,20 +37,20 @@ COMMANDS = {
 
 
 @dataclass
-class Found:
-    """What a target's search came to."""
+class SearchResult:
+    """The result of a target's search."""
 
     inputs: int = 0
-    taken: int = 0
+    accepted: int = 0
     slowest: float = 0.0  # s of CPU
     slowest_input: bytes = b""
-    kept: list[bytes] = field(default_factory=list)  # for the command
+    samples: list[bytes] = field(default_factory=list)  # for the command
     breaks: list[tuple[bytes, str]] = field(default_factory=list)  # an input, and what happened
 
 
-def search(target: Target, inputs: int, number: int) -> Found:
+def search(target: Target, inputs: int, number: int) -> SearchResult:
     """Tries so many inputs; a broken promise ends the search with its smallest example."""
-    found = Found()
+    result = SearchResult()
     last: list[bytes] = []
 
     @seed(number)
@@ -65,67 +65,69 @@ def search(target: Target, inputs: int, number: int) -> Found:
     @given(target.inputs)
     def run(data: bytes) -> None:
         last[:] = [data]
-        found.inputs += 1
+        result.inputs += 1
         begun = time.process_time()
-        found.taken += target.check(data)
+        result.accepted += target.check(data)
         took = time.process_time() - begun
-        if took > found.slowest:
-            found.slowest, found.slowest_input = took, data
-        if found.inputs % max(1, inputs // KEPT) == 0:
-            found.kept.append(data)
+        if took > result.slowest:
+            result.slowest, result.slowest_input = took, data
+        if result.inputs % max(1, inputs // SAMPLES) == 0:
+            result.samples.append(data)
 
     for warm in target.seeds():
         target.check(warm)  # imports, grammars and the like belong to no input
     try:
         run()
     except Exception as error:
-        found.breaks.append((last[0], f"{type(error).__name__}: {error}"[:200]))
-    if found.slowest > LIMIT:
-        found.breaks.append((found.slowest_input, f"{found.slowest:.1f} s of CPU"))
-    return found
+        result.breaks.append((last[0], f"{type(error).__name__}: {error}"[:200]))
+    if result.slowest > LIMIT:
+        result.breaks.append((result.slowest_input, f"{result.slowest:.1f} s of CPU"))
+    return result
 
 
 def by_command(name: str, data: bytes) -> str:
-    """What the real command does wrong with an input; "" for nothing."""
-    file, words = COMMANDS[name]
+    """The fault of the real command with an input; "" if there is none."""
+    file, arguments = COMMANDS[name]
     (place() / file).write_bytes(data)
     (place() / "tree.bt").write_text("PatrolWaypoint\n", encoding="utf-8")
-    command = [sys.executable, "-c", "from islandgp.cli import main; main()", *words, file]
-    done = subprocess.run(command, capture_output=True, check=False, cwd=place())
-    said = done.stdout + done.stderr
-    wrong = done.returncode not in (0, 1, 2) or b"Traceback" in said
-    return f"exit code {done.returncode}: {said.decode(errors='replace')[-150:]}" if wrong else ""
+    command = [sys.executable, "-c", "from islandgp.cli import main; main()", *arguments, file]
+    process = subprocess.run(command, capture_output=True, check=False, cwd=place())
+    output = process.stdout + process.stderr
+    wrong = process.returncode not in (0, 1, 2) or b"Traceback" in output
+    return (
+        f"exit code {process.returncode}: {output.decode(errors='replace')[-150:]}" if wrong else ""
+    )
 
 
-def wanted(words: list[str] | None, inputs: int) -> dict[str, int]:
+def inputs_by_target(options: list[str] | None, inputs: int) -> dict[str, int]:
     """How many inputs each target gets: those asked for by NAME=INPUTS, or its share of all.
 
     Raises:
         ValueError: a name that no target has, or a number that is none.
     """
     known = targets()
-    asked = dict(word.partition("=")[::2] for word in words or known)
-    if unknown := sorted(set(asked) - set(known)):
+    requests = dict(word.partition("=")[::2] for word in options or known)
+    if unknown := sorted(set(requests) - set(known)):
         raise ValueError(f"there is no target {', '.join(unknown)}; there are {', '.join(known)}")
-    shares = sum(known[name].share for name, number in asked.items() if not number)
+    shares = sum(known[name].share for name, number in requests.items() if not number)
     return {
         name: int(number) if number else max(1, round(inputs * known[name].share / shares))
-        for name, number in asked.items()
+        for name, number in requests.items()
     }
 
 
-def table(rows: dict[str, Found], broken: int, peak: float, words: list[str]) -> str:
+def table(rows: dict[str, SearchResult], broken: int, peak: float, options: list[str]) -> str:
     """The rows of a search in Markdown, with the command that made them."""
     lines = [
         "| target | inputs | taken | refused | slowest | broken promises |",
         "|---|--:|--:|--:|--:|--:|",
     ]
     lines += [
-        f"| {name} | {found.inputs:,} | {found.taken:,} | {found.inputs - found.taken:,}"
-        f" | {found.slowest:.2f} s | {len(found.breaks)} |"
-        for name, found in rows.items()
+        f"| {name} | {result.inputs:,} | {result.accepted:,} | {result.inputs - result.accepted:,}"
+        f" | {result.slowest:.2f} s | {len(result.breaks)} |"
+        for name, result in rows.items()
     ]
-    command = " ".join(word for word in words if word != "--write")
+    command = " ".join(word for word in options if word != "--write")
     lines += ["", f"`python -m tests.fuzz {command}`, {date.today()}: peak memory {peak:.0f} MB,"]
     lines += [f"{broken} broken promises."]
     return "\n".join(lines)
@@ -142,34 +144,34 @@ def main() -> int:
     )
     args = parser.parse_args()
     try:
-        numbers = wanted(args.only, args.inputs)
+        numbers = inputs_by_target(args.only, args.inputs)
     except ValueError as error:
         parser.error(str(error))
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY, MEMORY))
-    rows: dict[str, Found] = {}
+    rows: dict[str, SearchResult] = {}
     print(f"{'target':<12}{'inputs':>8}{'taken':>8}{'refused':>9}{'slowest':>10}{'commands':>10}")
     for name, number in numbers.items():
-        found = rows[name] = search(targets()[name], number, args.seed)
-        kept = found.kept if name in COMMANDS else []
-        found.breaks += [(data, wrong) for data in kept if (wrong := by_command(name, data))]
+        result = rows[name] = search(targets()[name], number, args.seed)
+        samples = result.samples if name in COMMANDS else []
+        result.breaks += [(data, wrong) for data in samples if (wrong := by_command(name, data))]
         print(
-            f"{name:<12}{found.inputs:>8}{found.taken:>8}{found.inputs - found.taken:>9}"
-            f"{found.slowest:>8.2f} s{len(kept):>10}",
+            f"{name:<12}{result.inputs:>8}{result.accepted:>8}{result.inputs - result.accepted:>9}"
+            f"{result.slowest:>8.2f} s{len(samples):>10}",
             flush=True,
         )
-        for data, why in found.breaks:
+        for data, reason in result.breaks:
             file = CORPUS / name / hashlib.sha256(data).hexdigest()[:12]
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(data)
-            print(f"  {why}\n  kept as {file}")
-    broken = sum(len(found.breaks) for found in rows.values())
+            print(f"  {reason}\n  kept as {file}")
+    broken = sum(len(result.breaks) for result in rows.values())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory {peak:.0f} MB; {broken} broken promises")
     if args.write:
-        written = f"<!-- begin fuzz -->\n{table(rows, broken, peak, sys.argv[1:])}\n<!-- end -->"
+        section = f"<!-- begin fuzz -->\n{table(rows, broken, peak, sys.argv[1:])}\n<!-- end -->"
         text = PAGE.read_text(encoding="utf-8")
         part = re.compile(r"<!-- begin fuzz -->.*?<!-- end -->", re.DOTALL)
-        PAGE.write_text(part.sub(lambda _: written, text), encoding="utf-8")
+        PAGE.write_text(part.sub(lambda _: section, text), encoding="utf-8")
     return 1 if broken else 0
 
 

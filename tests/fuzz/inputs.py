@@ -43,13 +43,13 @@ VALUES: Final[tuple[Any, ...]] = (
     *("</script><script>alert(1)</script>", "../../../etc/passwd", "selector { A }", "os:system"),
     *([], {}, [None], [[]], {"": None}, {"a": {"b": []}}, _NESTED, "NaN", "null", "-1", "1e999"),
 )
-"""Values that stand in the place of others."""
+"""Values that replace others."""
 
 
 class Edit(NamedTuple):
     """One change of a text, at places that are taken modulo its length."""
 
-    how: int  # 0: insert, 1: replace, 2: delete, 3: copy a part, 4: cut off the end
+    kind: int  # 0: insert, 1: replace, 2: delete, 3: copy a part, 4: cut off the end
     at: int
     other: int
     piece: int
@@ -67,21 +67,21 @@ def edits(most: int = 6) -> st.SearchStrategy[list[Edit]]:
 
 def edited(text: bytes, changes: Sequence[Edit], pieces: Sequence[bytes]) -> bytes:
     """A text whose words were changed; `pieces` are inserted."""
-    words = _WORD.findall(text)
-    for how, at, other, piece in changes:
-        i, new = at % (len(words) + 1), pieces[piece % len(pieces)]
-        if how == 0:
-            words.insert(i, new)
-        elif how == 1:
-            words[i : i + 1] = [new]
-        elif how == 2:
-            del words[i : i + 1 + other % 4]
-        elif how == 3:
-            j = other % (len(words) + 1)
-            words[i:i] = words[j : j + 1 + piece % 12]
+    tokens = _WORD.findall(text)
+    for kind, at, other, piece in changes:
+        i, new = at % (len(tokens) + 1), pieces[piece % len(pieces)]
+        if kind == 0:
+            tokens.insert(i, new)
+        elif kind == 1:
+            tokens[i : i + 1] = [new]
+        elif kind == 2:
+            del tokens[i : i + 1 + other % 4]
+        elif kind == 3:
+            j = other % (len(tokens) + 1)
+            tokens[i:i] = tokens[j : j + 1 + piece % 12]
         elif other % 4 == 0:  # what is cut off hides what comes after it
-            del words[i:]
-    return b"".join(words)
+            del tokens[i:]
+    return b"".join(tokens)
 
 
 def texts(seeds: Sequence[bytes], pieces: Sequence[bytes]) -> st.SearchStrategy[bytes]:
@@ -95,7 +95,7 @@ def texts(seeds: Sequence[bytes], pieces: Sequence[bytes]) -> st.SearchStrategy[
 class Swap(NamedTuple):
     """One change of a JSON value, at a place that is taken modulo their number."""
 
-    how: int  # 0 to 2: another value, 3: delete, 4: double or rename, 5: a value from elsewhere
+    kind: int  # 0 to 2: another value, 3: delete, 4: double or rename, 5: a value from elsewhere
     at: int
     value: int
 
@@ -109,36 +109,36 @@ def swaps(most: int = 3) -> st.SearchStrategy[list[Swap]]:
 
 def _places(value: Any) -> list[tuple[Any, Any]]:
     """Each container in a value with each of its keys."""
-    found: list[tuple[Any, Any]] = []
+    places: list[tuple[Any, Any]] = []
     waiting = [value]
     while waiting:
-        here = waiting.pop()
-        if isinstance(here, dict | list):
-            keys = list(here) if isinstance(here, dict) else list(range(len(here)))
-            found += [(here, key) for key in keys]
-            waiting += [here[key] for key in keys]
-    return found
+        container = waiting.pop()
+        if isinstance(container, dict | list):
+            keys = list(container) if isinstance(container, dict) else list(range(len(container)))
+            places += [(container, key) for key in keys]
+            waiting += [container[key] for key in keys]
+    return places
 
 
 def swapped(value: Any, changes: Sequence[Swap]) -> Any:
     """A JSON value with parts changed."""
     box = [copy.deepcopy(value)]
-    for how, at, other in changes:
+    for kind, at, other in changes:
         places = _places(box)
         if not places:
             break
-        here, key = places[at % len(places)]
-        if how <= 2:
-            here[key] = copy.deepcopy(VALUES[other % len(VALUES)])
-        elif how == 3:
-            del here[key]
-        elif how == 4 and isinstance(here, list):
-            here.insert(key, copy.deepcopy(here[key]))
-        elif how == 4:
-            here[f"{key}_"] = here.pop(key)
+        container, key = places[at % len(places)]
+        if kind <= 2:
+            container[key] = copy.deepcopy(VALUES[other % len(VALUES)])
+        elif kind == 3:
+            del container[key]
+        elif kind == 4 and isinstance(container, list):
+            container.insert(key, copy.deepcopy(container[key]))
+        elif kind == 4:
+            container[f"{key}_"] = container.pop(key)
         else:
-            there, name = places[other % len(places)]
-            here[key] = copy.deepcopy(there[name])
+            source, name = places[other % len(places)]
+            container[key] = copy.deepcopy(source[name])
     return box[0] if box else None
 
 

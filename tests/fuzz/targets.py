@@ -1,7 +1,7 @@
 """What reads foreign or damaged input, each with a promise that any bytes must keep.
 
 A target's `check` returns whether the input was taken. It raises nothing but for a broken
-promise: a refusal is an `IslandError` (or a value that says so), a tree that was taken comes back
+promise: a refusal is an `IslandError` (or a value that marks it), a tree that was taken comes back
 from each form that it is written in, and a page holds its data.
 """
 
@@ -71,7 +71,7 @@ TREES: Final = (
     b" failure all { when batteryLevel < 20 abort lower { use r } inverter { PatrolWaypoint } }",
 )
 
-WORDS: Final = tuple(
+TOKENS: Final = tuple(
     b"selector sequence parallel inverter repeater when and or not ( ) { } , = abort lower none"
     b" both self use subtree constant include domain island success failure one all 1 2 3.5 -4 1e5"
     b" < <= == != > >= foundGarbage isHumanoidWantToClear lap batteryLevel PatrolWaypoint"
@@ -79,7 +79,7 @@ WORDS: Final = tuple(
     b' a b x "a.bt" "../a.bt" "/etc/passwd" # \n'.split(b" ")
 )
 
-XML_WORDS: Final = (
+XML_TOKENS: Final = (
     b'<root BTCPP_format="4">', b"</root>", b'<BehaviorTree ID="A">', b"</BehaviorTree>",
     b'<SubTree ID="A"/>', b"<Sequence>", b"</Sequence>", b"<Fallback>", b"</Fallback>",
     b"<ReactiveSequence>", b"</ReactiveSequence>", b"<Inverter>", b"</Inverter>",
@@ -140,10 +140,10 @@ def xml(data: bytes) -> bool:
     except IslandError:
         pass
     try:
-        found = read_tree(text_of(data), VOCABULARY)
+        tree_import = read_tree(text_of(data), VOCABULARY)
     except IslandError:
         return False
-    same_everywhere(found.tree)
+    same_everywhere(tree_import.tree)
     return True
 
 
@@ -160,11 +160,11 @@ def json_tree(data: bytes) -> bool:
 def declaration(data: bytes) -> bool:
     """`--vocabulary FILE`."""
     try:
-        found = declared(text_of(data), "when lap < 3 { PatrolWaypoint }", name="v.json")
+        vocabulary = declared(text_of(data), "when lap < 3 { PatrolWaypoint }", name="v.json")
     except IslandError:
         return False
     try:
-        warnings("when lap < 3 { PatrolWaypoint }", found)
+        warnings("when lap < 3 { PatrolWaypoint }", vocabulary)
     except IslandError:
         return False
     return True
@@ -188,45 +188,45 @@ CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
 
 
 def answer(data: bytes) -> bool:
-    """A server's body, and each check of what it says; all that is kept can be written down."""
+    """A server's body, and each check of its answer; all that is kept can be written down."""
     text = text_of(data)
     assert (retry_after(text[:200]) or 0) >= 0
-    found = read_message(data, lambda said: " ".join(said.split()), lambda said: said)
-    taken = False
-    for reply in (found, Reply(text, "end_turn", None), Reply(text, "max_tokens", None)):
+    message = read_message(data, lambda body: " ".join(body.split()), lambda body: body)
+    accepted = False
+    for reply in (message, Reply(text, "end_turn", None), Reply(text, "max_tokens", None)):
         if isinstance(reply, Reply):
             for check in CHECKS:
                 checked = check(reply)
-                taken |= isinstance(checked, Accepted)
+                accepted |= isinstance(checked, Accepted)
                 repr(checked).encode()
         else:
             reply.message.encode()
-    return taken
+    return accepted
 
 
 @cache
 def place() -> Path:
     """A folder for this process, in memory where that is to be had."""
     memory = Path("/dev/shm")
-    made = tempfile.mkdtemp(prefix="fuzz-", dir=memory if memory.is_dir() else None)
-    atexit.register(shutil.rmtree, made, ignore_errors=True)
-    return Path(made)
+    folder = tempfile.mkdtemp(prefix="fuzz-", dir=memory if memory.is_dir() else None)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 @cache
 def runs() -> tuple[Path, Path]:
     """A finished run's folder, and one of a run that was stopped."""
-    whole = written(place() / "made/whole", place()).path
+    complete = written(place() / "made/whole", place()).path
     stopped = written(place() / "made/stopped", place(), 3).path
     leaf = {"answer": 0.4, "cases": 3}
     rate = {"feature": "generation", "at_most": 3.0, "yes": leaf, "no": leaf}
     report = {"cases": 3.0}
     policy = {"format": 1, "teacher": "expert", "target": leaf, "rate": rate, "report": report}
-    for folder in (whole, stopped):
+    for folder in (complete, stopped):
         (folder / "policy.json").write_bytes(as_json(policy))
         sent = {"uri": "sqlite:///m.db", "experiment": "e", "identity": "i1", "run": "r"}
         (folder / "tracking.json").write_bytes(as_json(sent))
-    return whole, stopped
+    return complete, stopped
 
 
 FILES: Final = (
@@ -258,7 +258,7 @@ def damaged_files(draw: st.DrawFn) -> bytes:
 
 
 def signed(state: Any) -> dict[str, Any]:
-    """A checkpoint whose checksum is right, whatever it holds."""
+    """A checkpoint whose checksum is right, with any content."""
     try:
         body = dump(state)
         return {"sha256": hashlib.sha256(body.encode()).hexdigest(), "state": state}
@@ -276,23 +276,23 @@ def records(data: bytes) -> bool:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(runs()[1 - int(finished)], folder)
     (folder / name).write_bytes(body)
-    taken = 0
+    accepted = 0
     read_state(folder)
     verify(RunFolder(folder))
     for reader in READERS:
         try:
             reader(folder)
-            taken += 1
+            accepted += 1
         except IslandError as error:
             str(error).encode("utf-8", "surrogateescape")
-    return taken == len(READERS)
+    return accepted == len(READERS)
 
 
 def _frames(folder: Path) -> None:
-    found = load(folder)
-    assert len(found.runs) == 1
-    assert len(found.generations) >= 0
-    assert len(found.individuals) >= 0
+    results = load(folder)
+    assert len(results.runs) == 1
+    assert len(results.generations) >= 0
+    assert len(results.individuals) >= 0
 
 
 def _setting(folder: Path) -> None:
@@ -300,9 +300,9 @@ def _setting(folder: Path) -> None:
 
 
 def _compare(folder: Path) -> None:
-    for found in find(folder):
-        if found.finished:
-            read(found)
+    for entry in find(folder):
+        if entry.finished:
+            read(entry)
 
 
 def _resume(folder: Path) -> None:
@@ -361,12 +361,12 @@ def transcript(data: bytes) -> bool:
     file = place() / "transcript.jsonl"
     file.write_bytes(data)
     try:
-        found = Transcript(file)
-        found.lost()
-        found.useless_before(10)
-        for attempt in found.attempts:
-            found.of(attempt.call)
-        ledger = Ledger(found, None, CAPS)
+        recorded = Transcript(file)
+        recorded.lost()
+        recorded.useless_before(10)
+        for attempt in recorded.attempts:
+            recorded.of(attempt.call)
+        ledger = Ledger(recorded, None, CAPS)
         ledger.totals()
         ledger.seconds_left()
         Replay.make(ReplaySettings(transcript=str(file)), run_context())
@@ -389,7 +389,7 @@ OVERRIDES: Final = (
     ["++curriculum.stages.0.world={episode: {length: 10}}"],
 )
 
-OVERRIDE_WORDS: Final = tuple(
+OVERRIDE_TOKENS: Final = tuple(
     (
         b"gp.population seed = range( ) interval( choice( glob(*) [ { ${seed} ${oc.env:HOME} "
         b"${oc.decode:x} ${ _target_ _self_ @ ~ ++ hydra. hydra.callbacks.x._target_ os.system "
@@ -402,18 +402,18 @@ OVERRIDE_WORDS: Final = tuple(
 @st.composite
 def command_lines(draw: st.DrawFn) -> bytes:
     """Words of a command, one a line, some of them changed."""
-    words = b"\n".join(word.encode() for word in draw(st.sampled_from(OVERRIDES)))
-    return draw(texts([words], OVERRIDE_WORDS))
+    line = b"\n".join(word.encode() for word in draw(st.sampled_from(OVERRIDES)))
+    return draw(texts([line], OVERRIDE_TOKENS))
 
 
 def overrides(data: bytes) -> bool:
     """The command's words as jobs; at most three are composed."""
-    words = [w for w in text_of(data).split("\n") if not w.startswith("-") or w == "-m"]
+    arguments = [w for w in text_of(data).split("\n") if not w.startswith("-") or w == "-m"]
     args: Namespace = get_args_parser().parse_args([])
-    args.overrides = [word for word in words if word != "-m"]
-    args.multirun = "-m" in words
+    args.overrides = [word for word in arguments if word != "-m"]
+    args.multirun = "-m" in arguments
     try:
-        for n, job in enumerate(planned(args, words, place())):
+        for n, job in enumerate(planned(args, arguments, place())):
             assert job.folder.is_relative_to(place()) or "runs" in str(data)
             if n == 2:
                 break
@@ -442,17 +442,17 @@ def episodes(draw: st.DrawFn) -> bytes:
 
 def recording(data: bytes) -> bool:
     """A domain's scenes on the page of `replay`."""
-    told = json.loads(data)
-    given = told["points"]
-    points = given if isinstance(given, float) else max(-(10**300), min(10**300, given))
+    inputs = json.loads(data)
+    number = inputs["points"]
+    points = number if isinstance(number, float) else max(-(10**300), min(10**300, number))
     try:
-        scenes = [_scene(plain) for plain in told["scenes"]]
+        scenes = [_scene(plain) for plain in inputs["scenes"]]
         recorded = small(scenes=scenes or [None], ticks=3, points=float(points))
-        html = page(recorded, title=told["title"])
+        html = page(recorded, title=inputs["title"])
     except IslandError:
         return False
-    found = html.split('id="data">')[1].split("</script>")[0]
-    assert json.loads(found)["title"] == told["title"]
+    embedded = html.split('id="data">')[1].split("</script>")[0]
+    assert json.loads(embedded)["title"] == inputs["title"]
     html.encode()
     return True
 
@@ -462,8 +462,8 @@ def _scene(plain: dict[str, Any]) -> Scene:
     parts = {
         name: tuple(Thing(*thing) for thing in plain[name]) for name in ("fixed", "items", "movers")
     }
-    made = None if frame is None else frame.encode
-    return Scene(tuple(plain["bounds"]), frame=made, **parts)
+    frame_reader = None if frame is None else frame.encode
+    return Scene(tuple(plain["bounds"]), frame=frame_reader, **parts)
 
 
 def _bodies() -> list[bytes]:
@@ -477,7 +477,7 @@ def _bodies() -> list[bytes]:
 def _answers() -> st.SearchStrategy[bytes]:
     plain = [DECIDED, PROPOSAL, {**PROPOSAL, "trees": [PROPOSAL["tree"], "A"]}]
     bodies = [json.loads(body) for body in _bodies()]
-    words = (b"<think>", b"</think>", b"```json", b"```", *(name.encode() for name in DECIDED))
+    tokens = (b"<think>", b"</think>", b"```json", b"```", *(name.encode() for name in DECIDED))
     inside = st.builds(
         lambda value: as_json({"content": [{"type": "text", "text": as_json(value).decode()}]}),
         values(plain),
@@ -486,7 +486,7 @@ def _answers() -> st.SearchStrategy[bytes]:
         values(plain).map(as_json),
         values(bodies).map(as_json),
         inside,
-        texts([*_bodies(), *map(as_json, plain)], (*words, *WORDS[:30])),
+        texts([*_bodies(), *map(as_json, plain)], (*tokens, *TOKENS[:30])),
     )
 
 
@@ -520,7 +520,7 @@ def _whole_transcript() -> list[bytes]:
 
 
 def _command_lines() -> list[bytes]:
-    return ["\n".join(words).encode() for words in OVERRIDES]
+    return ["\n".join(arguments).encode() for arguments in OVERRIDES]
 
 
 def _still() -> list[bytes]:
@@ -537,9 +537,9 @@ def targets() -> dict[str, Target]:
     """By name, which is also its folder in the corpus."""
     trees, forms = _json_trees(), _declarations()
     return {
-        "language": Target(texts(TREES, WORDS), language, lambda: TREES, 25),
-        "xml": Target(texts(_xml_trees(), XML_WORDS), xml, _xml_trees, 5),
-        "json": Target(_changed(trees, WORDS), json_tree, _json_trees, 5),
+        "language": Target(texts(TREES, TOKENS), language, lambda: TREES, 25),
+        "xml": Target(texts(_xml_trees(), XML_TOKENS), xml, _xml_trees, 5),
+        "json": Target(_changed(trees, TOKENS), json_tree, _json_trees, 5),
         "declaration": Target(_changed(forms), declaration, _declarations, 5),
         "answer": Target(_answers(), answer, _plain_answers, 5),
         "records": Target(damaged_files(), records, _whole_files, 1),

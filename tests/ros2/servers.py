@@ -1,4 +1,4 @@
-"""Servers of ROS 2 for tests: an action that does as its goal says, services, a topic."""
+"""Servers of ROS 2 for tests: an action that follows its goal, services, a topic."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Servers:
         self.cancelled: list[int] = []  # orders of the goals that were cancelled
         self.goals: list[int] = []
         self.near = False
-        self.said: list[str] = []
+        self.calls: list[str] = []
         self._ended = Event()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
@@ -71,7 +71,7 @@ class Servers:
         return Fibonacci.Result()
 
     def _dock(self, _: Any, response: Any) -> Any:
-        self.said.append("dock")
+        self.calls.append("dock")
         response.success = True
         return response
 
@@ -90,7 +90,7 @@ class Servers:
         rclpy.shutdown(context=self._context)
 
 
-if __name__ == "__main__":  # a server that can be killed; it says which goals are cancelled
+if __name__ == "__main__":  # a server that can be killed; it prints the cancelled goals
     servers = Servers()
     print("ready", flush=True)
     sys.stdin.read()

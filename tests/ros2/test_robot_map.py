@@ -34,12 +34,12 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_pages_map(page: Path) -> None:
     """It is read, each entry as its kind."""
-    found = read_map(page / "robot.yaml")
-    assert isinstance(found.actions["Drive"], ActionServer)
-    assert isinstance(found.actions["Dock"], ServiceCall)
-    assert isinstance(found.keys["battery"], TopicKey)
-    assert isinstance(found.keys["person"], ServiceKey)
-    assert found.keys["person"].default is False
+    robot_map = read_map(page / "robot.yaml")
+    assert isinstance(robot_map.actions["Drive"], ActionServer)
+    assert isinstance(robot_map.actions["Dock"], ServiceCall)
+    assert isinstance(robot_map.keys["battery"], TopicKey)
+    assert isinstance(robot_map.keys["person"], ServiceKey)
+    assert robot_map.keys["person"].default is False
 
 
 @pytest.mark.parametrize(
@@ -91,11 +91,11 @@ def test_conditions(tmp_path: Path) -> None:
 
 
 def test_without_rclpy(islandgp: Cli, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The remedy is told, after the map has been read."""
+    """The error has the remedy, after the map has been read."""
     monkeypatch.setattr("islandgp.commands.ros2_command.find_spec", lambda _: None)
-    said = islandgp("ros2", "patrol.bt", "--map", "robot.yaml", "--rate", "10")
-    assert said.code == 2
-    assert "pip install 'islandgp[ros2]'" in said.err
+    result = islandgp("ros2", "patrol.bt", "--map", "robot.yaml", "--rate", "10")
+    assert result.code == 2
+    assert "pip install 'islandgp[ros2]'" in result.err
     (page / "robot.yaml").write_text("{")
     assert "expected YAML" in islandgp("ros2", "patrol.bt", "--map", "robot.yaml").err
 

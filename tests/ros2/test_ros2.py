@@ -1,4 +1,4 @@
-"""`islandgp ros2` against servers of its own, by the real middleware on this machine."""
+"""`islandgp ros2` against test servers, by the real middleware on this machine."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ keys:
 @pytest.fixture
 def servers() -> Iterator[Servers]:
     """Servers in threads of this process."""
-    made = Servers()
-    yield made
-    made.close()
+    instance = Servers()
+    yield instance
+    instance.close()
 
 
 def eventually(holds: Callable[[], bool]) -> bool:
@@ -91,9 +91,9 @@ class Robot:
 
     def ended(self) -> NodeStatus | None:
         """How the tree ended."""
-        found: list[NodeStatus | None] = []
-        self.until(lambda s: found.append(s) or s in (NodeStatus.SUCCESS, NodeStatus.FAILURE))  # type: ignore[func-returns-value]
-        return found[-1]
+        statuses: list[NodeStatus | None] = []
+        self.until(lambda s: statuses.append(s) or s in (NodeStatus.SUCCESS, NodeStatus.FAILURE))  # type: ignore[func-returns-value]
+        return statuses[-1]
 
     def close(self) -> None:
         """Ends the node."""
@@ -105,14 +105,14 @@ class Robot:
 @pytest.fixture
 def robot(tmp_path: Path) -> Iterator[Callable[[str], Robot]]:
     """Starts a robot with the tree of a text."""
-    made: list[Robot] = []
+    robots: list[Robot] = []
 
     def start(text: str) -> Robot:
-        made.append(Robot(tmp_path, text))
-        return made[-1]
+        robots.append(Robot(tmp_path, text))
+        return robots[-1]
 
     yield start
-    for each in made:
+    for each in robots:
         each.close()
 
 
@@ -136,33 +136,33 @@ def test_goals(
     cancelled: list[int],
 ) -> None:
     """They succeed, fail, take too long, are refused, or have no server; the rest is cancelled."""
-    made = robot(text)
-    assert made.ended() == status
-    made.spin(0.3)
+    machine = robot(text)
+    assert machine.ended() == status
+    machine.spin(0.3)
     assert eventually(lambda: servers.cancelled == cancelled)
 
 
 def test_an_abort_cancels_the_goal(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """A key that changes takes over; the server gets the cancellation; the states are published."""
-    made = robot("selector { when battery < 20 { Dock } Wait }")
-    assert made.tree_node.tick() is None  # no message yet
+    machine = robot("selector { when battery < 20 { Dock } Wait }")
+    assert machine.tree_node.tick() is None  # no message yet
     servers.battery.publish(Float32(data=80.0))
 
     def goes(_: object) -> bool:
         servers.battery.publish(Float32(data=80.0))
         return servers.goals == [HANGS]
 
-    assert made.until(goes)
+    assert machine.until(goes)
 
     def docks(_: object) -> bool:
         servers.battery.publish(Float32(data=10.0))
-        return bool(servers.said)
+        return bool(servers.calls)
 
-    assert made.until(docks)
-    made.spin(0.3)
+    assert machine.until(docks)
+    machine.spin(0.3)
     assert eventually(lambda: servers.cancelled == [HANGS])
-    assert any({"node": "Wait", "status": "ABORTED"} in state["nodes"] for state in made.states)
-    assert made.states[0]["waits_for"] == ["battery"]
+    assert any({"node": "Wait", "status": "ABORTED"} in state["nodes"] for state in machine.states)
+    assert machine.states[0]["waits_for"] == ["battery"]
 
 
 @pytest.mark.parametrize(
@@ -211,37 +211,37 @@ def test_arguments_that_do_not_fit(robot: Callable[[str], Robot], text: str, mes
 
 def test_arguments_without_a_vocabulary(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """A whole number of the tree fits an integer field of the goal."""
-    made = robot(f"Drive(order: {FAILS})")
-    assert made.until(lambda _: servers.goals == [FAILS])
+    machine = robot(f"Drive(order: {FAILS})")
+    assert machine.until(lambda _: servers.goals == [FAILS])
 
 
 def test_a_service_is_a_key(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """It is asked again and again."""
-    made = robot("selector { when person { Dock } Wait }")
-    assert made.until(lambda _: servers.goals == [HANGS])
+    machine = robot("selector { when person { Dock } Wait }")
+    assert machine.until(lambda _: servers.goals == [HANGS])
     servers.near = True
-    assert made.until(lambda _: bool(servers.said))
+    assert machine.until(lambda _: bool(servers.calls))
 
 
 def test_a_changed_file_is_loaded(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """Goals of the old tree are cancelled; a file with errors changes nothing."""
-    made = robot("Wait")
-    assert made.until(lambda _: servers.goals == [HANGS])
+    machine = robot("Wait")
+    assert machine.until(lambda _: servers.goals == [HANGS])
     for wrong in ("selector {", "Fly", ""):
-        made.file.write_text(wrong)
-        assert not made.until(lambda _: bool(servers.cancelled), 1.2)
-    made.file.write_text("Dock")
-    assert made.until(lambda _: bool(servers.said))
-    made.spin(0.3)
+        machine.file.write_text(wrong)
+        assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
+    machine.file.write_text("Dock")
+    assert machine.until(lambda _: bool(servers.calls))
+    machine.spin(0.3)
     assert eventually(lambda: servers.cancelled == [HANGS])
 
 
-def start(*words: object, folder: Path) -> subprocess.Popen[str]:
-    """A process of its own."""
+def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
+    """A separate process."""
     root = str(Path(__file__).parents[2])
-    code = f"import sys; sys.path[:] = {[root, *sys.path]!r}; " + str(words[0])
+    code = f"import sys; sys.path[:] = {[root, *sys.path]!r}; " + str(arguments[0])
     return subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, words[1:])],
+        [sys.executable, "-c", code, *map(str, arguments[1:])],
         cwd=folder,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
@@ -259,13 +259,13 @@ def test_a_server_that_dies(tmp_path: Path, robot: Callable[[str], Robot]) -> No
     server = start(SERVERS, folder=tmp_path)
     assert server.stdout is not None
     assert server.stdout.readline() == "ready\n"
-    made = robot("Wait")
-    assert made.until(lambda s: s is NodeStatus.RUNNING)
-    made.until(lambda _: False, 1.5)
+    machine = robot("Wait")
+    assert machine.until(lambda s: s is NodeStatus.RUNNING)
+    machine.until(lambda _: False, 1.5)
     server.kill()
     server.communicate(timeout=20)
     begin = time.monotonic()
-    assert made.until(lambda s: s is NodeStatus.FAILURE, 60)
+    assert machine.until(lambda s: s is NodeStatus.FAILURE, 60)
     assert time.monotonic() - begin < 45  # s; the middleware notices a killed process late
 
 
@@ -274,17 +274,17 @@ def test_ctrl_c_cancels(tmp_path: Path, servers: Servers, number: int) -> None:
     """The command ends with code 130, without a traceback, and its goal is cancelled."""
     (tmp_path / "wait.bt").write_text("Wait")
     (tmp_path / "robot.yaml").write_text(MAP)
-    words = ("ros2", "wait.bt", "--map", "robot.yaml")
-    process = start(COMMAND, *words, folder=tmp_path)
+    arguments = ("ros2", "wait.bt", "--map", "robot.yaml")
+    process = start(COMMAND, *arguments, folder=tmp_path)
     end = time.monotonic() + 30
     while servers.goals != [HANGS] and time.monotonic() < end:
         time.sleep(0.05)
     time.sleep(0.3)
     process.send_signal(number)
-    said, _ = process.communicate(timeout=30)
-    assert process.returncode == 130, said
-    assert "Traceback" not in said
-    assert eventually(lambda: servers.cancelled == [HANGS]), said
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 130, output
+    assert "Traceback" not in output
+    assert eventually(lambda: servers.cancelled == [HANGS]), output
 
 
 def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
@@ -299,6 +299,6 @@ def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
         servers.battery.publish(Float32(data=80.0))
         time.sleep(0.1)
     process.kill()
-    said, _ = process.communicate()
-    assert process.returncode == 0, said
+    output, _ = process.communicate()
+    assert process.returncode == 0, output
     assert servers.goals == [SUCCEEDS]

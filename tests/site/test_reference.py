@@ -18,14 +18,14 @@ GROUPS = (
     "search/breeding", "supervisor", "evaluator", "tracking", "hydra/sweeper", "hydra/launcher",
 )  # fmt: skip
 PACKAGES = {"search": "", "search/breeding": "search.policy.breeding"}
-"""Where the keys of a group's files stand, if not below the group's name."""
+"""The package of the keys of a group's files, if not the group's name."""
 
 
 @pytest.fixture(scope="module")
 def chapters() -> list[Any]:
     """Made once, as it composes each option."""
-    found: list[Any] = reference.chapters()
-    return found
+    all_chapters: list[Any] = reference.chapters()
+    return all_chapters
 
 
 def leaves(value: Any, path: str) -> Iterator[str]:
@@ -41,7 +41,7 @@ def leaves(value: Any, path: str) -> Iterator[str]:
         yield path
 
 
-def given() -> Iterator[tuple[str, Path]]:
+def configured_keys() -> Iterator[tuple[str, Path]]:
     """Each key that a file of `conf` gives, with the file."""
     for group in GROUPS:
         for file in sorted((reference.CONF / group).glob("*.yaml")):
@@ -56,7 +56,7 @@ def given() -> Iterator[tuple[str, Path]]:
 
 @pytest.mark.slow
 def test_every_key_of_every_file_is_there(chapters: list[Any]) -> None:
-    """NAME and N stand for what is a name or a place; a mapping's own keys for the mapping."""
+    """NAME and N match any name or place; a mapping's keys match the mapping."""
     keys = {key.path for chapter in chapters for key in chapter.keys}
     patterns = [
         re.compile(re.escape(key).replace("NAME", r"[^.]+").replace(r"\.N", r"\.\d+") + r"(\..*)?$")
@@ -64,7 +64,7 @@ def test_every_key_of_every_file_is_there(chapters: list[Any]) -> None:
     ]
     missing = [
         f"{file.name}: {path}"
-        for path, file in given()
+        for path, file in configured_keys()
         if not path.endswith(".")
         and not any(pattern.match(path) for pattern in patterns)
         and not any(key.startswith(f"{path}.") for key in keys)

@@ -1,4 +1,4 @@
-"""The documentation's site, and what stands beside the package for other people's tools."""
+"""The documentation's site, and the files beside the package for other tools."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def test_the_site_is_built_without_warnings() -> None:
     if find_spec("zensical") is None:
         pytest.skip("zensical is not installed: pip install 'islandgp[docs]'")
     builder = str(ROOT / ".venv" / "bin" / "zensical")
-    for words in ([sys.executable, "docs/pages.py"], [builder, "build", "--clean", "--strict"]):
-        done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert "arning" not in done.stdout + done.stderr
+    for command in ([sys.executable, "docs/pages.py"], [builder, "build", "--clean", "--strict"]):
+        process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        assert process.returncode == 0, process.stdout + process.stderr
+        assert "arning" not in process.stdout + process.stderr
     site = ROOT / "build" / "site"
     pages = {page.relative_to(ROOT / "build/pages").with_suffix(".html")
              for page in (ROOT / "build/pages").rglob("*.md")}  # fmt: skip
@@ -34,8 +34,8 @@ def test_the_site_is_built_without_warnings() -> None:
     assert "gp.population" in (site / "configuration.html").read_text(encoding="utf-8")
     assert "parse" in (site / "api.html").read_text(encoding="utf-8")
     assert (site / "all_rounder.html").stat().st_size > 50_000
-    found = json.loads(next(site.rglob("search*.json")).read_text(encoding="utf-8"))
-    assert "supervisor" in json.dumps(found)
+    index = json.loads(next(site.rglob("search*.json")).read_text(encoding="utf-8"))
+    assert "supervisor" in json.dumps(index)
 
 
 def test_compose_has_its_three_services() -> None:
@@ -62,11 +62,14 @@ def test_the_image_has_all_that_the_wheel_needs() -> None:
 
 def test_the_citation_is_of_this_version() -> None:
     """The keys that the Citation File Format 1.2.0 requires, and the package's own version."""
-    told = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert {"cff-version", "message", "title", "authors"} <= set(told)
-    assert (told["cff-version"], told["authors"]) == ("1.2.0", [{"name": "The islandgp authors"}])
-    assert (told["version"], told["license"]) == (project["version"], project["license"])
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert (citation["cff-version"], citation["authors"]) == (
+        "1.2.0",
+        [{"name": "The islandgp authors"}],
+    )
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
 
 
 def test_the_workflow_runs_targets_that_exist() -> None:
@@ -84,6 +87,6 @@ def test_the_workflow_runs_targets_that_exist() -> None:
 
 def test_hooks_run_tools_of_the_environment() -> None:
     """No hook comes from another repository."""
-    told = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
-    assert [source["repo"] for source in told["repos"]] == ["local"]
-    assert all(hook["entry"].startswith(".venv/bin/") for hook in told["repos"][0]["hooks"])
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    assert [source["repo"] for source in config["repos"]] == ["local"]
+    assert all(hook["entry"].startswith(".venv/bin/") for hook in config["repos"][0]["hooks"])

@@ -51,7 +51,7 @@ class Result:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Tries all rows, prints them and writes them down.
+    """Tries all rows, prints and saves their results.
 
     Returns 1 where a promise was broken, and 3 where none was, but a row could not be tried.
     """
@@ -64,32 +64,32 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with_own_mounts()
     for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)  # else commands inherit that it is ignored
-    found = []
+    results = []
     for part in options.parts or PARTS:
         for name, attempt in PARTS[part].items():
             if options.only in name:
-                found.append(tried(part, name, attempt))
-                print(line(found[-1]), flush=True)
-                save(found[-1:])
+                results.append(tried(part, name, attempt))
+                print(line(results[-1]), flush=True)
+                save(results[-1:])
                 write_page()
-    print(page.counts([asdict(result) for result in found]))
-    if any(result.failure for result in found):
+    print(page.counts([asdict(result) for result in results]))
+    if any(result.failure for result in results):
         return 1
-    return 3 if any(result.missing for result in found) else 0
+    return 3 if any(result.missing for result in results) else 0
 
 
 def with_own_mounts() -> None:
-    """Starts this program again in a mount name space of its own, where the system lets it."""
+    """Starts this program again in a separate mount name space, if the system allows it."""
     if OWN_MOUNTS in os.environ:
         return
     os.environ[OWN_MOUNTS] = "1"
-    words = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--user", "--map-root-user"])]
+    command = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--user", "--map-root-user"])]
     if (
         shutil.which("unshare") is None
-        or subprocess.run([*words, "true"], capture_output=True).returncode
+        or subprocess.run([*command, "true"], capture_output=True).returncode
     ):
-        return  # rows that need a disk say that they could not be tried
-    os.execvp(words[0], [*words, sys.executable, "-m", "tests.torture", *sys.argv[1:]])
+        return  # rows that need a disk are reported as not tried
+    os.execvp(command[0], [*command, sys.executable, "-m", "tests.torture", *sys.argv[1:]])
 
 
 def tried(part: str, name: str, attempt: Callable[[Lab], Any]) -> Result:
@@ -101,7 +101,7 @@ def tried(part: str, name: str, attempt: Callable[[Lab], Any]) -> Result:
             figure = attempt(lab) or ""
         except Missing as reason:
             missing = str(reason)
-        except Exception as error:  # whatever it is, the other rows are tried as well
+        except Exception as error:  # the other rows are tried after any error
             traceback.print_exc()
             failure = f"{type(error).__name__}: {str(error)[:500]}"
     return Result(
@@ -121,8 +121,8 @@ def tried(part: str, name: str, attempt: Callable[[Lab], Any]) -> Result:
 
 def line(result: Result) -> str:
     """A row for a terminal."""
-    what = result.failure or result.missing or result.figure or "held"
-    return f"{result.part:<12} {result.name:<40} {result.cases:>4}  {result.seconds:>6} s  {what}"
+    ending = result.failure or result.missing or result.figure or "held"
+    return f"{result.part:<12} {result.name:<40} {result.cases:>4}  {result.seconds:>6} s  {ending}"
 
 
 def save(results: Sequence[Result]) -> None:

@@ -30,23 +30,23 @@ def lost_workers(lab: Lab) -> None:
         for number, (_, line) in processes(process.pid).items():
             if line.startswith(("ray::_run", "ray::IDLE")):
                 os.kill(number, signal.SIGKILL)
-    done = lab.end(process)
-    assert done.code == 0, done
-    assert "Traceback" not in done.said, done.said
+    ending = lab.end(process)
+    assert ending.code == 0, ending
+    assert "Traceback" not in ending.output, ending.output
     lab.assert_same(home, RAY)
 
 
 def lost_head(lab: Lab) -> None:
-    """The head of the cluster killed in the middle of a run: told in words, in bounded time."""
+    """The head of the cluster killed in the middle of a run: one message, in bounded time."""
     if find_spec("ray") is None:
         raise Missing("Ray is not installed")
-    words = (*RAY, "gp.generations=1200")  # more than are made until Ray notices: a minute
+    arguments = (*RAY, "gp.generations=1200")  # more than are made until Ray notices: a minute
     for part in ("gcs_server", "raylet/raylet"):
         home = lab.folder()
-        process = start(home, *words)
+        process = start(home, *arguments)
         under_way(home, process)
         for number, (_, line) in processes(process.pid).items():
             if part in line:
                 os.kill(number, signal.SIGKILL)
         assert_refused(lab.end(process), "Ray cluster", "has ended")
-    lab.assert_finishes(home, words)
+    lab.assert_finishes(home, arguments)

@@ -40,8 +40,8 @@ def finished_run(lab: Lab) -> None:
     One that is made from the records is made again where it is missing.
     """
     home = lab.folder()
-    code, said = communicate(start(home, *QUICK))
-    assert code == 0, said
+    code, output = communicate(start(home, *QUICK))
+    assert code == 0, output
     (run,) = (path.parent for path in (home / "runs").rglob("summary.json"))
     for name in FILES:
         for damage in DAMAGES:
@@ -49,12 +49,12 @@ def finished_run(lab: Lab) -> None:
                 continue  # it is not finished then, and goes on
             sound = (run / name).read_bytes()
             damage(run / name)
-            done = lab.run(home, *QUICK)
+            ending = lab.run(home, *QUICK)
             if damage is Path.unlink and name in RESTORABLE:
-                assert done.code == 0, done
+                assert ending.code == 0, ending
                 assert (run / name).read_bytes() == sound
                 continue
-            assert_refused(done, name)
+            assert_refused(ending, name)
             (run / name).write_bytes(sound)
     lab.assert_finishes(home, QUICK)
 
@@ -72,9 +72,9 @@ def unfinished_run(lab: Lab) -> None:
             shutil.copytree(home / "runs", copy / "runs")
             (file,) = (copy / "runs").rglob(name)
             damage(file)
-            done = lab.run(copy, *SLOW)
-            assert "Traceback" not in done.said, done.said
-            if done.code:
-                assert_refused(done)
+            ending = lab.run(copy, *SLOW)
+            assert "Traceback" not in ending.output, ending.output
+            if ending.code:
+                assert_refused(ending)
             else:
                 lab.assert_same(copy, SLOW)

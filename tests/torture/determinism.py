@@ -1,4 +1,4 @@
-"""One run in many ways: its records are the same bytes, whoever does the work and how often."""
+"""One run in many ways: its records are the same bytes, for any workers and restarts."""
 
 from __future__ import annotations
 
@@ -31,68 +31,68 @@ PYTHONS: Final = ("3.12", "3.13")
 
 def digest(home: Path) -> str:
     """Of what `records` returns for the run below a folder."""
-    found = records(home)
-    assert len(found) == 4, sorted(found)
-    whole = b"".join(found[name] for name in sorted(found, key=lambda n: n.rpartition("/")[2]))
-    return hashlib.sha256(whole).hexdigest()
+    files = records(home)
+    assert len(files) == 4, sorted(files)
+    content = b"".join(files[name] for name in sorted(files, key=lambda n: n.rpartition("/")[2]))
+    return hashlib.sha256(content).hexdigest()
 
 
-def digest_of(lab: Lab, *words: str, **how: object) -> str:
+def digest_of(lab: Lab, *arguments: str, **options: object) -> str:
     """The digest of a run in a new folder. Raises AssertionError where it fails."""
     home = lab.folder()
-    code, said = communicate(start(home, *words, **how))  # type: ignore[arg-type] # as `start`
-    assert code == 0, said
+    code, output = communicate(start(home, *arguments, **options))  # type: ignore[arg-type] # as `start`
+    assert code == 0, output
     lab.cases += 1
     return digest(home)
 
 
 def worker_counts(lab: Lab) -> None:
     """In the run's own process; in 1, 2 and 4 workers."""
-    found = {digest_of(lab, *ISLAND, "evaluator=serial")}
-    found |= {digest_of(lab, *ISLAND, f"evaluator.policy.workers={n}") for n in (1, 2, 4)}
-    assert len(found) == 1
+    digests = {digest_of(lab, *ISLAND, "evaluator=serial")}
+    digests |= {digest_of(lab, *ISLAND, f"evaluator.policy.workers={n}") for n in (1, 2, 4)}
+    assert len(digests) == 1
 
 
 def cache(lab: Lab) -> None:
     """With and without the memory for episodes that were seen."""
-    found = {digest_of(lab, *ISLAND, f"evaluator.cache={on}") for on in ("true", "false")}
-    assert len(found) == 1
+    digests = {digest_of(lab, *ISLAND, f"evaluator.cache={on}") for on in ("true", "false")}
+    assert len(digests) == 1
 
 
 def hash_seeds(lab: Lab) -> None:
     """PYTHONHASHSEED 0, 1, 12345 and none."""
     seeds = ("0", "1", "12345", "random")
-    found = {
+    digests = {
         digest_of(lab, *ISLAND, "evaluator.policy.workers=2", env={"PYTHONHASHSEED": seed})
         for seed in seeds
     }
-    assert len(found) == 1
+    assert len(digests) == 1
 
 
 def resumed(lab: Lab) -> None:
     """Stopped after generation 1, 2, 3 and 4, beside a run that was not."""
-    words = (*ISLAND, "evaluator.policy.workers=2", "gp.generations=20")
-    straight = digest_of(lab, *words)
+    arguments = (*ISLAND, "evaluator.policy.workers=2", "gp.generations=20")
+    straight = digest_of(lab, *arguments)
     home = lab.folder()
     for n in range(1, 5):
-        process = start(home, *words)
+        process = start(home, *arguments)
         under_way(home, process, n)
         process.terminate()
-        code, said = communicate(process)
-        assert code == 130, said
+        code, output = communicate(process)
+        assert code == 130, output
         lab.cases += 1
-    code, said = communicate(start(home, *words))
-    assert code == 0, said
+    code, output = communicate(start(home, *arguments))
+    assert code == 0, output
     assert digest(home) == straight
 
 
 def launchers(lab: Lab) -> None:
     """A run alone, in a sweep, and under joblib and submitit where they are installed."""
-    found = {digest_of(lab, *ISLAND), digest_of(lab, *ISLAND, "-m")}
+    digests = {digest_of(lab, *ISLAND), digest_of(lab, *ISLAND, "-m")}
     for name, module in {"local": "joblib", "slurm_try": "submitit"}.items():
         if find_spec(f"hydra_plugins.hydra_{module}_launcher"):
-            found.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
-    assert len(found) == 1
+            digests.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
+    assert len(digests) == 1
 
 
 def ray(lab: Lab) -> None:
@@ -101,19 +101,25 @@ def ray(lab: Lab) -> None:
         raise Missing("Ray is not installed")
     episodes = ("evaluator=ray", "evaluator.policy.address=local", "evaluator.policy.workers=2")
     ways = ((), ("hydra/launcher=cluster", "-m"), episodes)
-    assert len({digest_of(lab, *ISLAND, *words) for words in ways}) == 1
+    assert len({digest_of(lab, *ISLAND, *options) for options in ways}) == 1
 
 
 def domains(lab: Lab) -> None:
     """Each domain in its own process, in 2 workers, and with another PYTHONHASHSEED."""
     path = os.pathsep.join((str(ROOT), str(ROOT / "examples/pick_place")))
-    for name, words in DOMAINS.items():
+    for name, overrides in DOMAINS.items():
         if name in ("cartpole", "lunarlander") and not find_spec("gymnasium"):
             continue
         if name == "minigrid" and not find_spec("minigrid"):
             continue
-        quick = (*words, *SMALL, "gp.generations=3", "supervisor=baseline", "library.folder=null")
-        found = {
+        quick = (
+            *overrides,
+            *SMALL,
+            "gp.generations=3",
+            "supervisor=baseline",
+            "library.folder=null",
+        )
+        digests = {
             digest_of(lab, *quick, "evaluator=serial", env={"PYTHONPATH": path}),
             digest_of(
                 lab,
@@ -122,18 +128,18 @@ def domains(lab: Lab) -> None:
                 env={"PYTHONPATH": path, "PYTHONHASHSEED": "7"},
             ),
         }
-        assert len(found) == 1, name
+        assert len(digests) == 1, name
 
 
 def pythons(lab: Lab) -> None:
     """Other versions of Python, where pyenv has them, with the wheel and this one's packages."""
-    found = {digest_of(lab, *ISLAND, "evaluator.policy.workers=2")}
+    digests = {digest_of(lab, *ISLAND, "evaluator.policy.workers=2")}
     for version in PYTHONS:
         if (python := other_python(lab, version)) is not None:
-            found.add(run_with(lab, python))
+            digests.add(run_with(lab, python))
     if lab.cases == 1:
         raise Missing("there is no other Python here")
-    assert len(found) == 1
+    assert len(digests) == 1
 
 
 def other_python(lab: Lab, version: str) -> Path | None:
@@ -150,11 +156,11 @@ def other_python(lab: Lab, version: str) -> Path | None:
 
 
 def run_with(lab: Lab, python: Path) -> str:
-    """The digest of the same run by another interpreter, which has a package of its own."""
+    """The digest of the same run by another interpreter, with its own package."""
     home = lab.folder()
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    words = [str(python), "-m", "islandgp", *ISLAND, "evaluator.policy.workers=2"]
-    subprocess.run(words, cwd=home, env=env, check=True, capture_output=True)
+    command = [str(python), "-m", "islandgp", *ISLAND, "evaluator.policy.workers=2"]
+    subprocess.run(command, cwd=home, env=env, check=True, capture_output=True)
     lab.cases += 1
     return digest(home)
 
@@ -162,8 +168,8 @@ def run_with(lab: Lab, python: Path) -> str:
 def wheel(lab: Lab) -> Path:
     """This checkout's wheel."""
     folder = lab.folder()
-    words = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    subprocess.run(words, cwd=ROOT, check=True, capture_output=True)
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     return next(folder.glob("*.whl"))
 
 
@@ -174,9 +180,9 @@ def installed(lab: Lab) -> None:
     (library,) = folder.glob("lib/python*/site-packages")
     (library / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     python = folder / "bin/python"
-    words = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
+    command = [sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet"]
     options = ["--no-deps", "--no-index", "--disable-pip-version-check"]
-    subprocess.run([*words, *options, str(wheel(lab))], check=True)
+    subprocess.run([*command, *options, str(wheel(lab))], check=True)
     assert run_with(lab, python) == digest_of(lab, *ISLAND, "evaluator.policy.workers=2")
     shutil.rmtree(folder)
 

@@ -18,10 +18,10 @@ POINTS = 20  # sizes of a disk that is too small
 def disk(folder: Path, kib: int) -> Iterator[None]:
     """A file system of some KiB in a folder; raises Missing where none can be mounted.
 
-    `tests.torture` starts itself in a mount name space of its own: nobody else sees it.
+    `tests.torture` starts itself in a separate mount name space: nobody else sees it.
     """
-    words = ["mount", "-t", "tmpfs", "-o", f"size={kib}k", "islandgp-torture", str(folder)]
-    if shutil.which("mount") is None or subprocess.run(words, capture_output=True).returncode:
+    command = ["mount", "-t", "tmpfs", "-o", f"size={kib}k", "islandgp-torture", str(folder)]
+    if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
         raise Missing("a file system cannot be mounted here")
     try:
         yield
@@ -36,39 +36,39 @@ def enlarge(folder: Path) -> None:
 
 def full_disk(lab: Lab) -> None:
     """Disks from almost nothing to almost enough; then there is room, and the same command."""
-    whole = lab.folder()
-    with disk(whole, 65536):
-        assert lab.run(whole, *QUICK).code == 0
-        needed = shutil.disk_usage(whole).used // 1024
+    large = lab.folder()
+    with disk(large, 65536):
+        assert lab.run(large, *QUICK).code == 0
+        needed = shutil.disk_usage(large).used // 1024
     lab.cases -= 1
     for n in range(POINTS):
         home = lab.folder()
         with disk(home, 4 + (needed - 8) * n // (POINTS - 1)):
-            done = lab.run(home, *QUICK)
-            assert_refused(done, "No space left on device", "give the command again")
+            ending = lab.run(home, *QUICK)
+            assert_refused(ending, "No space left on device", "give the command again")
             enlarge(home)
             lab.assert_finishes(home, QUICK)
 
 
 def full_disk_tracked(lab: Lab) -> None:
     """The same with MLflow's store on the disk: the run may go on without it."""
-    words = tuple(word for word in QUICK if word != "tracking=off")
+    arguments = tuple(word for word in QUICK if word != "tracking=off")
     for kib in (200, 500, 900, 1200):
         home = lab.folder()
         with disk(home, kib):
-            done = lab.run(home, *words, "tracking.policy.patience=2")
-            assert "Traceback" not in done.said, done.said
-            assert done.code in (0, 2), done.said
+            ending = lab.run(home, *arguments, "tracking.policy.patience=2")
+            assert "Traceback" not in ending.output, ending.output
+            assert ending.code in (0, 2), ending.output
             enlarge(home)
-            lab.assert_finishes(home, (*words, "tracking.policy.patience=2"))
+            lab.assert_finishes(home, (*arguments, "tracking.policy.patience=2"))
 
 
 def file_limit(lab: Lab) -> None:
     """`ulimit -f`: no file may grow beyond some KiB."""
     for kib in (1, 2, 8, 16, 32):
         home = lab.folder()
-        done = lab.run(home, *QUICK, prefix=limited(f"ulimit -f {kib}"))
-        assert_refused(done, "File too large")
+        ending = lab.run(home, *QUICK, prefix=limited(f"ulimit -f {kib}"))
+        assert_refused(ending, "File too large")
         lab.assert_finishes(home, QUICK)
 
 
@@ -93,8 +93,8 @@ def read_only_folder(lab: Lab) -> None:
     """A folder that may not be written, before the start and in the middle of a run."""
     home = lab.folder()
     home.chmod(0o555)
-    done = lab.run(home, *QUICK, prefix=powerless())
-    assert_refused(done, "Permission denied")
+    ending = lab.run(home, *QUICK, prefix=powerless())
+    assert_refused(ending, "Permission denied")
     home.chmod(0o755)
     lab.assert_finishes(home, QUICK)
 
@@ -115,16 +115,16 @@ def read_only_folder(lab: Lab) -> None:
 def deleted_folder(lab: Lab) -> None:
     """The working folder before the start; the runs' folder in the middle of a run."""
     home = lab.folder()
-    gone = home / "gone"
-    gone.mkdir()
-    done = lab.run(home, *QUICK, prefix=("bash", "-c", 'cd gone; rmdir ../gone; exec "$@"', "x"))
-    assert_refused(done, "deleted")
+    deleted = home / "gone"
+    deleted.mkdir()
+    ending = lab.run(home, *QUICK, prefix=("bash", "-c", 'cd gone; rmdir ../gone; exec "$@"', "x"))
+    assert_refused(ending, "deleted")
 
-    for what in ("runs", "runs/default"):
+    for name in ("runs", "runs/default"):
         home = lab.folder()
         process = start(home, *SLOW)
         under_way(home, process)
-        (home / what).rename(home / "away")
+        (home / name).rename(home / "away")
         shutil.rmtree(home / "away", ignore_errors=True)  # it is being written to
         assert_refused(lab.end(process), "No such file or directory")
         shutil.rmtree(home / "runs", ignore_errors=True)
@@ -135,10 +135,10 @@ def open_files(lab: Lab) -> None:
     """`ulimit -n`: from too few files for the interpreter to enough."""
     for number in (4, 8, 12, 16, 24, 40, 64):
         home = lab.folder()
-        words = tuple(w for w in QUICK if w not in ("tracking=off",))
-        done = lab.run(home, *words, prefix=limited(f"ulimit -n {number}"))
-        assert done.code in (0, 2) or number < 8, (number, done)
-        lab.assert_finishes(home, words)
+        arguments = tuple(w for w in QUICK if w not in ("tracking=off",))
+        ending = lab.run(home, *arguments, prefix=limited(f"ulimit -n {number}"))
+        assert ending.code in (0, 2) or number < 8, (number, ending)
+        lab.assert_finishes(home, arguments)
 
 
 def memory(lab: Lab) -> None:
@@ -148,9 +148,9 @@ def memory(lab: Lab) -> None:
     """
     for mib in (200, 400, 600, 800):
         home = lab.folder()
-        done = lab.run(home, *REAL, prefix=limited(f"ulimit -v {mib * 1024}"))
-        if done.code:
-            assert_refused(done)
+        ending = lab.run(home, *REAL, prefix=limited(f"ulimit -v {mib * 1024}"))
+        if ending.code:
+            assert_refused(ending)
         lab.assert_finishes(home, REAL)
 
 
@@ -163,8 +163,8 @@ def process_limit(lab: Lab) -> None:
     nobody = ("setpriv", "--reuid", "65534", "--clear-groups", *capable)
     for number in (2, 4, 8, 20):  # with 1, NumPy's OpenBLAS ends the process in its own words
         home = lab.folder()
-        done = lab.run(home, *REAL, prefix=(*nobody, *limited(f"ulimit -u {number}")))
-        if done.code:
-            assert done.code == 2, done  # a child process may show a traceback of its own
-            assert "islandgp: Expected" in done.said, done.said
+        ending = lab.run(home, *REAL, prefix=(*nobody, *limited(f"ulimit -u {number}")))
+        if ending.code:
+            assert ending.code == 2, ending  # a child process may show a traceback of its own
+            assert "islandgp: Expected" in ending.output, ending.output
         lab.assert_finishes(home, REAL)

@@ -30,11 +30,11 @@ class Missing(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class Ending:
     """How a command ended."""
 
     code: int
-    said: str  # both streams
+    output: str  # both streams
     seconds: float
 
 
@@ -51,72 +51,72 @@ class Lab:
     def folder(self) -> Path:
         """A new empty folder."""
         self._folders += 1
-        made = self.root / f"{self._folders}"
-        made.mkdir()
-        return made
+        new = self.root / f"{self._folders}"
+        new.mkdir()
+        return new
 
     def run(
         self,
         home: Path,
-        *words: str,
+        *arguments: str,
         prefix: Sequence[str] = (),
         env: Mapping[str, str] | None = None,
-    ) -> Done:
-        """A command that meets a fault, to its end; `prefix` are the words of a wrapper.
+    ) -> Ending:
+        """A command that meets a fault, to its end; `prefix` is the command of a wrapper.
 
         Raises AssertionError where it does not end in time, or leaves a process behind.
         """
-        return self.end(start(home, *words, prefix=prefix, env=env))
+        return self.end(start(home, *arguments, prefix=prefix, env=env))
 
-    def end(self, process: subprocess.Popen[str]) -> Done:
+    def end(self, process: subprocess.Popen[str]) -> Ending:
         """The same for one that has been started."""
         began = monotonic()
         try:
-            said, _ = process.communicate(timeout=ALLOWED)
+            output, _ = process.communicate(timeout=ALLOWED)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            said, _ = process.communicate()
-            raise AssertionError(f"it did not end in {ALLOWED:g} s: {said}") from None
-        done = Done(process.returncode, said, monotonic() - began)
+            output, _ = process.communicate()
+            raise AssertionError(f"it did not end in {ALLOWED:g} s: {output}") from None
+        ending = Ending(process.returncode, output, monotonic() - began)
         self.cases += 1
-        self.slowest = max(self.slowest, done.seconds)
+        self.slowest = max(self.slowest, ending.seconds)
         until(lambda: not group_members(process.pid), "its processes have ended")
-        return done
+        return ending
 
-    def expected(self, words: Sequence[str]) -> dict[str, bytes]:
+    def expected(self, arguments: Sequence[str]) -> dict[str, bytes]:
         """The records of a command that nothing disturbs."""
-        key = tuple(words)
+        key = tuple(arguments)
         if key not in self._expected:
             home = self.folder()
-            code, said = communicate(start(home, *words))
-            assert code == 0, said
+            code, output = communicate(start(home, *arguments))
+            assert code == 0, output
             self._expected[key] = records(home)
         return self._expected[key]
 
-    def assert_same(self, home: Path, words: Sequence[str]) -> None:
+    def assert_same(self, home: Path, arguments: Sequence[str]) -> None:
         """Asserts that a folder holds the run's records as if nothing had happened."""
-        found = records(home)
-        assert found.keys() == self.expected(words).keys(), sorted(found)
-        assert [n for n, data in found.items() if data != self.expected(words)[n]] == []
+        actual = records(home)
+        assert actual.keys() == self.expected(arguments).keys(), sorted(actual)
+        assert [n for n, data in actual.items() if data != self.expected(arguments)[n]] == []
         assert [str(f) for f in home.rglob(".*.tmp")] == []
 
-    def assert_finishes(self, home: Path, words: Sequence[str]) -> None:
+    def assert_finishes(self, home: Path, arguments: Sequence[str]) -> None:
         """Asserts that the same command, undisturbed now, makes the run what it should be."""
-        code, said = communicate(start(home, *words))
-        assert code == 0, said
-        assert "Traceback" not in said, said
-        self.assert_same(home, words)
+        code, output = communicate(start(home, *arguments))
+        assert code == 0, output
+        assert "Traceback" not in output, output
+        self.assert_same(home, arguments)
 
 
 def start(
     home: Path,
-    *words: str,
+    *arguments: str,
     prefix: Sequence[str] = (),
     env: Mapping[str, str] | None = None,
 ) -> subprocess.Popen[str]:
-    """`PREFIX python -m islandgp WORDS` in `home`, leader of its own process group."""
+    """`PREFIX python -m islandgp ARGUMENTS` in `home`, leader of its own process group."""
     return subprocess.Popen(
-        [*prefix, sys.executable, "-m", "islandgp", *words],
+        [*prefix, sys.executable, "-m", "islandgp", *arguments],
         cwd=home,
         env={**os.environ, "PYTHONPATH": str(ROOT), **(env or {})},
         stdout=subprocess.PIPE,
@@ -128,9 +128,9 @@ def start(
 
 
 def communicate(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code and words of a command that nothing disturbs."""
-    said, _ = process.communicate(timeout=300)
-    return process.returncode, said
+    """Exit code and output of a command that nothing disturbs."""
+    output, _ = process.communicate(timeout=300)
+    return process.returncode, output
 
 
 def records(home: Path) -> dict[str, bytes]:
@@ -138,8 +138,8 @@ def records(home: Path) -> dict[str, bytes]:
 
     Of `summary.json` all but the seconds, which no two runs have in common.
     """
-    found = [path for name in RECORDS for path in (home / "runs").rglob(name)]
-    named = {f"{path.parent.name}/{path.name}": path.read_bytes() for path in found}
+    files = [path for name in RECORDS for path in (home / "runs").rglob(name)]
+    named = {f"{path.parent.name}/{path.name}": path.read_bytes() for path in files}
     for path in (home / "runs").rglob("summary.json"):
         summary = json.loads(path.read_bytes())
         del summary["seconds"]
@@ -147,29 +147,29 @@ def records(home: Path) -> dict[str, bytes]:
     return named
 
 
-def assert_refused(done: Done, *parts: str) -> None:
-    """Asserts exit code 2 and words instead of a traceback, `parts` among them."""
-    assert done.code == 2, (done.code, done.said)
-    assert "islandgp: " in done.said, done.said
-    assert "Traceback" not in done.said, done.said
-    assert [part for part in parts if part not in done.said] == [], done.said
+def assert_refused(ending: Ending, *parts: str) -> None:
+    """Asserts exit code 2 and a message instead of a traceback, with `parts` in it."""
+    assert ending.code == 2, (ending.code, ending.output)
+    assert "islandgp: " in ending.output, ending.output
+    assert "Traceback" not in ending.output, ending.output
+    assert [part for part in parts if part not in ending.output] == [], ending.output
 
 
-def until(happened: Callable[[], bool], what: str, seconds: float = 180) -> None:
+def until(happened: Callable[[], bool], condition: str, seconds: float = 180) -> None:
     """Waits until it has happened; raises AssertionError where it takes too long."""
     end = monotonic() + seconds
     while not happened():
-        assert monotonic() < end, f"not in {seconds:g} s: {what}"
+        assert monotonic() < end, f"not in {seconds:g} s: {condition}"
         sleep(0.01)
 
 
 def under_way(home: Path, process: subprocess.Popen[str], generations: int = 3) -> Path:
     """Waits for a run's first generations; returns its folder."""
 
-    def written() -> bool:
+    def has_generations() -> bool:
         assert process.poll() is None, process.communicate()[0]
         files = list((home / "runs").rglob("generations.jsonl"))
         return bool(files) and files[0].read_bytes().count(b"\n") >= generations
 
-    until(written, f"{generations} generations written")
+    until(has_generations, f"{generations} generations written")
     return next((home / "runs").rglob("generations.jsonl")).parent

@@ -33,10 +33,10 @@ class Sample:
 
 
 def watched(
-    process: subprocess.Popen[str], done: Callable[[], int], every: float = 0.5
+    process: subprocess.Popen[str], count: Callable[[], int], every: float = 0.5
 ) -> list[Sample]:
     """Samples of a process until it ends; `done` counts. Raises AssertionError where it fails."""
-    found = []
+    samples = []
     while process.poll() is None:
         try:
             status = Path(f"/proc/{process.pid}/status").read_text()
@@ -44,21 +44,21 @@ def watched(
         except OSError:
             break  # it has ended between the two looks
         if line := next((li for li in status.splitlines() if li.startswith("VmRSS")), ""):
-            found.append(Sample(int(line.split()[1]) / 1024, files, done()))
+            samples.append(Sample(int(line.split()[1]) / 1024, files, count()))
         sleep(every)
-    said = process.communicate()[0]
-    assert process.returncode == 0, said
-    return found
+    output = process.communicate()[0]
+    assert process.returncode == 0, output
+    return samples
 
 
-def level(samples: Sequence[Sample], whole: int) -> str:
+def level(samples: Sequence[Sample], total: int) -> str:
     """Memory and files as a figure. Raises AssertionError where they grow on and on.
 
     Compared are the second quarter and the last one of the `whole`. At a run's end there is
     more: its best robot is chosen, and statistics are loaded.
     """
-    early = [s for s in samples if whole / 4 <= s.done < whole / 2]
-    late = [s for s in samples if 3 * whole / 4 <= s.done < whole]
+    early = [s for s in samples if total / 4 <= s.done < total / 2]
+    late = [s for s in samples if 3 * total / 4 <= s.done < total]
     assert early, "no sample of the second quarter"
     assert late, "no sample of the last quarter"
     before, after, most = (max(s.mib for s in part) for part in (early, late, samples))
@@ -77,11 +77,11 @@ def generations(home: Path) -> int:
 
 def seconds(home: Path) -> list[list[float]]:
     """How long after one another each run's generations were written, s."""
-    found = []
+    intervals = []
     for file in sorted((home / "runs").rglob("costs.jsonl")):
         at = [json.loads(line)["at"] for line in file.read_text().splitlines()]
-        found.append([(b - a) / 1000 for a, b in pairwise(at)])
-    return found
+        intervals.append([(b - a) / 1000 for a, b in pairwise(at)])
+    return intervals
 
 
 def steady(pace: Sequence[float]) -> str:
@@ -95,8 +95,8 @@ def steady(pace: Sequence[float]) -> str:
 def long_run(lab: Lab) -> str:
     """3,000 generations of 12 individuals."""
     home = lab.folder()
-    words = (*FAST, "gp.population=12", "gp.generations=3000")
-    samples = watched(start(home, *words), lambda: generations(home))
+    arguments = (*FAST, "gp.population=12", "gp.generations=3000")
+    samples = watched(start(home, *arguments), lambda: generations(home))
     lab.cases += 1
     return f"{steady(seconds(home)[0])}; {level(samples, 3000)}"
 
@@ -104,8 +104,8 @@ def long_run(lab: Lab) -> str:
 def large_population(lab: Lab) -> str:
     """A population of 1,000 for 40 generations."""
     home = lab.folder()
-    words = (*FAST, "gp.population=1000", "gp.generations=40")
-    samples = watched(start(home, *words), lambda: generations(home))
+    arguments = (*FAST, "gp.population=1000", "gp.generations=40")
+    samples = watched(start(home, *arguments), lambda: generations(home))
     lab.cases += 1
     return f"{steady(seconds(home)[0])}; {level(samples, 40)}"
 
@@ -113,9 +113,9 @@ def large_population(lab: Lab) -> str:
 def many_runs(lab: Lab) -> str:
     """200 runs in one sweep, tracked by MLflow, in one process."""
     home = lab.folder()
-    words = [word for word in FAST if word != "tracking=off"]
+    arguments = [word for word in FAST if word != "tracking=off"]
     small = ("gp.population=4", "gp.generations=3", "seed=range(200)", "-m")
-    samples = watched(start(home, *words, *small), lambda: generations(home))
+    samples = watched(start(home, *arguments, *small), lambda: generations(home))
     ends = sorted(f.stat().st_mtime for f in (home / "runs").rglob("summary.json"))
     assert len(ends) == 200
     lab.cases += 200

@@ -17,9 +17,9 @@ PAGE: Final = ROOT / "docs" / "reliability.md"
 
 
 def results() -> list[dict[str, Any]]:
-    """What the last attempts came to."""
-    found: list[dict[str, Any]] = json.loads(FILE.read_text(encoding="utf-8"))
-    return found
+    """The results of the last attempts."""
+    rows: list[dict[str, Any]] = json.loads(FILE.read_text(encoding="utf-8"))
+    return rows
 
 
 def write_page() -> None:
@@ -28,11 +28,11 @@ def write_page() -> None:
     PAGE.write_text(with_tables(text, results()), encoding="utf-8")
 
 
-def with_tables(text: str, found: Sequence[dict[str, Any]]) -> str:
+def with_tables(text: str, all_rows: Sequence[dict[str, Any]]) -> str:
     """A page's text with the tables between its markers `<!-- begin PART -->`, `<!-- end -->`."""
 
     def part(match: re.Match[str]) -> str:
-        rows = [row for row in found if row["part"] == match[1]]
+        rows = [row for row in all_rows if row["part"] == match[1]]
         return f"<!-- begin {match[1]} -->\n{TABLES[match[1]](rows)}\n\n{when(rows)}\n<!-- end -->"
 
     names = "|".join(TABLES)
@@ -50,9 +50,9 @@ def counts(rows: Sequence[dict[str, Any]]) -> str:
     """How many rows held, were broken and could not be tried."""
     broken = sum(bool(row["failure"]) for row in rows)
     untried = sum(bool(row["missing"]) for row in rows if not row["failure"])
-    held = len(rows) - broken - untried
-    others = [f"{n} {what}" for n, what in ((broken, "broken"), (untried, "not tried")) if n]
-    return ", ".join([f"{held} of {len(rows)} rows held", *others])
+    passed = len(rows) - broken - untried
+    others = [f"{n} {outcome}" for n, outcome in ((broken, "broken"), (untried, "not tried")) if n]
+    return ", ".join([f"{passed} of {len(rows)} rows held", *others])
 
 
 def when(rows: Sequence[dict[str, Any]]) -> str:

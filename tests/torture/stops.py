@@ -19,36 +19,36 @@ LONG = (*REAL, "gp.generations=60")
 
 def stopping_signals(lab: Lab) -> None:
     """INT, TERM and HUP in a run of one process and in one with workers."""
-    for words in (SLOW, LONG):
+    for arguments in (SLOW, LONG):
         for number in STOPPING:
             home = lab.folder()
-            process = start(home, *words)
+            process = start(home, *arguments)
             under_way(home, process)
             process.send_signal(number)
-            done = lab.end(process)
-            assert done.code == 130, (number, done)
-            assert "stopped; the same command continues the run" in done.said
-            assert "Traceback" not in done.said, done.said
-            lab.assert_finishes(home, words)
+            ending = lab.end(process)
+            assert ending.code == 130, (number, ending)
+            assert "stopped; the same command continues the run" in ending.output
+            assert "Traceback" not in ending.output, ending.output
+            lab.assert_finishes(home, arguments)
 
 
 def ending_signals(lab: Lab) -> None:
-    """Signals that end a process at once, without a word of its own."""
-    for words in (SLOW, LONG):
+    """Signals that end a process at once, without a message."""
+    for arguments in (SLOW, LONG):
         for number in ENDING:
             home = lab.folder()
-            process = start(home, *words)
+            process = start(home, *arguments)
             under_way(home, process)
             process.send_signal(number)
             assert lab.end(process).code == -number
-            lab.assert_finishes(home, words)
+            lab.assert_finishes(home, arguments)
 
 
 def harmless_signals(lab: Lab) -> None:
     """PIPE; TSTP and CONT, as Ctrl-Z and `fg`; WINCH, as a window that changes its size."""
-    for words in (SLOW, LONG):
+    for arguments in (SLOW, LONG):
         home = lab.folder()
-        process = start(home, *words)
+        process = start(home, *arguments)
         under_way(home, process)
         for number in (signal.SIGPIPE, signal.SIGWINCH, signal.SIGTSTP):
             os.killpg(process.pid, number)
@@ -56,9 +56,9 @@ def harmless_signals(lab: Lab) -> None:
         os.killpg(process.pid, signal.SIGSTOP)  # TSTP alone is ignored where no shell is there
         sleep(1)
         os.killpg(process.pid, signal.SIGCONT)
-        done = lab.end(process)
-        assert done.code == 0, done
-        lab.assert_same(home, words)
+        ending = lab.end(process)
+        assert ending.code == 0, ending
+        lab.assert_same(home, arguments)
 
 
 def requeued(lab: Lab) -> None:
@@ -69,10 +69,12 @@ def requeued(lab: Lab) -> None:
         process = start(home, *LONG)
         sleep(moments.uniform(0.05, 2.5))
         process.terminate()
-        done = lab.end(process)
+        ending = lab.end(process)
         # Before the interpreter has come to our code, the signal simply ends it.
-        assert done.code in (0, 130) or (done.code, done.said) == (-signal.SIGTERM, ""), done
-        assert "Traceback" not in done.said, done.said
+        assert ending.code in (0, 130) or (ending.code, ending.output) == (-signal.SIGTERM, ""), (
+            ending
+        )
+        assert "Traceback" not in ending.output, ending.output
     lab.assert_finishes(home, LONG)
 
 
@@ -89,30 +91,34 @@ def killed_workers(lab: Lab) -> None:
     under_way(home, process)
     kills = 0
     while kills < 8:
-        if found := workers_of(process):
-            os.kill(moments.choice(found), signal.SIGKILL)
+        if workers := workers_of(process):
+            os.kill(moments.choice(workers), signal.SIGKILL)
             kills += 1
             under_way(home, process, 3 + 5 * kills)
-    done = lab.end(process)
-    assert done.code == 0, done
+    ending = lab.end(process)
+    assert ending.code == 0, ending
     lab.cases += kills - 1
-    assert "Traceback" not in done.said, done.said
+    assert "Traceback" not in ending.output, ending.output
     lab.assert_same(home, LONG)
 
 
 def silent_worker(lab: Lab) -> None:
-    """A stopped worker, and a simulator that hangs: given up after the time limit, in words."""
+    """A stopped worker, and a simulator that hangs: one message after the time limit."""
     home = lab.folder()
-    words = (*LONG, "evaluator.policy.episode_timeout=2")
-    process = start(home, *words)
+    arguments = (*LONG, "evaluator.policy.episode_timeout=2")
+    process = start(home, *arguments)
     under_way(home, process)
     os.kill(max(workers_of(process)), signal.SIGSTOP)
     assert_refused(lab.end(process), "no answer of its worker in 2 s", "episode_timeout")
-    lab.assert_finishes(home, words)
+    lab.assert_finishes(home, arguments)
 
     home = lab.folder()
     flag = home / "hang"
-    hanging = (*words, "domain.factory=tests.torture.hanging:HangingIsland", "gp.generations=40")
+    hanging = (
+        *arguments,
+        "domain.factory=tests.torture.hanging:HangingIsland",
+        "gp.generations=40",
+    )
     os.environ["ISLAND_HANGS"] = str(flag)
     process = start(home, *hanging)
     under_way(home, process)
@@ -127,11 +133,11 @@ def two_commands(lab: Lab) -> None:
     home = lab.folder()
     all_of_them = [start(home, *SLOW) for _ in range(8)]
     ends = [lab.end(process) for process in all_of_them]
-    assert {done.code for done in ends} == {0, 2}, ends
-    for done in ends:
-        assert "Traceback" not in done.said, done.said
-        if done.code:
-            assert_refused(done, "found another run at work")
+    assert {ending.code for ending in ends} == {0, 2}, ends
+    for ending in ends:
+        assert "Traceback" not in ending.output, ending.output
+        if ending.code:
+            assert_refused(ending, "found another run at work")
     lab.assert_same(home, SLOW)
 
     home = lab.folder()
@@ -139,8 +145,8 @@ def two_commands(lab: Lab) -> None:
     first = start(home, *sweep)
     under_way(home, first)
     assert_refused(lab.run(home, *sweep), "another")
-    code, said = communicate(first)
-    assert code == 0, said
+    code, output = communicate(first)
+    assert code == 0, output
     lab.assert_same(home, sweep)
 
 
@@ -153,13 +159,13 @@ def lost_machine(lab: Lab) -> None:
         if n % 2:
             sleep(moments.uniform(0.1, 2))
         else:
-            under_way(home, process, written(home) + 1)
+            under_way(home, process, recorded_generations(home) + 1)
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate()
         lab.cases += 1
     lab.assert_finishes(home, LONG)
 
 
-def written(home: Path) -> int:
-    """How many generations the run below a folder has."""
+def recorded_generations(home: Path) -> int:
+    """The number of generations of the run below a folder."""
     return sum(f.read_bytes().count(b"\n") for f in (home / "runs").rglob("generations.jsonl"))

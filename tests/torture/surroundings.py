@@ -54,9 +54,9 @@ def clock(lab: Lab) -> None:
         process = start(home, *TRACKED, env=env)
         under_way(home, process, n + 1)
         process.terminate()
-        done = lab.end(process)
-        assert done.code == 130, done
-        assert "Traceback" not in done.said, done.said
+        ending = lab.end(process)
+        assert ending.code == 130, ending
+        assert "Traceback" not in ending.output, ending.output
     lab.assert_finishes(home, TRACKED)
 
     home = lab.folder()
@@ -64,17 +64,17 @@ def clock(lab: Lab) -> None:
     for n, days in enumerate((30, -30, 1000, -1000)):
         under_way(home, process, 2 * n + 1)
         turn(days)
-    done = lab.end(process)
-    assert done.code == 0, done
-    assert "Traceback" not in done.said, done.said
+    ending = lab.end(process)
+    assert ending.code == 0, ending
+    assert "Traceback" not in ending.output, ending.output
     lab.assert_same(home, TRACKED)
 
     home = lab.folder()
     sweep = (*QUICK, "seed=0,1", "-m")
     for days in (400, -400):
         turn(days)
-        done = lab.run(home, *sweep, env=env)
-        assert done.code == 0, done
+        ending = lab.run(home, *sweep, env=env)
+        assert ending.code == 0, ending
         lab.assert_same(home, sweep)
 
 
@@ -92,19 +92,19 @@ def encodings(lab: Lab) -> None:
     ):
         home = lab.folder() / "Räuber Ω"
         home.mkdir()
-        done = lab.run(home, *QUICK, env=env)
-        assert done.code == 0, (env, done)
-        assert "Traceback" not in done.said, done.said
+        ending = lab.run(home, *QUICK, env=env)
+        assert ending.code == 0, (env, ending)
+        assert "Traceback" not in ending.output, ending.output
         lab.assert_same(home, QUICK)
     home = lab.folder() / os.fsdecode(b"no\xff\xe4character")
     home.mkdir()
-    done = lab.run(home, *QUICK)
-    assert done.code == 0, done
-    assert "Traceback" not in done.said, done.said
+    ending = lab.run(home, *QUICK)
+    assert ending.code == 0, ending
+    assert "Traceback" not in ending.output, ending.output
     lab.assert_same(home, QUICK)
     odd = os.fsdecode(b"name=\xff\xfe")
-    done = lab.run(lab.folder(), *QUICK, odd)
-    assert_refused(done, "name")
+    ending = lab.run(lab.folder(), *QUICK, odd)
+    assert_refused(ending, "name")
 
 
 def display(lab: Lab) -> None:
@@ -112,12 +112,12 @@ def display(lab: Lab) -> None:
     for streams in ("2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full", "2>&1 | head -1"):
         home = lab.folder()
         ends = f'"$@" {streams}; exit "${{PIPESTATUS[0]}}"'
-        done = lab.run(home, *QUICK, prefix=("bash", "-c", ends, "bash"))
-        assert done.code == 0, (streams, done)
+        ending = lab.run(home, *QUICK, prefix=("bash", "-c", ends, "bash"))
+        assert ending.code == 0, (streams, ending)
         lab.assert_same(home, QUICK)
     home = lab.folder()
-    done = lab.run(home, *QUICK, prefix=("bash", "-c", '"$@" >/dev/full', "bash"))
-    assert_refused(done, "standard output")
+    ending = lab.run(home, *QUICK, prefix=("bash", "-c", '"$@" >/dev/full', "bash"))
+    assert_refused(ending, "standard output")
     lab.assert_same(home, QUICK)
 
 
@@ -134,7 +134,7 @@ def slow_server(seconds: float = 3.0) -> Iterator[str]:
         do_POST = do_PUT = do_PATCH = do_GET
 
         def log_message(self, format: str, *args: object) -> None:
-            """Says nothing."""
+            """Prints nothing."""
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), Slow)
     server.daemon_threads = True
@@ -148,19 +148,19 @@ def slow_server(seconds: float = 3.0) -> Iterator[str]:
 
 def tracking_server(lab: Lab) -> None:
     """An MLflow server that is away, silent, slow, or answers 500; then `sync` elsewhere."""
-    made: tuple[Callable[[], AbstractContextManager[str]], ...] = (
+    makers: tuple[Callable[[], AbstractContextManager[str]], ...] = (
         servers.refusing,
         servers.stalling,
         servers.broken,
         slow_server,
     )
-    for make in made:
+    for make in makers:
         home = lab.folder()
         with make() as uri:
-            done = lab.run(home, *TRACKED, IMPATIENT, f"tracking.policy.uri={uri}")
-        assert done.code == 0, (make, done)
-        assert "islandgp sync" in done.said
-        assert "Traceback" not in done.said, done.said
+            ending = lab.run(home, *TRACKED, IMPATIENT, f"tracking.policy.uri={uri}")
+        assert ending.code == 0, (make, ending)
+        assert "islandgp sync" in ending.output
+        assert "Traceback" not in ending.output, ending.output
         lab.assert_same(home, SLOW)
         assert_sent(home)
 
@@ -186,10 +186,10 @@ def dying_server(lab: Lab) -> None:
     finally:
         os.killpg(server.pid, signal.SIGKILL)
         server.wait()
-    done = lab.end(process)
-    assert done.code == 0, done
-    assert "islandgp sync" in done.said
-    assert "Traceback" not in done.said, done.said
+    ending = lab.end(process)
+    assert ending.code == 0, ending
+    assert "islandgp sync" in ending.output
+    assert "Traceback" not in ending.output, ending.output
     lab.assert_same(home, SLOW)
     assert_sent(home)
 
@@ -202,9 +202,9 @@ def answers(port: int) -> bool:
 
 def assert_sent(home: Path) -> None:
     """Asserts that `sync` brings the run to a store, each generation once."""
-    where = store(home)
-    assert not sync(home / "runs", where.place).failed
-    (run,) = tracked(where)
+    mlflow_store = store(home)
+    assert not sync(home / "runs", mlflow_store.place).failed
+    (run,) = tracked(mlflow_store)
     assert run.status == "FINISHED", run
     assert [step for step, _ in run.points["fitness/max"]] == list(range(12)), run
 
@@ -212,16 +212,16 @@ def assert_sent(home: Path) -> None:
 def database(lab: Lab) -> None:
     """A database that another program locks, that is no database, or that is a folder."""
     home = lab.folder()
-    code, said = communicate(start(home, *TRACKED, "seed=5"))
-    assert code == 0, said
-    with sqlite3.connect(home / "mlflow.db", isolation_level=None) as held:
-        held.execute("begin exclusive")
-        done = lab.run(home, *TRACKED, IMPATIENT)
-        assert done.code == 0, done
-        assert "islandgp sync" in done.said
-        assert "Traceback" not in done.said, done.said
-        held.execute("rollback")
-    held.close()
+    code, output = communicate(start(home, *TRACKED, "seed=5"))
+    assert code == 0, output
+    with sqlite3.connect(home / "mlflow.db", isolation_level=None) as connection:
+        connection.execute("begin exclusive")
+        ending = lab.run(home, *TRACKED, IMPATIENT)
+        assert ending.code == 0, ending
+        assert "islandgp sync" in ending.output
+        assert "Traceback" not in ending.output, ending.output
+        connection.execute("rollback")
+    connection.close()
     assert not sync(home / "runs", store(home).place).failed
     assert sorted(run.status for run in tracked(store(home))) == ["FINISHED"] * 2
 
@@ -233,11 +233,11 @@ def database(lab: Lab) -> None:
     for spoil in spoils:
         home = lab.folder()
         spoil(home / "mlflow.db")
-        done = lab.run(home, *TRACKED, IMPATIENT)
-        assert done.code in (0, 2), done
-        assert "Traceback" not in done.said, done.said
-        if done.code:
-            assert_refused(done)
+        ending = lab.run(home, *TRACKED, IMPATIENT)
+        assert ending.code in (0, 2), ending
+        assert "Traceback" not in ending.output, ending.output
+        if ending.code:
+            assert_refused(ending)
         else:
             lab.assert_same(home, SLOW)
 

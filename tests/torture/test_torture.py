@@ -21,18 +21,18 @@ from tests.torture.lab import QUICK, Lab, Missing, assert_refused, records
 
 
 def test_the_page_holds_the_results() -> None:
-    """docs/reliability.md is what tests/torture/results.json says; `make torture` writes both."""
+    """docs/reliability.md shows tests/torture/results.json; `make torture` writes both."""
     text = page.PAGE.read_text(encoding="utf-8")
-    found = page.results()
-    assert page.with_tables(text, found) == text
-    assert {(row["part"], row["name"]) for row in found} <= set(rows())
-    assert [row["name"] for row in found if row["failure"]] == []
+    results = page.results()
+    assert page.with_tables(text, results) == text
+    assert {(row["part"], row["name"]) for row in results} <= set(rows())
+    assert [row["name"] for row in results if row["failure"]] == []
     for part in PARTS:
         assert f"<!-- begin {part} -->" in text
 
 
-def test_a_broken_promise_is_told_in_the_page() -> None:
-    """A row that failed, or that could not be tried, says so."""
+def test_a_broken_promise_is_marked_in_the_page() -> None:
+    """A row that failed, or that could not be tried, is marked."""
     row = {**page.results()[0], "failure": "AssertionError: lost"}
     assert "**broken**" in page.faults([row])
     assert "not tried: no disk" in page.faults([{**row, "failure": "", "missing": "no disk"}])
@@ -87,11 +87,11 @@ def test_an_unknown_part(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of bash's and /proc")
 def test_files_that_may_not_grow(tmp_path: Path) -> None:
-    """Exit code 2 in words; with room, the same command makes the same records."""
+    """Exit code 2 and a message; with room, the same command makes the same records."""
     lab = Lab(tmp_path)
     home = lab.folder()
-    done = lab.run(home, *QUICK, prefix=limited("ulimit -f 16"))
-    assert_refused(done, "File too large", "give the command again")
+    ending = lab.run(home, *QUICK, prefix=limited("ulimit -f 16"))
+    assert_refused(ending, "File too large", "give the command again")
     lab.assert_finishes(home, QUICK)
 
 
@@ -104,18 +104,18 @@ def test_files_that_may_not_grow(tmp_path: Path) -> None:
         ImportError("lib.so: failed to map segment from shared object"),
     ],
 )
-def test_a_lack_of_the_systems_is_told_in_words(error: Exception) -> None:
+def test_a_lack_of_the_system_has_a_message(error: Exception) -> None:
     """Also where another error came of it."""
     later = ValueError("something else")
     later.__cause__ = error
-    for found in (error, later):
-        assert shortage(found).startswith("Expected enough memory, processes and open files")
+    for exception in (error, later):
+        assert shortage(exception).startswith("Expected enough memory, processes and open files")
     assert shortage(FileNotFoundError(errno.ENOENT, "gone")) == ""
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGTERM")
 def test_an_error_that_a_signal_led_to_counts_as_ctrl_c() -> None:
-    """Libraries that are interrupted raise errors of their own; one without a signal stays."""
+    """Interrupted libraries raise their own errors; one without a signal stays."""
 
     def interrupted() -> None:
         try:

@@ -32,15 +32,15 @@ class FaultyClient:
     def __init__(self, client: Any, at: int, fault: Fault, *, error: BaseException) -> None:
         """The request `at` fails with `error`; a late one is carried out by `settle`."""
         self.client, self.at, self.fault, self.error = client, at, fault, error
-        self.asked: list[str] = []
+        self.requests: list[str] = []
         self._late: list[Callable[[], object]] = []
 
     def __getattr__(self, name: str) -> Any:
         method = getattr(self.client, name)
 
         def request(*args: Any, **options: Any) -> Any:
-            self.asked.append(name)
-            if len(self.asked) - 1 != self.at:
+            self.requests.append(name)
+            if len(self.requests) - 1 != self.at:
                 return method(*args, **options)
             if self.fault is Fault.UNANSWERED:
                 method(*args, **options)
@@ -69,37 +69,37 @@ Stage = tuple[Path, Status]
 
 def stages(home: Path) -> list[Stage]:
     """Copies of one run's folder as it grows, is stopped, goes on, and is finished."""
-    folder, done = begun(home / "grows/one", home), steps()
-    found: list[Stage] = []
+    folder, all_steps = begun(home / "grows/one", home), steps()
+    copies: list[Stage] = []
 
     def stage(status: Status) -> None:
-        found.append((home / f"stage{len(found)}", status))
-        shutil.copytree(folder.path, found[-1][0])
+        copies.append((home / f"stage{len(copies)}", status))
+        shutil.copytree(folder.path, copies[-1][0])
 
     stage(Status.RUNNING)
-    for step in done[:2]:
+    for step in all_steps[:2]:
         folder.append(step)
     stage(Status.RUNNING)
     folder.fail(ValueError("a fault of the domain"))
     stage(Status.FAILED)
     (folder.path / "error.txt").unlink()
-    for step in done[2:4]:
+    for step in all_steps[2:4]:
         folder.append(step)
     stage(Status.RUNNING)
-    folder.append(done[4])
-    folder.finish(finished(folder, done[4].champion))
+    folder.append(all_steps[4])
+    folder.finish(finished(folder, all_steps[4].champion))
     folder.close()
     stage(Status.FINISHED)
-    return found
+    return copies
 
 
-def live(run: Path, grown: list[Stage], sender: Callable[[], Store]) -> None:
+def live(run: Path, run_stages: list[Stage], sender: Callable[[], Store]) -> None:
     """Sends each stage of a run from the folder `run`, as its processes would.
 
-    After a request that failed the sending of the stage begins anew, as the thread of a run
+    After a request that failed the sending of the stage begins again, as the thread of a run
     does; after a kill the next stage is sent, by another process. `sender` opens the store.
     """
-    for stage, status in grown:
+    for stage, status in run_stages:
         for file in stage.iterdir():
             shutil.copy(file, run / file.name)
         if not (stage / "error.txt").exists():

@@ -25,14 +25,14 @@ SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking
 
 
 def about(name: str, home: Path, *, seed: int = 1, **changes: str) -> RunMetadata:
-    """What is known of a run of that name."""
-    told = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
+    """The metadata of a run of that name."""
+    fields = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
     return RunMetadata(
         title=name,
         home=str(home),
         started=1_700_000_000_000,
         tags={"supervisor": "baseline", "seed": str(seed)},
-        **told,
+        **fields,
     )
 
 
@@ -66,11 +66,11 @@ def written(
 ) -> RunFolder:
     """A closed folder after some generations; with all five the run is finished."""
     folder = begun(path, home, seed=seed)
-    state, done = folder.resume(), steps(seed)[:generations]
-    for step in done[state.generation if state else 0 :]:
+    state, all_steps = folder.resume(), steps(seed)[:generations]
+    for step in all_steps[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(finished(folder, done[-1].champion, validation))
+        folder.finish(finished(folder, all_steps[-1].champion, validation))
     folder.close()
     return folder
 

@@ -28,10 +28,10 @@ def stalling() -> Iterator[str]:
 
 
 class _Broken(BaseHTTPRequestHandler):
-    asked: ClassVar[list[str]] = []  # the credentials of each request
+    credentials: ClassVar[list[str]] = []  # the credentials of each request
 
     def _answer(self) -> None:
-        self.asked.append(self.headers.get("Authorization", ""))
+        self.credentials.append(self.headers.get("Authorization", ""))
         self.send_response(500)
         self.end_headers()
         self.wfile.write(b"out of order")
@@ -39,13 +39,15 @@ class _Broken(BaseHTTPRequestHandler):
     do_GET = do_POST = do_PUT = do_PATCH = _answer
 
     def log_message(self, format: str, *args: object) -> None:
-        """Says nothing."""
+        """Prints nothing."""
 
 
 @contextmanager
-def broken(asked: list[str] | None = None) -> Iterator[str]:
-    """A server that answers 500 to everything; `asked` gets the credentials of each request."""
-    handler = type("Handler", (_Broken,), {"asked": [] if asked is None else asked})
+def broken(credentials: list[str] | None = None) -> Iterator[str]:
+    """A server that answers 500 to everything; `credentials` gets those of each request."""
+    handler = type(
+        "Handler", (_Broken,), {"credentials": [] if credentials is None else credentials}
+    )
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()

@@ -29,8 +29,8 @@ def test_the_table_needs_no_individuals(tmp_path: Path) -> None:
     folder.close()
     tracemalloc.start()
     try:
-        found = {a.name: a.content for a in artifacts(folder)}
-        text = found[TABLE]()  # type: ignore[operator] # a text is made
+        contents = {a.name: a.content for a in artifacts(folder)}
+        text = contents[TABLE]()  # type: ignore[operator] # a text is made
         _, peak = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -41,9 +41,9 @@ def test_the_table_needs_no_individuals(tmp_path: Path) -> None:
 def test_the_table_is_that_of_whole_records(tmp_path: Path) -> None:
     """Nothing of a record is missing that it shows."""
     folder = written(tmp_path / "run", tmp_path)
-    found = {a.name: a.content for a in artifacts(folder)}
-    whole = list(folder.records())
-    assert found[TABLE]() == json.dumps(table(whole))  # type: ignore[operator] # a text is made
+    contents = {a.name: a.content for a in artifacts(folder)}
+    all_records = list(folder.records())
+    assert contents[TABLE]() == json.dumps(table(all_records))  # type: ignore[operator] # a text is made
 
 
 def test_the_replay_is_that_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

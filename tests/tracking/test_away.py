@@ -45,7 +45,7 @@ def tracker(home: Path, uri: str, patience: float) -> MLflow:
 def test_a_server_that_is_away_costs_patience_and_nothing_else(
     server: Callable[[], AbstractContextManager[str]], home: Path, store: Store
 ) -> None:
-    """The end waits no longer than was said (`test_follow`); the message names the remedy."""
+    """The end waits no longer than its patience (`test_follow`); the message names the remedy."""
     folder = begun(home / "runs/a/one", home)
     with server() as uri:
         follows = tracker(home, uri, 1.5)
@@ -53,12 +53,12 @@ def test_a_server_that_is_away_costs_patience_and_nothing_else(
         for step in steps():
             folder.append(step)
             follows.generation()
-        said = follows.finish(Status.FAILED)
+        message = follows.finish(Status.FAILED)
     folder.close()
-    assert f"islandgp sync {folder.path}" in said
-    assert uri in said
-    done = sync(home / "runs", store.place)
-    assert [path.name for path in done.sent] == ["one"]
+    assert f"islandgp sync {folder.path}" in message
+    assert uri in message
+    report = sync(home / "runs", store.place)
+    assert [path.name for path in report.sent] == ["one"]
     (run,) = store.client.search_runs([store.experiment])
     assert len(history(store, run.info.run_id)) == 4
     assert sync(home / "runs", store.place).sent == []
@@ -72,18 +72,18 @@ def test_a_store_deleted_under_way_is_made_again(
     folder = begun(home / "runs/a/one", home)
     follows = tracker(home, "sqlite:///mlflow.db", 120)
     follows.start(folder)
-    done = steps()
-    folder.append(done[0])
+    all_steps = steps()
+    folder.append(all_steps[0])
     follows.generation()
     end = monotonic() + 120
     while not (sent := read_state(folder.path)) or not sent.generations:
         assert monotonic() < end
         sleep(0.05)
     (home / "mlflow.db").unlink()
-    for step in done[1:]:
+    for step in all_steps[1:]:
         folder.append(step)
         follows.generation()
-    folder.finish(finished(folder, done[-1].champion))
+    folder.finish(finished(folder, all_steps[-1].champion))
     assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
     folder.close()
     store = Store(place(home))
@@ -114,14 +114,14 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     (off.path / "config.yaml").write_text(config)
     bad = written(home / "runs/a/bad", home, 2)
     (bad.path / "generations.jsonl").write_text("nonsense\n")
-    done = sync(home / "runs")
-    assert [path.name for path in done.sent] == ["one", "two"]
-    assert [path.name for path in done.untracked] == ["off"]
-    assert [path.name for path in done.failed] == ["bad"]
+    report = sync(home / "runs")
+    assert [path.name for path in report.sent] == ["one", "two"]
+    assert [path.name for path in report.untracked] == ["off"]
+    assert [path.name for path in report.failed] == ["bad"]
     again = sync(home / "runs")
     assert [path.name for path in again.known] == ["one", "two"]
-    found = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
-    assert (found["one"].info.status, found["two"].info.status) == ("FINISHED", "KILLED")
+    runs = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
+    assert (runs["one"].info.status, runs["two"].info.status) == ("FINISHED", "KILLED")
 
 
 @sweep(
@@ -137,7 +137,7 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     ],
     quick=2,
 )
-def test_a_damaged_folder_is_told_and_stops_no_other(
+def test_a_damaged_folder_is_reported_and_stops_no_other(
     file: str, text: str, home: Path, store: Store
 ) -> None:
     """Its neighbours are sent, whichever of its files cannot be read."""
@@ -145,13 +145,13 @@ def test_a_damaged_folder_is_told_and_stops_no_other(
     sync(home / "runs")
     (bad.path / file).write_text(text)
     written(home / "runs/a/one", home)
-    done = sync(home / "runs")
-    assert home / "runs/a/one" in done.sent
-    assert [*done.failed] == ([] if file == "tracking.json" else [bad.path])
+    report = sync(home / "runs")
+    assert home / "runs/a/one" in report.sent
+    assert [*report.failed] == ([] if file == "tracking.json" else [bad.path])
     assert len(store.client.search_runs([store.experiment])) == 2
 
 
-def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> None:
+def test_a_run_of_version_0_1_is_one_line(home: Path, store: Store) -> None:
     """It names no domain, and its records hold other things than the store is sent."""
     folder = written(home / "runs/a/one", home)
     text = plain(*SMALL)
@@ -162,32 +162,32 @@ def test_a_run_of_version_0_1_is_told_in_a_line(home: Path, store: Store) -> Non
     assert "found one of version 0.1" in str(error)
 
 
-def test_a_damaged_sweep_is_told_and_stops_no_other(home: Path) -> None:
+def test_a_damaged_sweep_is_reported_and_stops_no_other(home: Path) -> None:
     """The runs in it, which cannot find their parent, wait as well; those of another are sent."""
     written(home / "runs/a/one", home)
     (home / "runs/a/sweep.json").write_text("{}")
-    done = sync(home / "runs")
-    assert set(done.failed) == {home / "runs/a", home / "runs/a/one"}
+    report = sync(home / "runs")
+    assert set(report.failed) == {home / "runs/a", home / "runs/a/one"}
     written(home / "runs/b/two", home)
     assert [path.name for path in sync(home / "runs").sent] == ["two"]
 
 
-def test_the_command_tells_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
+def test_the_command_reports_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
     """With its file and the remedy, and exit code 2; the folders after it are sent."""
     bad = written(home / "runs/a/bad", home)
     (bad.path / "about.json").write_text("{}")
     written(home / "others/one", home)
-    said = islandgp("sync", home / "runs", home / "others")
-    assert said.code == 2
-    assert "1 sent, 0 were there already" in said.out
-    assert "correct what each line names" in said.err
-    assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in said.out
-    assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in said.err
-    assert "Traceback" not in said.err
+    result = islandgp("sync", home / "runs", home / "others")
+    assert result.code == 2
+    assert "1 sent, 0 were there already" in result.out
+    assert "correct what each line names" in result.err
+    assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in result.out
+    assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in result.err
+    assert "Traceback" not in result.err
 
 
 def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store: Store) -> None:
-    """Nobody could say so at the time; `sync` sees that nobody is at work and says it."""
+    """Its end was not recorded; `sync` sees that no process is at work and records it."""
     folder = begun(home / "runs/a/one", home)
     folder.append(steps()[0])
     run = RunUploader(folder, store).send(Status.RUNNING)
@@ -206,15 +206,15 @@ def test_ctrl_c_leaves_a_server_that_does_not_answer(which: signal.Signals, tmp_
         uri = f"tracking.policy.uri={address}"
         run = start(tmp_path, *TINY, *fake("Instant"), uri, "tracking.policy.patience=300")
         assert run.stdout is not None
-        said = ""
-        while "Ctrl-C leaves" not in said and (line := run.stdout.readline()):
-            said += line
+        output = ""
+        while "Ctrl-C leaves" not in output and (line := run.stdout.readline()):
+            output += line
         os.killpg(run.pid, which)
         code, rest = finish(run)
-    assert code == 0, said + rest
+    assert code == 0, output + rest
     assert "has not received all records (waiting was interrupted)" in rest
     assert " sync " in rest
-    assert "Traceback" not in said + rest
+    assert "Traceback" not in output + rest
     assert group_members(run.pid) == []
 
 
@@ -227,11 +227,11 @@ def test_two_runs_share_a_store_that_neither_finds(tmp_path: Path) -> None:
     ]
     ends = [finish(run) for run in runs]
     assert [code for code, _ in ends] == [0, 0], ends
-    found = tracked(open_store(tmp_path))
-    assert [run.status for run in found] == ["FINISHED"] * 2
-    for run in found:
+    tracked_runs = tracked(open_store(tmp_path))
+    assert [run.status for run in tracked_runs] == ["FINISHED"] * 2
+    for run in tracked_runs:
         assert [step for step, _ in run.points["fitness/max"]] == list(range(6))
-    assert found[0].points == found[1].points
+    assert tracked_runs[0].points == tracked_runs[1].points
 
 
 @pytest.mark.slow
@@ -242,7 +242,7 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
     home.mkdir()
     Store(place(tmp_path))  # the server's own file
     server = _serve(tmp_path, port)
-    words = (
+    overrides = (
         "supervisor=baseline",
         "gp.population=8",
         "gp.generations=30",
@@ -253,19 +253,19 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
         "tracking.policy.patience=3",
         "progress=off",
     )
-    run = start(home, *words)
+    run = start(home, *overrides)
     remote = Store(Place(uri, None, "islandgp"))
     _until(lambda: bool(remote.client.search_runs([remote.experiment])))
     _kill(server)
-    code, said = finish(run)
-    assert code == 0, said
-    assert "islandgp sync" in said
+    code, output = finish(run)
+    assert code == 0, output
+    assert "islandgp sync" in output
     server = _serve(tmp_path, port)
     try:
         sync(home / "runs", Place(uri, None, "islandgp"))
-        (found,) = remote.client.search_runs([remote.experiment])
-        assert found.info.status == "FINISHED"
-        assert [step for step, _ in history(remote, found.info.run_id)] == list(range(30))
+        (stored,) = remote.client.search_runs([remote.experiment])
+        assert stored.info.status == "FINISHED"
+        assert [step for step, _ in history(remote, stored.info.run_id)] == list(range(30))
     finally:
         _kill(server)
 

@@ -29,62 +29,62 @@ PIECE = "s3cret"
 BASIC = "Basic " + b64encode(b"me:s3cret-w@rd").decode()
 
 
-def secret_words(how: str, address: str, home: Path) -> list[str]:
+def secret_overrides(source: str, address: str, home: Path) -> list[str]:
     """Overrides of a command in `home` that send to the address, with the password in it."""
     uri = address.replace("://", f"://me:{PASSWORD}@")
-    words = [*TINY, *fake("Instant"), f"tracking.policy.uri={uri}"]
-    if how == "file":
+    overrides = [*TINY, *fake("Instant"), f"tracking.policy.uri={uri}"]
+    if source == "file":
         conf = home.parent / "conf/tracking"
         conf.mkdir(parents=True)
         (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
         (home / "conf").symlink_to(conf.parent)
-        words[-1:] = ["tracking=mine", "--config-dir", "conf"]
-    if how in ("sweep", "joblib"):
-        words += ["seed=0,1", "-m"]
-    if how == "joblib":  # the jobs' processes send, and at the end this one
-        words += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    return words
+        overrides[-1:] = ["tracking=mine", "--config-dir", "conf"]
+    if source in ("sweep", "joblib"):
+        overrides += ["seed=0,1", "-m"]
+    if source == "joblib":  # the jobs' processes send, and at the end this one
+        overrides += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    return overrides
 
 
-def check_secret(home: Path, said: str, asked: list[str]) -> None:
+def check_secret(home: Path, output: str, credentials: list[str]) -> None:
     """The server got the password; no file below the folder and no line has a piece of it."""
-    assert set(asked) == {BASIC}
-    assert PIECE not in said
+    assert set(credentials) == {BASIC}
+    assert PIECE not in output
     assert "***@127.0.0.1" in (next(home.rglob("config.yaml"))).read_text()
     assert [f for f in home.rglob("*") if f.is_file() and PIECE in f.read_text()] == []
 
 
-@sweep("how", ["command", "file"], quick=1)
+@sweep("source", ["command", "file"], quick=1)
 def test_only_the_server_gets_the_password(
-    how: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """A run in this process."""
-    home, asked = tmp_path / "home", list[str]()
+    home, credentials = tmp_path / "home", list[str]()
     home.mkdir()
     monkeypatch.chdir(home)
-    with servers.broken(asked) as address:
-        words = secret_words(how, address, home)
-        assert main([*words, "gp.generations=2", "tracking.policy.patience=2"]) == 0
-    check_secret(home, "".join(capfd.readouterr()), asked)
+    with servers.broken(credentials) as address:
+        overrides = secret_overrides(source, address, home)
+        assert main([*overrides, "gp.generations=2", "tracking.policy.patience=2"]) == 0
+    check_secret(home, "".join(capfd.readouterr()), credentials)
 
 
 @pytest.mark.process
 @pytest.mark.slow
-@pytest.mark.parametrize("how", ["command", "sweep", "joblib", "file"])
-def test_only_the_server_gets_the_password_of_a_process(how: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("source", ["command", "sweep", "joblib", "file"])
+def test_only_the_server_gets_the_password_of_a_process(source: str, tmp_path: Path) -> None:
     """Runs and sweeps as a user starts them."""
-    home, asked = tmp_path / "home", list[str]()
+    home, credentials = tmp_path / "home", list[str]()
     home.mkdir()
-    with servers.broken(asked) as address:
-        words = secret_words(how, address, home)
-        code, said = finish(start(home, *words, "tracking.policy.patience=15"))
-    assert code == 0, said
-    check_secret(home, said, asked)
+    with servers.broken(credentials) as address:
+        overrides = secret_overrides(source, address, home)
+        code, output = finish(start(home, *overrides, "tracking.policy.patience=15"))
+    assert code == 0, output
+    check_secret(home, output, credentials)
 
 
-@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("trusted", [True, False])
 def test_a_sweep_s_end_knows_what_the_folders_lack(
-    given: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trusted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The jobs' processes may have sent nothing: each request of the last one has the password.
 
@@ -93,29 +93,29 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
     for name in ("USERNAME", "PASSWORD"):
         monkeypatch.setenv(f"MLFLOW_TRACKING_{name}", "")
     folder = written(tmp_path / "sweep/one", tmp_path)
-    asked: list[str] = []
-    with servers.broken(asked) as address:
+    credentials: list[str] = []
+    with servers.broken(credentials) as address:
         hidden = address.replace("://", "://***@")
         config = folder.configuration()
         config["tracking"]["policy"]["uri"] = hidden
         (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
         add_to_manifest(folder.path, "config.yaml")
-        own = MLflowSettings(
+        settings = MLflowSettings(
             uri=address.replace("://", f"://me:{PASSWORD}@"),
             artifacts="a",
             experiment="islandgp",
             patience=0,
         )
-        names = frozenset({address} if given else ())
-        places = (Place.of(own, tmp_path),) if given else ()
+        names = frozenset({address} if trusted else ())
+        places = (Place.of(settings, tmp_path),) if trusted else ()
         request = SyncRequest(str(tmp_path), places, trusted=names)
         requests: Queue[SyncRequest | None] = Queue()
         requests.put(SyncRequest.from_line(request.to_line()))
         requests.put(None)
         events: list[SyncEvent] = []
         Follower(events.append).run(requests)
-    assert set(asked) == ({BASIC} if given else set())
-    assert [PIECE in repr(place) for place in request.places] == [False] * given
+    assert set(credentials) == ({BASIC} if trusted else set())
+    assert [PIECE in repr(place) for place in request.places] == [False] * trusted
 
 
 def test_a_server_that_only_a_folder_names_is_not_asked(
@@ -125,15 +125,15 @@ def test_a_server_that_only_a_folder_names_is_not_asked(
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "me")
     folder = written(tmp_path / "one", tmp_path)
     config = folder.configuration()
-    asked: list[str] = []
-    with servers.broken(asked) as address, trusting():
+    credentials: list[str] = []
+    with servers.broken(credentials) as address, trusting():
         config["tracking"]["policy"]["uri"] = address
         (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
         add_to_manifest(folder.path, "config.yaml")
-        for words in (["sync", str(tmp_path)], ["ui", "--runs", str(tmp_path)]):
-            result = CliRunner().invoke(islandgp, words)
+        for arguments in (["sync", str(tmp_path)], ["ui", "--runs", str(tmp_path)]):
+            result = CliRunner().invoke(islandgp, arguments)
             assert f"give --uri {address}" in str(result.exception)
-        assert asked == []
+        assert credentials == []
         monkeypatch.setenv("MLFLOW_TRACKING_URI", f"{address}/")
         assert place_of(folder) is not None
         monkeypatch.delenv("MLFLOW_TRACKING_URI")
@@ -146,7 +146,7 @@ def test_a_server_that_only_a_folder_names_is_not_asked(
         assert place_of(folder) is not None
 
 
-def test_each_store_has_its_own_password(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_store_has_its_password(monkeypatch: pytest.MonkeyPatch) -> None:
     """The one of an address is not sent to the next store, which gets the user's variables."""
     _authenticate(Place("http://two", None, "e"))
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "outside")
@@ -158,19 +158,19 @@ def test_each_store_has_its_own_password(monkeypatch: pytest.MonkeyPatch) -> Non
     assert [os.environ.get(variable) for variable in ACCOUNT] == ["outside", None]
 
 
-def test_a_wrong_address_is_told_without_its_password(
+def test_a_wrong_address_is_reported_without_its_password(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The message of a mistake shows the value that is wrong."""
     monkeypatch.chdir(tmp_path)
     assert main([f"tracking.policy.uri=ftp://me:{PASSWORD}@host"]) == 2
-    said = "".join(capfd.readouterr())
-    assert "ftp://***@host" in said
-    assert PIECE not in said
+    output = "".join(capfd.readouterr())
+    assert "ftp://***@host" in output
+    assert PIECE not in output
 
 
 @pytest.mark.parametrize(
-    ("text", "shown"),
+    ("text", "redacted_text"),
     [
         ("http://me:pass@host:5000/x", "http://***@host:5000/x"),
         ("see https://a:b@c@host, and http://host", "see https://***@host, and http://host"),
@@ -178,10 +178,13 @@ def test_a_wrong_address_is_told_without_its_password(
         ("sqlite:////home/a@b/mlflow.db", "sqlite:////home/a@b/mlflow.db"),
     ],
 )
-def test_which_addresses_hold_credentials(text: str, shown: str) -> None:
-    """What stands before an @ and the first slash; paths stay as they are."""
-    assert without_credentials(text) == shown
-    assert redacted({"a": {"b": [text]}, "c": text}) == {"a": {"b": [shown]}, "c": shown}
+def test_which_addresses_hold_credentials(text: str, redacted_text: str) -> None:
+    """What is before an @ and the first slash; paths stay as they are."""
+    assert without_credentials(text) == redacted_text
+    assert redacted({"a": {"b": [text]}, "c": text}) == {
+        "a": {"b": [redacted_text]},
+        "c": redacted_text,
+    }
 
 
 def test_a_place_is_the_same_with_and_without_credentials(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""MLflow's history of a run is that of an undisturbed one, whatever request of it is lost."""
+"""MLflow's history of a run is that of an undisturbed one, for any lost request."""
 
 from __future__ import annotations
 
@@ -15,55 +15,55 @@ from islandgp.tracking.store import Store
 from islandgp.tracking.sync import sync
 from tests.tracking.faults import Fault, Faulty, Killed, Stage, live, picture, stages
 from tests.tracking.folders import place, written
-from tests.tracking.test_sweep_folder import job, opened, send
+from tests.tracking.test_sweep_folder import job, send, started_sweep
 
 NEVER = 10**9
 
 
 @pytest.fixture(scope="module")
-def grown(tmp_path_factory: pytest.TempPathFactory) -> list[Stage]:
+def run_stages(tmp_path_factory: pytest.TempPathFactory) -> list[Stage]:
     """The stages of one run's folder: begun, going on, failed, gone on with, finished."""
     return stages(tmp_path_factory.mktemp("grown"))
 
 
 class Lives:
-    """Lives of that run, each with a folder and a store of its own."""
+    """Lives of that run, each with its own folder and store."""
 
     def __init__(self, grown: list[Stage], template: Path, home: Path) -> None:
-        self.grown, self.template, self.home, self.lived = grown, template, home, 0
+        self.run_stages, self.template, self.home, self.lived = grown, template, home, 0
 
     def undisturbed(self) -> tuple[object, list[str]]:
         """As `after`."""
         return self.after(NEVER, Fault.LOST, Killed())
 
     def after(self, at: int, fault: Fault, error: BaseException) -> tuple[object, list[str]]:
-        """What `sync` leaves in the store after a life with that fault, and what was asked."""
+        """The store's history after a life with that fault and `sync`, and the requests."""
         self.lived += 1
         home = self.home / str(self.lived)
         run = home / "runs/a/one"
         run.mkdir(parents=True)
         shutil.copy(self.template, home / "mlflow.db")
         store = Faulty(place(home), at, fault, error)
-        live(run, self.grown, lambda: store)
+        live(run, self.run_stages, lambda: store)
         store.client.settle()
         sync(home / "runs", store.place)
         again = sync(home / "runs", store.place)
         assert (again.sent, again.failed) == ([], {})
-        found = picture(Store(store.place))
+        history = picture(Store(store.place))
         shutil.rmtree(home)
-        return found, store.client.asked
+        return history, store.client.requests
 
 
 @pytest.fixture
-def lives(grown: list[Stage], template: Path, tmp_path: Path) -> Lives:
+def lives(run_stages: list[Stage], template: Path, tmp_path: Path) -> Lives:
     """None yet."""
-    return Lives(grown, template, tmp_path)
+    return Lives(run_stages, template, tmp_path)
 
 
 MOMENTS = (
     ("create_run", 0, Fault.UNANSWERED),
     ("create_run", 0, Fault.LATE),
-    ("update_run", 1, Fault.LATE),  # it says RUNNING
+    ("update_run", 1, Fault.LATE),  # it sets RUNNING
     ("log_batch", 2, Fault.LATE),  # the first generations
     ("set_terminated", 0, Fault.LATE),
     ("log_batch", -1, Fault.UNANSWERED),  # the points of the whole run
@@ -77,12 +77,12 @@ def test_a_request_that_fails_changes_nothing_in_the_end(
 ) -> None:
     """Status, times, parameters, tags and every point; no second run. Files: the slow test."""
     monkeypatch.setattr(upload, "artifacts", lambda _: [Artifact("a.txt", lambda: "a")])
-    undisturbed, asked = lives.undisturbed()
+    undisturbed, requests = lives.undisturbed()
     for name, nth, fault in MOMENTS:
-        at = [i for i, other in enumerate(asked) if other == name][nth]
+        at = [i for i, other in enumerate(requests) if other == name][nth]
         error = Killed() if at % 2 else ConnectionError("reset")
-        found, _ = lives.after(at, fault, error)
-        assert found == undisturbed, (name, nth, fault)
+        history, _ = lives.after(at, fault, error)
+        assert history == undisturbed, (name, nth, fault)
 
 
 @pytest.mark.slow
@@ -91,12 +91,12 @@ def test_a_request_that_fails_changes_nothing_in_the_end(
 @pytest.mark.parametrize("error", [ConnectionError("reset"), Killed()], ids=["error", "killed"])
 def test_any_request_may_fail(lives: Lives, fault: Fault, error: BaseException) -> None:
     """Each request of a life, one life for each: also the files are the same to the byte."""
-    undisturbed, asked = lives.undisturbed()
-    for at, name in enumerate(asked):
+    undisturbed, requests = lives.undisturbed()
+    for at, name in enumerate(requests):
         if fault is Fault.LATE and name in ("log_artifact", "log_text", "set_tag"):
-            continue  # an older text that arrives after a newer one: nobody can tell
-        found, _ = lives.after(at, fault, error)
-        assert found == undisturbed, (at, name)
+            continue  # an older text that arrives after a newer one cannot be noticed
+        history, _ = lives.after(at, fault, error)
+        assert history == undisturbed, (at, name)
 
 
 @pytest.mark.slow
@@ -107,7 +107,7 @@ def test_any_request_of_a_sweep_may_fail(fault: Fault, template: Path, tmp_path:
     jobs = [job("one-seed0"), job("one-seed1", seed=1)]
     for entry in jobs:
         written(tmp_path / "runs/a" / entry.folder, tmp_path, seed=entry.seed)
-    opened(tmp_path / "runs/a", *jobs)
+    started_sweep(tmp_path / "runs/a", *jobs)
 
     def after(at: int) -> tuple[object, list[str]]:
         home = tmp_path / f"home{at}"
@@ -119,11 +119,11 @@ def test_any_request_of_a_sweep_may_fail(fault: Fault, template: Path, tmp_path:
         store.client.settle()
         sync(home / "runs", store.place)
         sync(home / "runs", store.place)
-        found = picture(Store(store.place))
+        history = picture(Store(store.place))
         shutil.rmtree(home)
-        return found, store.client.asked
+        return history, store.client.requests
 
-    undisturbed, asked = after(NEVER)
-    for at, name in enumerate(asked):
+    undisturbed, requests = after(NEVER)
+    for at, name in enumerate(requests):
         if fault is not Fault.LATE or name not in ("log_artifact", "log_text", "set_tag"):
             assert after(at)[0] == undisturbed, (at, name)

@@ -15,7 +15,7 @@ from tests.tracking.folders import about, begun, steps, written
 
 
 def test_status_is_read_from_the_folder(tmp_path: Path) -> None:
-    """At work, stopped, failed, finished: whatever became of the process."""
+    """At work, stopped, failed, finished: after any end of the process."""
     folder = begun(tmp_path / "one", tmp_path)
     assert RunFolder(folder.path).status() is Status.RUNNING
     folder.close()
@@ -36,7 +36,7 @@ def test_one_process_writes_at_a_time(tmp_path: Path) -> None:
 
 
 def test_an_error_is_forgotten_when_the_run_goes_on(tmp_path: Path) -> None:
-    """`error.txt` tells why a run stands still, not what once happened."""
+    """`error.txt` has the reason why a run is stopped, not an earlier one."""
     folder = written(tmp_path / "one", tmp_path, 2)
     folder.fail(EvaluationError("trouble"))
     begun(folder.path, tmp_path).close()
@@ -44,15 +44,15 @@ def test_an_error_is_forgotten_when_the_run_goes_on(tmp_path: Path) -> None:
 
 
 def test_an_error_has_its_message_first_and_then_its_origin(tmp_path: Path) -> None:
-    """One line says why; the file holds the traceback too."""
+    """One line has the reason; the file holds the traceback too."""
     folder = RunFolder(tmp_path)
     folder.fail(EvaluationError("Expected an outcome, found trouble."))
     assert folder.reason() == "Expected an outcome, found trouble."
     assert "islandgp.errors.EvaluationError: Expected an outcome" in folder.error()
 
 
-def test_a_fault_of_the_program_is_told_by_its_last_line(tmp_path: Path) -> None:
-    """A traceback's first line says nothing."""
+def test_a_fault_of_the_program_is_reported_by_its_last_line(tmp_path: Path) -> None:
+    """A traceback's first line has no reason."""
     folder = RunFolder(tmp_path)
     try:
         _ = 1 / 0
@@ -66,12 +66,12 @@ def test_what_was_written_after_the_checkpoint_is_cut_off(tmp_path: Path, torn: 
     """However a process died, the next one starts from whole lines up to the checkpoint."""
     folder = written(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
-    whole = file.read_bytes()
-    file.write_bytes(whole + torn)
+    content = file.read_bytes()
+    file.write_bytes(content + torn)
     state = folder.resume()
     assert state is not None
     assert state.generation == 3
-    assert file.read_bytes() == whole
+    assert file.read_bytes() == content
 
 
 def test_a_finished_run_is_not_cut(tmp_path: Path) -> None:
@@ -121,23 +121,23 @@ def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
     assert len(list(folder.records())) == 2
 
 
-def told(folder: RunFolder) -> tuple[int, list[str]]:
-    """The generation from which a run goes on, and what it says to that."""
+def resumed_from(folder: RunFolder) -> tuple[int, list[str]]:
+    """The generation from which a run continues, and the lines that it prints."""
     lines: list[str] = []
     state = folder.resume(lines.append)
     return (state.generation if state else 0), lines
 
 
 def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
-    """The one before it is taken, and that is said; then the records are the same again."""
+    """The one before it is taken, with a message; then the records are the same again."""
     folder = written(tmp_path / "one", tmp_path, 4)
     records = (folder.path / "generations.jsonl").read_bytes()
     (folder.path / "checkpoint.json").write_text("{")
-    generation, (line,) = told(folder)
+    generation, (line,) = resumed_from(folder)
     assert generation == 3
     assert re.search(r"checkpoint\.json, found a damaged file.*; going on from .* 3\.$", line)
     folder.append(steps()[3])
-    assert told(folder) == (4, [])
+    assert resumed_from(folder) == (4, [])
     assert (folder.path / "generations.jsonl").read_bytes() == records
 
 
@@ -146,7 +146,7 @@ def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path
     folder = written(tmp_path / "one", tmp_path, 4)
     (folder.path / "checkpoint.json").unlink()
     assert folder.completed_generations() == 3
-    generation, (line,) = told(folder)
+    generation, (line,) = resumed_from(folder)
     assert generation == 3
     assert line.startswith(f"There is no {folder.path / 'checkpoint.json'};")
 
@@ -173,11 +173,11 @@ def test_generations_without_a_checkpoint_are_not_thrown_away(tmp_path: Path) ->
     assert (folder.path / "generations.jsonl").read_bytes() == records
 
 
-def test_a_run_that_begins_again_says_so(tmp_path: Path) -> None:
+def test_a_run_that_begins_again_reports_it(tmp_path: Path) -> None:
     """A process may die between the first record and the first checkpoint."""
     folder = written(tmp_path / "one", tmp_path, 1)
     (folder.path / "checkpoint.json").unlink()
-    generation, (line,) = told(folder)
+    generation, (line,) = resumed_from(folder)
     assert generation == 0
     assert line.endswith("the run begins again at generation 0.")
 
@@ -186,14 +186,14 @@ def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:
     """The last line without its end is not taken for a record."""
     folder = written(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.jsonl"
-    whole = file.read_bytes()
+    content = file.read_bytes()
     for end in (-1, -200):
-        file.write_bytes(whole[:end])
-        generation, (line,) = told(folder)
+        file.write_bytes(content[:end])
+        generation, (line,) = resumed_from(folder)
         assert generation == 3
         assert "Expected 4 generations" in line
         folder.append(steps()[3])
-        assert file.read_bytes() == whole
+        assert file.read_bytes() == content
 
 
 @sweep("generation", (0, 1, 3, 2), quick=2)
@@ -201,15 +201,15 @@ def test_every_edited_digit_of_a_record_is_noticed(generation: int, tmp_path: Pa
     """One in the last record costs a generation; one before that is an error which names it."""
     folder = written(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.jsonl"
-    whole = file.read_bytes().splitlines(keepends=True)
-    digits = [at for at, byte in enumerate(whole[generation]) if byte in b"0123456789"]
+    records = file.read_bytes().splitlines(keepends=True)
+    digits = [at for at, byte in enumerate(records[generation]) if byte in b"0123456789"]
     for at in digits[:: len(digits) // 20]:
-        line = bytearray(whole[generation])
+        line = bytearray(records[generation])
         line[at] = ord("1") if line[at] != ord("1") else ord("2")
-        file.write_bytes(b"".join([*whole[:generation], line, *whole[generation + 1 :]]))
+        file.write_bytes(b"".join([*records[:generation], line, *records[generation + 1 :]]))
         named = f"the record of generation {generation} differs from its checksum"
         if generation == 3:
-            assert named in told(folder)[1][0]
+            assert named in resumed_from(folder)[1][0]
             folder.append(steps()[3])
         else:
             with pytest.raises(RunError, match=named):
@@ -228,13 +228,13 @@ def test_records_in_another_order_are_noticed(tmp_path: Path) -> None:
 
 
 def test_the_checksums_are_made_again_where_they_are_missing(tmp_path: Path) -> None:
-    """The checkpoint vouches for the records; the file beside them only tells which is wrong."""
+    """The checkpoint vouches for the records; the file beside them only locates a wrong one."""
     folder = written(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.sha256"
     before = file.read_bytes()
     for damage in (b"", b"0 abc\n", before[:100]):
         file.write_bytes(damage)
-        assert told(folder) == (4, [])
+        assert resumed_from(folder) == (4, [])
         assert file.read_bytes() == before
 
 
@@ -257,20 +257,20 @@ def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff", None])
 def test_damaged_costs_do_not_stop_a_sound_run(tmp_path: Path, line: bytes | None) -> None:
-    """Seconds are lost, which a line says; the episodes are those that the checkpoint knows."""
+    """Seconds are lost, with a message; the episodes are those of the checkpoint."""
     folder = written(tmp_path / "one", tmp_path, 4)
     file = folder.path / "costs.jsonl"
     episodes = sum(cost["episodes"] for cost in folder.costs())
     first, _, *others = file.read_bytes().splitlines()
-    whole = b"" if line is None else b"\n".join((first, line, *others)) + b"\n"
-    file.write_bytes(whole)
-    generation, (said,) = told(folder)
+    content = b"" if line is None else b"\n".join((first, line, *others)) + b"\n"
+    file.write_bytes(content)
+    generation, (message,) = resumed_from(folder)
     assert generation == 4
-    assert said == f"{file}: the seconds of {4 if line is None else 1} generations are lost."
+    assert message == f"{file}: the seconds of {4 if line is None else 1} generations are lost."
     costs = list(folder.costs())
     assert sum(cost["episodes"] for cost in costs) == episodes
     assert [cost["evaluation"] == 0 for cost in costs][1]
-    assert told(folder) == (4, [])
+    assert resumed_from(folder) == (4, [])
 
 
 def test_what_a_stopped_machine_left_is_cleared_away(tmp_path: Path) -> None:

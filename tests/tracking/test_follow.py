@@ -53,7 +53,7 @@ class Clock:
 
 
 class Silent:
-    """A worker without events of its own."""
+    """A worker without events."""
 
     def __init__(self, _: OnEvent) -> None: ...
 
@@ -66,11 +66,11 @@ class Silent:
 
 def waited(monkeypatch: pytest.MonkeyPatch, script: Sequence[tuple[float, SyncEvent]]) -> Clock:
     """A clock that is set to 0, with a client whose requests are carried out by the script."""
-    told = Clock(list(script))
-    monkeypatch.setattr(mlflow, "monotonic", lambda: told.now)
-    told.client = SyncClient(Silent)
-    told.client._changed = told
-    return told
+    clock = Clock(list(script))
+    monkeypatch.setattr(mlflow, "monotonic", lambda: clock.now)
+    clock.client = SyncClient(Silent)
+    clock.client._changed = clock
+    return clock
 
 
 @pytest.mark.parametrize(
@@ -94,49 +94,49 @@ def test_how_long_the_end_of_a_run_waits(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """As long as MLflow is loaded, a store made or records arrive; and else the patience."""
-    told = waited(monkeypatch, script)
-    assert told.client.wait([ONE], 20, "sqlite:///x") == reason
-    assert told.now == seconds
+    clock = waited(monkeypatch, script)
+    assert clock.client.wait([ONE], 20, "sqlite:///x") == reason
+    assert clock.now == seconds
     assert capsys.readouterr().err.count("Ctrl-C leaves") == (seconds > 2)
 
 
 def test_without_patience_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not even for a store that is being made: a sweep's end does that."""
-    told = waited(monkeypatch, [(1, LOADING)])
-    assert told.client.wait([ONE], 0, "sqlite:///x") == "no answer in 0 s"
-    assert told.now == 0
+    clock = waited(monkeypatch, [(1, LOADING)])
+    assert clock.client.wait([ONE], 0, "sqlite:///x") == "no answer in 0 s"
+    assert clock.now == 0
 
 
 def test_ctrl_c_ends_the_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     """The run is over: it is no error, and the records can be sent later."""
-    told = waited(monkeypatch, [])
+    clock = waited(monkeypatch, [])
 
     def pressed(_: float) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(told, "wait", pressed)
-    assert "waiting was interrupted" in told.client.wait([ONE], 20, "sqlite:///x")
+    monkeypatch.setattr(clock, "wait", pressed)
+    assert "waiting was interrupted" in clock.client.wait([ONE], 20, "sqlite:///x")
 
 
 @pytest.mark.slow
 def test_a_store_that_is_slow_to_be_made_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Five minutes, with a patience of one: it is made only when the user has been told of it."""
-    made = mlflow.Condition()
-    told: list[str] = []
+    """Five minutes, with a patience of one: it is made only after a message to the user."""
+    condition = mlflow.Condition()
+    messages: list[str] = []
 
     def five_minutes_pass(*arguments: Any, **_: Any) -> None:
-        with made:
-            told.append(str(arguments[0]))
-            made.notify()
+        with condition:
+            messages.append(str(arguments[0]))
+            condition.notify()
 
-    monkeypatch.setattr(mlflow, "monotonic", lambda: monotonic() + 300 * len(told))
+    monkeypatch.setattr(mlflow, "monotonic", lambda: monotonic() + 300 * len(messages))
 
     def store(where: Any, preparing: Any) -> Store:
         preparing("making the store")
-        with made:
-            assert made.wait_for(lambda: bool(told), 60)
+        with condition:
+            assert condition.wait_for(lambda: bool(messages), 60)
         return Store(where, preparing)
 
     monkeypatch.setattr("islandgp.tracking.follow.Store", store)
@@ -146,7 +146,7 @@ def test_a_store_that_is_slow_to_be_made_is_waited_for(
     follows = MLflow(place(tmp_path), 60)
     follows.start(folder)
     assert follows.finish(Status.FINISHED).endswith("ui shows it")
-    (line,) = told
+    (line,) = messages
     assert "making the store; Ctrl-C leaves" in line
 
 
@@ -160,7 +160,7 @@ def worker_process() -> Any:
 def test_the_process_sends_a_run_and_ends_with_its_input(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """All generations are there, whatever Ctrl-C in the terminal; no process stays."""
+    """All generations are there in spite of Ctrl-C in the terminal; no process stays."""
     monkeypatch.setattr(MLflow, "worker", SyncProcess)
     folder = begun(home / "runs/a/one", home)
     follows = MLflow(place(home), 120)
@@ -200,7 +200,7 @@ def test_a_process_that_was_killed_is_replaced(
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
 
 
-def test_a_process_that_cannot_load_mlflow_says_why(
+def test_a_process_that_cannot_load_mlflow_reports_the_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the last line of its traceback."""
@@ -210,7 +210,7 @@ def test_a_process_that_cannot_load_mlflow_says_why(
     folder = begun(tmp_path / "runs/a/one", tmp_path)
     follows = MLflow(place(tmp_path), 120)
     follows.start(folder)
-    said = follows.finish(Status.KILLED)
+    message = follows.finish(Status.KILLED)
     folder.close()
-    assert "the process that sends them ended: ImportError: no such library" in said
-    assert f"islandgp sync {folder.path}" in said
+    assert "the process that sends them ended: ImportError: no such library" in message
+    assert f"islandgp sync {folder.path}" in message

@@ -21,12 +21,12 @@ COST = {
 
 
 def test_metrics_are_the_records_numbers() -> None:
-    """Each section's names, and values that stand in the record."""
+    """Each section's names, and values that are in the record."""
     step = steps()[2]
     s = step.record.snapshot
     best = max(step.record.individuals, key=lambda line: line.fitness)
-    found = metrics(record_values(step.record), COST)
-    assert {name.partition("/")[0] for name in found} == {
+    values = metrics(record_values(step.record), COST)
+    assert {name.partition("/")[0] for name in values} == {
         "archive",
         "behaviours",
         "components",
@@ -39,27 +39,27 @@ def test_metrics_are_the_records_numbers() -> None:
         "supervisor",
         "tiers",
     }
-    assert found["fitness/max"] == s.best
-    assert found["fitness/mean"] == s.mean
-    assert found["diversity/behavioral"] == s.diversity
-    assert found["diversity/working"] == s.working
-    assert found["tiers/complete"] == s.tiers["complete"]
-    assert found["specialists/patrol_only"] == s.specialists["patrol_only"]
-    assert found["components/garbage"] == best.components["garbage"]
-    assert found["behaviours/charging"] == s.behaviour_counts["charging"]
-    assert found["counters/distance"] == s.counters["distance"]
-    assert found["size/best"] == best.nodes
-    assert found["supervisor/mutation_rate"] == s.rate
-    assert found["cost/evaluation_s"] == 1.5
-    assert found["cost/cache_hits"] == 2
+    assert values["fitness/max"] == s.best
+    assert values["fitness/mean"] == s.mean
+    assert values["diversity/behavioral"] == s.diversity
+    assert values["diversity/working"] == s.working
+    assert values["tiers/complete"] == s.tiers["complete"]
+    assert values["specialists/patrol_only"] == s.specialists["patrol_only"]
+    assert values["components/garbage"] == best.components["garbage"]
+    assert values["behaviours/charging"] == s.behaviour_counts["charging"]
+    assert values["counters/distance"] == s.counters["distance"]
+    assert values["size/best"] == best.nodes
+    assert values["supervisor/mutation_rate"] == s.rate
+    assert values["cost/evaluation_s"] == 1.5
+    assert values["cost/cache_hits"] == 2
 
 
-def test_costs_of_a_supervisor_have_a_section_of_their_own() -> None:
+def test_costs_of_a_supervisor_have_a_section() -> None:
     """What a supervisor adds to the costs under its name becomes `llm/...`."""
-    found = metrics(
+    values = metrics(
         record_values(steps()[0].record), {**COST, "llm": {"calls": 2, "cost_usd": 0.5}}
     )
-    assert (found["llm/calls"], found["llm/cost_usd"]) == (2, 0.5)
+    assert (values["llm/calls"], values["llm/cost_usd"]) == (2, 0.5)
 
 
 def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
@@ -69,7 +69,7 @@ def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
     assert last["supervisor/crisis"] == 0
 
 
-def record(generation: int, best: float, complete: int, given: GuidanceRecord | None) -> Any:
+def record(generation: int, best: float, complete: int, answer: GuidanceRecord | None) -> Any:
     """A generation's line, as far as it matters for the whole run."""
     return {
         "snapshot": {
@@ -78,11 +78,11 @@ def record(generation: int, best: float, complete: int, given: GuidanceRecord | 
             "diversity": 0.25 * generation,
             "tiers": {"complete": complete, "excellent": 0},
         },
-        "guidance": None if given is None else asdict(given),
+        "guidance": None if answer is None else asdict(answer),
     }
 
 
-def test_what_is_said_of_a_whole_run() -> None:
+def test_metrics_of_a_whole_run() -> None:
     """Mean diversity, the first generation of a tier, shares of decisions."""
     fallback = guidance(source="llm and fallback", phase="exploitation", crisis="diversity")
     records = [
@@ -109,8 +109,8 @@ def test_what_is_said_of_a_whole_run() -> None:
 
 def test_a_run_of_one_generation_has_no_decisions() -> None:
     """Nothing is divided by nothing."""
-    found = dict(final_metrics([record(0, 1.0, 0, None)]))
-    assert {name: n for name, n in found.items() if name.startswith("decisions/")} == {
+    values = dict(final_metrics([record(0, 1.0, 0, None)]))
+    assert {name: n for name, n in values.items() if name.startswith("decisions/")} == {
         "decisions/interventions": 0,
         "decisions/crises": 0,
         "decisions/fallbacks": 0,

@@ -29,8 +29,8 @@ TINY = (
 
 def programs() -> Path | None:
     """The folder of PostgreSQL's programs; Debian keeps them off the path."""
-    if found := shutil.which("initdb"):
-        return Path(found).resolve().parent
+    if program := shutil.which("initdb"):
+        return Path(program).resolve().parent
     return max(Path("/usr/lib/postgresql").glob("*/bin"), default=None)
 
 
@@ -41,16 +41,16 @@ def as_nobody_special() -> dict[str, str]:
 
 @pytest.fixture
 def database() -> Iterator[str]:
-    """The address of a private PostgreSQL server on loopback, in a folder of its own."""
+    """The address of a private PostgreSQL server on loopback, in a separate folder."""
     folder = programs()
     if folder is None or find_spec("psycopg2") is None:
         pytest.skip("needs PostgreSQL (apt-get install postgresql) and islandgp[postgresql]")
     home = Path(tempfile.mkdtemp())
-    who = as_nobody_special()
-    if who:
-        shutil.chown(home, who["user"], who["group"])
+    account = as_nobody_special()
+    if account:
+        shutil.chown(home, account["user"], account["group"])
     port, data = free_port(), str(home / "data")
-    quiet = {"check": True, "stdout": subprocess.DEVNULL, "cwd": home, **who}
+    quiet = {"check": True, "stdout": subprocess.DEVNULL, "cwd": home, **account}
     options = f"-p {port} -c listen_addresses=127.0.0.1 -c unix_socket_directories='' -c fsync=off"
     try:
         subprocess.run([folder / "initdb", "-D", data, "-U", "me", "-A", "trust", "-N"], **quiet)
@@ -68,7 +68,7 @@ def database() -> Iterator[str]:
 def server(database: str, tmp_path: Path) -> Iterator[str]:
     """The address of an MLflow server on that database."""
     port = free_port()
-    words = [
+    command = [
         sys.executable, "-m", "mlflow", "server", "--backend-store-uri", database,
         "--artifacts-destination", str(tmp_path / "artifacts"), "--host", "127.0.0.1",
         "--port", str(port), "--workers", "1",
@@ -76,7 +76,7 @@ def server(database: str, tmp_path: Path) -> Iterator[str]:
     address = f"http://127.0.0.1:{port}"
     with (tmp_path / "server.log").open("wb") as log:
         process = subprocess.Popen(
-            words,
+            command,
             cwd=tmp_path,
             env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
             stdout=log,
@@ -112,8 +112,8 @@ def test_four_processes_at_once(server: str, tmp_path: Path) -> None:
     processes = [
         start(tmp_path, *TINY, f"seed={seed}", f"tracking.policy.uri={server}") for seed in range(4)
     ]
-    said = [finish(process, 1500) for process in processes]
-    assert [code for code, _ in said] == [0] * 4, said
+    ends = [finish(process, 1500) for process in processes]
+    assert [code for code, _ in ends] == [0] * 4, ends
     client = MlflowClient(server)
     experiment = client.get_experiment_by_name("islandgp")
     assert experiment is not None

@@ -44,8 +44,8 @@ def start(home: Path) -> subprocess.Popen[str]:
 def test_eight_processes_may_start_on_no_store_at_all(tmp_path: Path, attempt: int) -> None:
     """All eight succeed, ten times out of ten."""
     processes = [start(tmp_path) for _ in range(8)]
-    said = [process.communicate()[0] for process in processes]
-    assert [process.returncode for process in processes] == [0] * 8, said[attempt % 8]
+    outputs = [process.communicate()[0] for process in processes]
+    assert [process.returncode for process in processes] == [0] * 8, outputs[attempt % 8]
     store = Store(place(tmp_path))
     assert len(store.client.search_runs([store.experiment])) == 8
 
@@ -59,18 +59,18 @@ def test_threads_may_make_a_store_at_once(tmp_path: Path) -> None:
 
 
 def test_paths_are_meant_from_where_the_command_was_given(tmp_path: Path) -> None:
-    """A job that stands elsewhere finds the same file and the same artifacts."""
-    found = place(tmp_path / "here")
-    assert found.uri == f"sqlite:///{tmp_path}/here/mlflow.db"
-    assert found.artifacts == f"{tmp_path}/here/mlartifacts"
+    """A job in another folder finds the same file and the same artifacts."""
+    resolved = place(tmp_path / "here")
+    assert resolved.uri == f"sqlite:///{tmp_path}/here/mlflow.db"
+    assert resolved.artifacts == f"{tmp_path}/here/mlartifacts"
     absolute = MLflowSettings(
         uri=f"sqlite:///{tmp_path}/there.db", artifacts="/x", experiment="e", patience=0
     )
     assert Place.of(absolute, tmp_path).uri == f"sqlite:///{tmp_path}/there.db"
 
 
-def test_a_server_knows_its_own_artifacts(tmp_path: Path) -> None:
-    """With a tracking server nothing is said of files here."""
+def test_a_server_has_its_artifacts(tmp_path: Path) -> None:
+    """With a tracking server there is no local path for files."""
     settings = MLflowSettings(
         uri="http://host:5000/", artifacts="mlartifacts", experiment="e", patience=0
     )

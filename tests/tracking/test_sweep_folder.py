@@ -27,7 +27,9 @@ def job(
     return SweepJob(slot or folder, folder, supervisor, seed, choices, 5, command)
 
 
-def opened(path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m") -> SweepFolder:
+def started_sweep(
+    path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m"
+) -> SweepFolder:
     """A sweep that has been started and is over."""
     sweep = SweepFolder(path)
     sweep.open(command, jobs)
@@ -54,9 +56,9 @@ def send(sweep: SweepFolder, store: Store) -> str:
 
 def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
     """The same job again is one job, and a new folder for it takes its place."""
-    opened(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
+    started_sweep(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
     again = job("a-seed1~2", slot="a-seed1")
-    sweep = opened(tmp_path / "s", again, job("a-seed2"), command="second")
+    sweep = started_sweep(tmp_path / "s", again, job("a-seed2"), command="second")
     file = file_of(sweep)
     assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
     assert file.commands == ("first", "second")
@@ -71,9 +73,9 @@ def test_two_sweeps_cannot_work_in_one_folder(tmp_path: Path) -> None:
     first.close()
 
 
-def test_arms_are_told_apart_by_what_differs_besides_the_seed(tmp_path: Path) -> None:
+def test_arms_differ_in_anything_but_the_seed(tmp_path: Path) -> None:
     """Overrides that all jobs share are in no arm's name."""
-    sweep = opened(
+    sweep = started_sweep(
         tmp_path / "s",
         job("1", "supervisor=baseline", "gp.population=8", "gp.episodes=1"),
         job("2", "supervisor=baseline", "gp.population=8", "gp.episodes=2"),
@@ -81,7 +83,7 @@ def test_arms_are_told_apart_by_what_differs_besides_the_seed(tmp_path: Path) ->
         job("4", "supervisor=baseline", "gp.population=8", "gp.episodes=1", seed=1),
     )
     file = file_of(sweep)
-    assert {name: [entry.folder for entry in own] for name, own in file.arms().items()} == {
+    assert {name: [entry.folder for entry in entries] for name, entries in file.arms().items()} == {
         "baseline gp.episodes=1": ["1", "4"],
         "baseline gp.episodes=2": ["2"],
         "expert gp.episodes=1": ["3"],
@@ -91,13 +93,13 @@ def test_arms_are_told_apart_by_what_differs_besides_the_seed(tmp_path: Path) ->
 def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> None:
     """Seeds that a later command adds in another order are in the same arm."""
     first, second = ("gp.population=8", "gp.episodes=1"), ("gp.episodes=1", "gp.population=8")
-    sweep = opened(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
-    arms = {name: len(own) for name, own in file_of(sweep).arms().items()}
+    sweep = started_sweep(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
+    arms = {name: len(entries) for name, entries in file_of(sweep).arms().items()}
     assert arms == {"baseline gp.episodes=1 gp.population=8": 2, "baseline": 1}
 
 
-def test_arms_have_metrics_of_their_own() -> None:
-    """Names that MLflow could not tell apart, or would not take, end in a digest."""
+def test_arms_have_separate_metrics() -> None:
+    """Names that are equal in MLflow, or that it rejects, end in a digest."""
     long = "baseline supervisor.policy.record=" + "x" * 300
     names = metric_names(["baseline a=1", "baseline a=x/y", "baseline a=x,y", long])
     assert names[0] == "baseline a_1"
@@ -108,7 +110,7 @@ def test_arms_have_metrics_of_their_own() -> None:
 
 def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
     """Also where a text in its name holds a bar or a line break."""
-    sweep = opened(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
+    sweep = started_sweep(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
     head, _, *rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
     assert len(rows) == 2
     assert rows[0].startswith(r'| baseline a="x\| y" | 0 of 1 |')
@@ -117,7 +119,7 @@ def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
 
 def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:
     """A stopped job counts for more than a failed one, and that for more than finished ones."""
-    sweep = opened(tmp_path / "s", job("one"), job("two"))
+    sweep = started_sweep(tmp_path / "s", job("one"), job("two"))
     written(tmp_path / "s/one", tmp_path)
     assert sweep.status(file_of(sweep)) is Status.KILLED
     written(tmp_path / "s/two", tmp_path, 2).fail(ValueError("x"))
@@ -127,8 +129,8 @@ def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:
 
 
 def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
-    """Whoever comes first makes it; a run that is no job of the sweep has none."""
-    opened(home / "runs/s", job("one"), job("two"))
+    """The first job makes it; a run that is no job of the sweep has none."""
+    started_sweep(home / "runs/s", job("one"), job("two"))
     first = parent_run(home / "runs/s/one", store)
     assert first is not None
     assert parent_run(home / "runs/s/two", store) == first
@@ -139,22 +141,22 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
 
 def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     """Table and commands as Markdown, curves over seeds as metrics, children nested."""
-    sweep = opened(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
+    sweep = started_sweep(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
     for seed in (1, 2):
         written(home / f"runs/s/b-seed{seed}", home, seed=seed)
     parent = send(sweep, store)
-    found = store.client.get_run(parent)
-    assert found.info.status == "FINISHED"
-    assert found.info.run_name == "sweep s"
-    note = found.data.tags["mlflow.note.content"]
+    run = store.client.get_run(parent)
+    assert run.info.status == "FINISHED"
+    assert run.info.run_name == "sweep s"
+    note = run.data.tags["mlflow.note.content"]
     assert "| baseline | 2 of 2 |" in note
     assert "    python -m islandgp -m" in note
     firsts = [next(sweep.run(entry).records())["snapshot"]["best"] for entry in file_of(sweep).jobs]
     points = store.client.get_metric_history(parent, "sweep/baseline fitness max mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
-    assert found.data.params["seed"] == "1, 2"
-    assert found.data.params["supervisor.name"] == "baseline"
+    assert run.data.params["seed"] == "1, 2"
+    assert run.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
@@ -165,13 +167,13 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
 
 def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None:
     """Stopped it is KILLED, and what is missing is named; then FINISHED, under the same id."""
-    sweep = opened(home / "runs/s", job("one"), job("two"))
+    sweep = started_sweep(home / "runs/s", job("one"), job("two"))
     written(home / "runs/s/one", home)
     written(home / "runs/s/two", home, 2)
     parent = send(sweep, store)
-    found = store.client.get_run(parent)
-    assert found.info.status == "KILLED"
-    assert "- two (killed): `python -m islandgp two`" in found.data.tags["mlflow.note.content"]
+    run = store.client.get_run(parent)
+    assert run.info.status == "KILLED"
+    assert "- two (killed): `python -m islandgp two`" in run.data.tags["mlflow.note.content"]
     written(home / "runs/s/two", home)
     assert send(sweep, store) == parent
     assert store.client.get_run(parent).info.status == "FINISHED"
@@ -179,7 +181,7 @@ def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None
 
 def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
     """The first job of a resumed sweep takes the parent out of its old status."""
-    sweep = opened(home / "runs/s", job("one"))
+    sweep = started_sweep(home / "runs/s", job("one"))
     written(home / "runs/s/one", home, 2)
     parent = send(sweep, store)
     sweep.open("c", [job("one")])
@@ -192,12 +194,12 @@ def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
 
 def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     """Points cannot be taken back, so the curves of more runs are in a new run, alone."""
-    sweep = opened(home / "runs/s", job("one"))
+    sweep = started_sweep(home / "runs/s", job("one"))
     written(home / "runs/s/one", home)
     first = send(sweep, store)
     deviation = "sweep/baseline diversity sd"
     assert store.client.get_metric_history(first, deviation) == []  # one run has none
-    opened(home / "runs/s", job("two", seed=1))
+    started_sweep(home / "runs/s", job("two", seed=1))
     written(home / "runs/s/two", home, seed=2)
     second = send(sweep, store)
     assert second != first
@@ -214,9 +216,9 @@ def with_summary(folder: RunFolder, **changes: object) -> None:
     add_to_manifest(folder.path, file.name)
 
 
-def test_the_table_says_how_many_answers_were_the_fallbacks(tmp_path: Path) -> None:
-    """In a column of its own, over an arm's finished runs, and only where any were."""
-    sweep = opened(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
+def test_the_table_shows_how_many_answers_were_the_fallbacks(tmp_path: Path) -> None:
+    """In a separate column, over an arm's finished runs, and only where any were."""
+    sweep = started_sweep(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
     for name in ("one", "two"):
         written(tmp_path / "s" / name, tmp_path)
     assert "fallback" not in arm_table(arms(sweep, file_of(sweep)))
@@ -242,7 +244,7 @@ def test_the_table_s_median_is_over_all_runs(
 ) -> None:
     """A run that never had such a robot is later than any: it is not left out of the median."""
     jobs = [job(f"run{k}", seed=k) for k in range(len(firsts))]
-    sweep = opened(tmp_path / "s", *jobs, job("open", seed=9))
+    sweep = started_sweep(tmp_path / "s", *jobs, job("open", seed=9))
     for k, first in enumerate(firsts):
         folder = written(tmp_path / "s" / f"run{k}", tmp_path)
         summary = folder.summary()
@@ -255,7 +257,7 @@ def test_the_table_s_median_is_over_all_runs(
 
 def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Path) -> None:
     """Where a sweep has several domains, nobody could reach the others' milestones."""
-    sweep = opened(tmp_path / "s", job("here"), job("there", "domain=there"))
+    sweep = started_sweep(tmp_path / "s", job("here"), job("there", "domain=there"))
     for name in ("here", "there"):
         written(tmp_path / "s" / name, tmp_path)
     folder = sweep.run(job("there", "domain=there"))

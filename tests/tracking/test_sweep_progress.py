@@ -1,4 +1,4 @@
-"""Which jobs of a sweep have failed in it, whatever the clocks say."""
+"""Which jobs of a sweep have failed in it, for any clocks."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from islandgp.tracking.ui import Pages, runs_page, served, share_views
 from islandgp.tracking.upload import RunUploader
 from tests.running.commands import ROOT
 from tests.tracking.folders import history, place, written
-from tests.tracking.test_sweep_folder import job, opened, send
+from tests.tracking.test_sweep_folder import job, send, started_sweep
 from tests.trees.shell import shell
 from tests.viewer.browser import Browser, chromium
 
@@ -58,7 +58,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 
 
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
-    """And a column, whatever the tiers of their domain are called."""
+    """And a column, for any names of the domain's tiers."""
     RunUploader(written(home / "runs/a/one", home), store).send(Status.FINISHED)
     share_views(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
@@ -75,13 +75,13 @@ def test_the_arms_are_those_of_the_latest_sweep(home: Path, store: Store) -> Non
     parents = []
     for name in ("first", "second"):
         written(home / f"runs/{name}/one", home)
-        parents.append(send(opened(home / f"runs/{name}", job("one")), store))
+        parents.append(send(started_sweep(home / f"runs/{name}", job("one")), store))
     assert share_views(store) == "second"
     tags = store.client.get_experiment(store.experiment).tags
     arms, runs = (json.loads(tags[f"mlflow.sharedViewState.{key}"]) for key in ("arms", "runs"))
-    found = store.client.search_runs([store.experiment], arms["searchFilter"])
-    assert [run.data.tags["mlflow.parentRunId"] for run in found] == [parents[1]]
-    assert [run.data.tags[ARM] for run in found] == ["baseline"]
+    latest = store.client.search_runs([store.experiment], arms["searchFilter"])
+    assert [run.data.tags["mlflow.parentRunId"] for run in latest] == [parents[1]]
+    assert [run.data.tags[ARM] for run in latest] == ["baseline"]
     assert [key["groupByData"] for key in runs["groupBy"]["groupByKeys"]] == ["sweep", ARM]
     assert "searchFilter" not in runs
 
@@ -117,10 +117,10 @@ def test_a_store_that_is_not_there_is_not_made(
 ) -> None:
     """A typo in --uri: exit code 2, one line, and no file."""
     monkeypatch.chdir(home)
-    said = shell(monkeypatch, capsys)("ui", "--uri", "sqlite:///mlflwo.db")
+    result = shell(monkeypatch, capsys)("ui", "--uri", "sqlite:///mlflwo.db")
     line = f"islandgp: Expected an MLflow store in {home / 'mlflwo.db'}, found no such file;"
-    assert (said.code, said.out) == (2, "")
-    assert said.err.splitlines()[-1].startswith(line)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.splitlines()[-1].startswith(line)
     assert not (home / "mlflwo.db").exists()
 
 
@@ -151,7 +151,7 @@ def test_the_last_runs_store_is_meant(tmp_path: Path) -> None:
 
 
 def test_without_runs_there_is_nothing_to_show(tmp_path: Path) -> None:
-    """The message says what to do first."""
+    """The message has the first step."""
     with pytest.raises(TrackingError, match="run `python -m islandgp` here first"):
         place_of_latest(tmp_path)
 
@@ -177,26 +177,26 @@ main()
 
 
 def test_open_opens_the_page_of_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`islandgp ui --open`; without a browser the command says so and goes on serving."""
-    opened: list[str] = []
+    """`islandgp ui --open`; without a browser the command reports it and goes on serving."""
+    addresses: list[str] = []
     pages = Pages("http://h:1/#arms", "http://h:1/#runs")
 
     def ends() -> None:
         raise KeyboardInterrupt
 
     def no_browser(address: str) -> bool:
-        opened.append(address)
+        addresses.append(address)
         return False
 
     monkeypatch.setattr(ui_command, "served", lambda *_: nullcontext(pages))
     monkeypatch.setattr(ui_command.webbrowser, "open", no_browser)
     monkeypatch.setattr(ui_command.threading, "Event", lambda: SimpleNamespace(wait=ends))
-    words = ["ui", "--uri", "sqlite:///mlflow.db"]
-    assert "--open" not in (said := CliRunner().invoke(islandgp, words)).output
-    assert (said.exit_code, opened) == (0, [])
-    said = CliRunner().invoke(islandgp, [*words, "--open"])
-    assert (said.exit_code, opened) == (0, ["http://h:1/#arms"])
-    assert "Found no browser" in said.output
+    arguments = ["ui", "--uri", "sqlite:///mlflow.db"]
+    assert "--open" not in (result := CliRunner().invoke(islandgp, arguments)).output
+    assert (result.exit_code, addresses) == (0, [])
+    result = CliRunner().invoke(islandgp, [*arguments, "--open"])
+    assert (result.exit_code, addresses) == (0, ["http://h:1/#arms"])
+    assert "Found no browser" in result.output
 
 
 def free_port() -> int:
@@ -216,8 +216,8 @@ def free_port() -> int:
     ],
 )
 def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
-    """However the command is ended: by Ctrl-C, by `kill`, by closing the terminal."""
-    (home / "health").touch()  # what the stand-in answers with
+    """For any end of the command: by Ctrl-C, by `kill`, by closing the terminal."""
+    (home / "health").touch()  # the fake server's answer
     port = free_port()
     process = subprocess.Popen(
         [sys.executable, "-c", UI, "ui", "--uri", "sqlite:///mlflow.db", "--port", str(port)],
@@ -228,18 +228,18 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
     )
     try:
         assert process.stderr is not None
-        told = next(line for line in process.stderr if "Starting" not in line)
-        assert told == "Only this machine reaches the server. Ctrl-C stops it.\n"
+        first_line = next(line for line in process.stderr if "Starting" not in line)
+        assert first_line == "Only this machine reaches the server. Ctrl-C stops it.\n"
         urlopen(f"http://127.0.0.1:{port}/health", timeout=10).close()
         process.send_signal(getattr(signal, number))
-        _, said = process.communicate(timeout=30)
+        _, rest = process.communicate(timeout=30)
     finally:
         process.kill()
         process.communicate()
     with socket.socket() as probe:
-        there = probe.connect_ex(("127.0.0.1", port)) == 0
-    assert not there
-    assert (process.returncode, said) == (0, "stopped\n")
+        answered = probe.connect_ex(("127.0.0.1", port)) == 0
+    assert not answered
+    assert (process.returncode, rest) == (0, "stopped\n")
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -247,7 +247,7 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
 def test_signals_end_the_command_as_ctrl_c_does(
     number: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The quick form of the same, with a server that only says that it was closed."""
+    """The quick form of the same, with a server that only records that it was closed."""
     closed: list[int] = []
 
     @contextmanager
@@ -263,25 +263,27 @@ def test_signals_end_the_command_as_ctrl_c_does(
 
     monkeypatch.setattr(ui_command, "served", served)
     monkeypatch.setattr(ui_command, "threading", SimpleNamespace(Event=Raised))
-    words = ["ui", "--uri", "sqlite:///mlflow.db", "--port", "5001"]
-    result = CliRunner().invoke(islandgp, words)
+    arguments = ["ui", "--uri", "sqlite:///mlflow.db", "--port", "5001"]
+    result = CliRunner().invoke(islandgp, arguments)
     assert (result.exit_code, closed) == (0, [5001])
     assert result.stderr.endswith("stopped\n")
 
 
 @pytest.mark.parametrize(
-    "words", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
+    "arguments", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
 )
 def test_commands_refuse_a_uri_of_another_kind(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each with the same message, before it looks at any run."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runs").mkdir()
-    found = CliRunner().invoke(islandgp, [*words, "--uri", "foo"])
-    assert isinstance(found.exception, TrackingError)
-    assert "sqlite:///FILE or http://" in str(found.exception)
-    nameless = CliRunner().invoke(islandgp, [*words, "--uri", "sqlite:///a.db", "--experiment", ""])
+    result = CliRunner().invoke(islandgp, [*arguments, "--uri", "foo"])
+    assert isinstance(result.exception, TrackingError)
+    assert "sqlite:///FILE or http://" in str(result.exception)
+    nameless = CliRunner().invoke(
+        islandgp, [*arguments, "--uri", "sqlite:///a.db", "--experiment", ""]
+    )
     assert isinstance(nameless.exception, TrackingError)
     assert "name of an experiment" in str(nameless.exception)
 
@@ -304,9 +306,9 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
 def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> None:
     """A store that was deleted, and one that was replaced by an empty one, get every record."""
     folder = written(home / "runs/a/one", home)
-    words = [sys.executable, "-c", "from islandgp.cli import main; main()", "sync"]
-    # In a process of its own: MLflow holds a file open, and would not see that it is gone.
-    subprocess.run(words, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    command = [sys.executable, "-c", "from islandgp.cli import main; main()", "sync"]
+    # In a separate process: MLflow holds a file open, and would not see that it is gone.
+    subprocess.run(command, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
     for empty in (Path.unlink, lambda file: shutil.copy(template, file)):
         empty(home / "mlflow.db")
         assert sync(home).sent == [folder.path]
@@ -335,10 +337,10 @@ def test_sync_completes_an_older_copy_of_a_store(home: Path) -> None:
     assert len(sync(home).known) == 1
 
 
-def test_sync_does_not_say_that_a_store_that_is_away_has_anything(
+def test_sync_reports_nothing_as_stored_if_the_store_is_away(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What was sent to it once is `not sent`, since nobody can tell."""
+    """What was sent to it once is `not sent`, as it cannot be checked."""
     folder = written(home / "runs/a/one", home)
     sync(home)
 
@@ -346,8 +348,8 @@ def test_sync_does_not_say_that_a_store_that_is_away_has_anything(
         raise ConnectionError(f"{place.uri} is gone")
 
     monkeypatch.setattr("islandgp.tracking.sync.Store", away)
-    done = sync(home)
-    assert (done.known, list(done.failed)) == ([], [folder.path])
+    report = sync(home)
+    assert (report.known, list(report.failed)) == ([], [folder.path])
 
 
 @pytest.mark.slow
@@ -378,7 +380,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         browser.wait_for("seed", "run/validation_mean", "101")
         with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served
             assert probe.connect_ex(("127.0.0.2", port)) != 0
-    with pytest.raises(OSError):  # noqa: PT011 -- whatever the socket says of a closed port
+    with pytest.raises(OSError):  # noqa: PT011 -- any error of a closed port
         urlopen(f"http://127.0.0.1:{port}/health", timeout=1)
 
 

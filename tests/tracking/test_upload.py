@@ -1,4 +1,4 @@
-"""The uploader of a run's folder in MLflow: all of it, once, whatever happens in between."""
+"""The uploader of a run's folder in MLflow: all of it, once, with any interruption."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> N
 def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Store) -> None:
     """A line that no checkpoint covers is made again after a kill, so it stays at home."""
     folder = begun(home / "runs/a/one", home)
-    done = steps()
-    folder.append(done[0])
-    folder.append(replace(done[1], state=None))
+    all_steps = steps()
+    folder.append(all_steps[0])
+    folder.append(replace(all_steps[1], state=None))
     run = RunUploader(folder, store).send(Status.RUNNING)
     folder.close()
     assert history(store, run) == maxima(1)
@@ -70,7 +70,7 @@ def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store
 def test_an_error_half_way_loses_and_doubles_nothing(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A store that takes points and fails before it says so gets no point twice."""
+    """A store that takes points and fails before its answer gets no point twice."""
     folder = written(home / "runs/a/one", home)
     uploader, log_batch = RunUploader(folder, store), store.client.log_batch
 
@@ -92,15 +92,15 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
     """Name, parameters, tags, description, previews, and the end's time from the records."""
     folder = written(home / "runs/a/baseline-seed1", home)
     run = RunUploader(folder, store).send(Status.FINISHED)
-    found = store.client.get_run(run)
-    assert found.info.run_name == "baseline-seed1"
-    assert found.info.status == "FINISHED"
-    assert found.info.start_time == 1_700_000_000_000
-    assert found.info.end_time == [cost["at"] for cost in folder.costs()][-1]
-    assert found.data.params["gp.population"] == "8"
-    assert found.data.params["supervisor.name"] == "baseline"
-    assert found.data.tags["supervisor"] == "baseline"
-    assert "best robot" in found.data.tags["mlflow.note.content"]
+    stored = store.client.get_run(run)
+    assert stored.info.run_name == "baseline-seed1"
+    assert stored.info.status == "FINISHED"
+    assert stored.info.start_time == 1_700_000_000_000
+    assert stored.info.end_time == [cost["at"] for cost in folder.costs()][-1]
+    assert stored.data.params["gp.population"] == "8"
+    assert stored.data.params["supervisor.name"] == "baseline"
+    assert stored.data.tags["supervisor"] == "baseline"
+    assert "best robot" in stored.data.tags["mlflow.note.content"]
     assert {file.path for file in store.client.list_artifacts(run)} == {
         "best.bt",
         "best.bt.txt",
@@ -148,7 +148,7 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
 
 
 def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
-    """A place that has not got the run is sent everything, whatever another place has."""
+    """A place that has not got the run gets everything, independent of other places."""
     folder = written(home / "runs/a/one", home)
     RunUploader(folder, store).send(Status.FINISHED)
     elsewhere = Store(place(home, "elsewhere"))
@@ -188,6 +188,6 @@ def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store)
 
 
 def test_a_folder_that_is_no_run_is_refused(home: Path, store: Store) -> None:
-    """The message says what is missing where."""
+    """The message names what is missing and where."""
     with pytest.raises(TrackingError, match=r"found no about\.json in"):
         RunUploader(RunFolder(home), store)

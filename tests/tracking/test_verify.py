@@ -31,25 +31,25 @@ def edit(file: str, old: bytes, new: bytes) -> Callable[[Path], None]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run."""
     home = tmp_path_factory.mktemp("made")
     return written(home / "one", home).path
 
 
 @pytest.fixture
-def one(made: Path, tmp_path: Path) -> Path:
+def one(original: Path, tmp_path: Path) -> Path:
     """A copy of it."""
-    return shutil.copytree(made, tmp_path / "one")
+    return shutil.copytree(original, tmp_path / "one")
 
 
 def test_runs_as_they_were_written(tmp_path: Path) -> None:
     """Finished and unfinished ones, below any folder."""
     written(tmp_path / "runs/a/one", tmp_path)
     written(tmp_path / "runs/b/two", tmp_path, 3)
-    code, said = verified(tmp_path / "runs")
+    code, output = verified(tmp_path / "runs")
     assert code == 0
-    assert said.splitlines() == [
+    assert output.splitlines() == [
         f"{tmp_path}/runs/a/one: verified: 5 generations, finished",
         f"{tmp_path}/runs/b/two: verified: 3 generations, unfinished",
     ]
@@ -66,7 +66,7 @@ def write(file: str, text: str) -> Callable[[Path], None]:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (
             edit("generations.jsonl", b'"generation":2', b'"generation":3'),
@@ -95,15 +95,15 @@ def write(file: str, text: str) -> Callable[[Path], None]:
     ],
 )
 def test_what_was_changed_in_a_finished_run_is_named(
-    change: Callable[[Path], None], words: str, one: Path
+    change: Callable[[Path], None], message: str, one: Path
 ) -> None:
     """Exit code 1, the file, and what happened to it."""
     change(one)
-    code, said = verified(one)
+    code, output = verified(one)
     assert code == 1
-    (line,) = said.splitlines()
+    (line,) = output.splitlines()
     assert f"{one}: damaged: " in line
-    assert words in line
+    assert message in line
 
 
 def test_every_damaged_file_is_named(one: Path) -> None:
@@ -125,7 +125,7 @@ def without_manifest(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (edit("generations.jsonl", b'"generation":2', b'"generation":3'), "of generation 2"),
         (edit("generations.jsonl", b"\n", b""), "Expected 5 generations"),
@@ -141,18 +141,18 @@ def without_manifest(folder: Path) -> None:
     ],
 )
 def test_damage_in_a_finished_run_without_a_manifest(
-    change: Callable[[Path], None], words: str, one: Path
+    change: Callable[[Path], None], message: str, one: Path
 ) -> None:
     """Its records have checksums, and other files must agree with them."""
     without_manifest(one)
     assert "not verified: written by an older version" in verified(one)[1]
     change(one)
-    code, said = verified(one)
+    code, output = verified(one)
     assert code == 1
-    assert words in said
+    assert message in output
 
 
-def test_records_in_another_order_are_told(tmp_path: Path) -> None:
+def test_records_in_another_order_are_reported(tmp_path: Path) -> None:
     """The number of the first record out of place."""
     folder = written(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
@@ -161,7 +161,7 @@ def test_records_in_another_order_are_told(tmp_path: Path) -> None:
     assert "the record of generation 0 differs" in verified(folder.path)[1]
 
 
-def test_a_folder_without_runs_is_told(tmp_path: Path) -> None:
+def test_a_folder_without_runs_is_refused(tmp_path: Path) -> None:
     """An empty answer would look like a good one."""
     result = CliRunner().invoke(islandgp, ["verify", str(tmp_path)])
     assert "Expected runs in" in str(result.exception)

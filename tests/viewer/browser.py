@@ -20,7 +20,7 @@ def chromium() -> str | None:
 
 
 class Browser:
-    """One page. A context manager; collects what the page says on its console."""
+    """One page. A context manager; collects the messages of the page's console."""
 
     def __init__(self, program: str, profile: Path, *, size: tuple[int, int] = (1600, 950)) -> None:
         self.console: list[str] = []  # errors and warnings, and exceptions
@@ -112,9 +112,9 @@ class Browser:
 
     def click(self, x: float, y: float) -> None:
         """Clicks at a place of the window, in px."""
-        where = {"x": x, "y": y, "button": "left", "clickCount": 1}
-        self.call("Input.dispatchMouseEvent", type="mousePressed", **where)
-        self.call("Input.dispatchMouseEvent", type="mouseReleased", **where)
+        place = {"x": x, "y": y, "button": "left", "clickCount": 1}
+        self.call("Input.dispatchMouseEvent", type="mousePressed", **place)
+        self.call("Input.dispatchMouseEvent", type="mouseReleased", **place)
 
     def call(self, method: str, **params: Any) -> dict[str, Any]:
         """One command of the DevTools protocol, and its answer."""
@@ -137,8 +137,8 @@ class Browser:
             assert read, "the browser has ended"
             self._buffer += read
         message, _, self._buffer = self._buffer.partition(b"\0")
-        found: dict[str, Any] = json.loads(message)
-        return found
+        reply: dict[str, Any] = json.loads(message)
+        return reply
 
     def _hear(self, event: dict[str, Any]) -> None:
         method, params = event.get("method"), event.get("params", {})

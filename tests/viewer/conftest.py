@@ -18,8 +18,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     program = chromium()
     if program is None:
         pytest.skip("no Chromium is installed (apt-get install chromium)")
-    with Browser(program, tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
+    with Browser(program, tmp_path_factory.mktemp("profile")) as chromium_browser:
+        yield chromium_browser
 
 
 @pytest.fixture(scope="session")

@@ -65,14 +65,14 @@ def random_of_size(nodes: int) -> Node:
 
 @dataclass
 class Small:
-    """Twenty ticks of a robot that goes or stays, with whatever scenes a test gives it."""
+    """Twenty ticks of a robot that goes or stays, with the scenes that a test gives it."""
 
     World: ClassVar[type[BaseModel]] = BaseModel
     Rewards: ClassVar[type[BaseModel]] = RewardTable
 
     scenes: Sequence[Scene | None] = ()  # one a tick, the last one again and again
     ticks: int = 20
-    silent: bool = False  # tells its observer of no tick
+    silent: bool = False  # reports no tick to its observer
     step_s: float = 0.5
     points: float = 0.25  # a tick in which it goes
     schema: Schema = field(
@@ -100,11 +100,11 @@ class Small:
         weights: Mapping[str, float],
         observer: Observer | None = None,
     ) -> Outcome:
-        board, gone, points = [0.0, 0.0], 0, 0.0
+        board, distance, points = [0.0, 0.0], 0, 0.0
 
         def go(fresh: bool) -> int:
-            nonlocal gone, points
-            gone, points = gone + 1, points + self.points
+            nonlocal distance, points
+            distance, points = distance + 1, points + self.points
             if observer is not None:
                 observer.credit("going", self.points, "step", "Go")
             return RUNNING
@@ -117,9 +117,12 @@ class Small:
             if observer is not None and not self.silent:
                 scenes = self.scenes
                 observer.tick(board, scenes[min(number_, len(scenes) - 1)] if scenes else None)
-            board[:] = [float(gone > 10), float(gone)]
+            board[:] = [float(distance > 10), float(distance)]
         return Outcome(
-            {"going": points, "unused": 0.0}, {"step": gone}, self.ticks * self.step_s, ("time",)
+            {"going": points, "unused": 0.0},
+            {"step": distance},
+            self.ticks * self.step_s,
+            ("time",),
         )
 
 

@@ -36,8 +36,8 @@ VALIDATION = Validation(
 
 
 def about(home: Path, **changes: Any) -> RunMetadata:
-    """What a run says of itself."""
-    found: dict[str, Any] = {
+    """The metadata of a run."""
+    fields: dict[str, Any] = {
         "id": "1",
         "title": "a run",
         "home": str(home),
@@ -46,30 +46,32 @@ def about(home: Path, **changes: Any) -> RunMetadata:
         "identity": "i",
         "tags": {"domain": "island", "code": "0"},
     }
-    return RunMetadata(**{**found, **changes})
+    return RunMetadata(**{**fields, **changes})
 
 
 def written(
     path: Path,
     *,
     steps: list[Step] | None = None,
-    done: bool = True,
-    said: dict[str, Any] | None = None,
+    complete: bool = True,
+    fields: dict[str, Any] | None = None,
 ) -> RunFolder:
     """A closed folder of a small run.
 
     Args:
         path: of the folder.
         steps: the generations that it has come to; default: all of them.
-        done: whether the run is finished.
-        said: fields of about.json.
+        complete: whether the run is finished.
+        fields: of about.json.
     """
     steps = run() if steps is None else steps
     folder = RunFolder(path)
-    folder.open(yaml.safe_dump(plain(*SMALL), sort_keys=False), about(path.parent, **(said or {})))
+    folder.open(
+        yaml.safe_dump(plain(*SMALL), sort_keys=False), about(path.parent, **(fields or {}))
+    )
     for step in steps:
         folder.append(step)
-    if done:
+    if complete:
         champion, elites = steps[-1].champion, steps[-1].archive
         best = Best(champion.generation, asdict(champion.record), VALIDATION)
         axes = plan().archive.axes(CLASSES)

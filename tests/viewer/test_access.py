@@ -53,7 +53,7 @@ def test_names_for_those_who_do_not_see(browser: Browser, file: Path) -> None:
         names = browser.run(
             f"[...document.querySelectorAll('[role={role}]')].map(e => e.ariaLabel)"
         )
-        assert any(found.startswith(name) for found in names), name
+        assert any(label.startswith(name) for label in names), name
     unnamed = browser.run(
         "[...document.querySelectorAll('canvas, button, select')].filter(e =>"
         " !e.getAttribute('aria-label') && !/[a-z]/.test(e.textContent)).length"
@@ -79,7 +79,7 @@ def contrast(one: str, other: str) -> float:
 
 @pytest.mark.parametrize("theme", [0, 1], ids=["light", "dark"])
 def test_contrast(theme: int) -> None:
-    """Text has a contrast of 4.5 to what it stands on, lines and bars one of 3 (WCAG AA)."""
+    """Text has a contrast of 4.5 to its background, lines and bars one of 3 (WCAG AA)."""
     style = page(small(), title="t").split("<style>")[1]
     block = re.findall(r":root[^{]*\{(.*?)\n *\}", style, re.DOTALL)[theme]
     paint = dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6})", block))
@@ -94,7 +94,7 @@ def test_contrast(theme: int) -> None:
 
 
 def faint(browser: Browser) -> list[Any]:
-    """The texts that have a contrast below 4.5 (WCAG AA) to what they stand upon."""
+    """The texts that have a contrast below 4.5 (WCAG AA) to their background."""
     texts = browser.run(TEXTS)
     assert len(texts) > 50
     hexed = [
@@ -122,6 +122,6 @@ def test_axe(browser: Browser, file: Path, theme: str, sized: Callable[[int, int
         sized(width, height)
         browser.open(f"file://{file}#t=96.6")
         browser.run(f"{script};1")
-        found = browser.run("axe.run().then(r => [r.passes.length, r.violations.map(v => v.id)])")
-        assert found[0] > 20, theme
-        assert found[1] == [], (theme, width)
+        report = browser.run("axe.run().then(r => [r.passes.length, r.violations.map(v => v.id)])")
+        assert report[0] > 20, theme
+        assert report[1] == [], (theme, width)

@@ -22,8 +22,8 @@ A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage Picku
 def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: Any) -> RunFolder:
     """A folder with these populations, all of one stage."""
     path.mkdir()
-    made = fake_run(populations=populations, best=[1.0] * len(populations), **changes)
-    lines = [record_values(record) for record in made.records]
+    run = fake_run(populations=populations, best=[1.0] * len(populations), **changes)
+    lines = [record_values(record) for record in run.records]
     for line in lines:
         line["snapshot"]["stage"] = 0
     (path / "generations.jsonl").write_text("".join(f"{dump(line)}\n" for line in lines))
@@ -37,15 +37,15 @@ def test_the_chain_of_a_run(tmp_path: Path) -> None:
     records = list(folder.records())
     everyone = {i["id"]: i for record in records for i in record["individuals"]}
     best = folder.summary()["champion"]["record"]
-    found = lineage(folder, best["id"])
-    assert found.whole
-    assert found.steps[-1].tree == best["tree"]
-    assert found.steps[0].parents == ()
-    for step in found.steps:
+    chain = lineage(folder, best["id"])
+    assert chain.whole
+    assert chain.steps[-1].tree == best["tree"]
+    assert chain.steps[0].parents == ()
+    for step in chain.steps:
         assert step.tree == everyone[step.id]["tree"]
         assert [name for name, _ in step.parents] == everyone[step.id]["parents"]
         assert step.generation <= step.until
-    assert all(a.tree != b.tree for a, b in zip(found.steps, found.steps[1:], strict=False))
+    assert all(a.tree != b.tree for a, b in zip(chain.steps, chain.steps[1:], strict=False))
 
 
 def test_individuals_with_one_tree_are_one_step(tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_another_stage_has_no_gain(tmp_path: Path) -> None:
 
 
 def test_parents_of_earlier_generations(tmp_path: Path) -> None:
-    """A parent may be of any generation before; the second one is told with its fitness."""
+    """A parent may be of any generation before; the second one is shown with its fitness."""
     folder = folder_of(
         tmp_path / "run",
         [
@@ -112,7 +112,7 @@ def test_parents_of_earlier_generations(tmp_path: Path) -> None:
     assert (first.id, last.parents) == ("0.0", (("0.0", 1000.0), ("1.0", 7.0)))
 
 
-def test_an_injected_tree_tells_whose_it_is(tmp_path: Path) -> None:
+def test_an_injected_tree_has_its_origin(tmp_path: Path) -> None:
     """The guidance after the generation before it gave it; a founder has none."""
     folder = folder_of(
         tmp_path / "run",
@@ -122,9 +122,9 @@ def test_an_injected_tree_tells_whose_it_is(tmp_path: Path) -> None:
         ],
         guided=guidance(source="made", target="pickup", tree=B),
     )
-    (given,) = lineage(folder, "1.0").steps
-    assert given.guidance is not None
-    assert (given.guidance["source"], given.guidance["target"]) == ("made", "pickup")
+    (step,) = lineage(folder, "1.0").steps
+    assert step.guidance is not None
+    assert (step.guidance["source"], step.guidance["target"]) == ("made", "pickup")
     assert lineage(folder, "0.0").steps[0].guidance is None
 
 
@@ -138,8 +138,8 @@ def test_odd_parents_end_the_chain(tmp_path: Path, parents: list[str]) -> None:
             [individual("1.0", "copy", parents, tree=B)],
         ],
     )
-    found = lineage(folder, "1.0")
-    assert ([step.id for step in found.steps], found.whole) == (["1.0"], False)
+    chain = lineage(folder, "1.0")
+    assert ([step.id for step in chain.steps], chain.whole) == (["1.0"], False)
 
 
 def test_nobody(tmp_path: Path) -> None:
@@ -156,13 +156,13 @@ def test_a_long_chain_is_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         [individual(f"{g}.0", "copy", [f"{g - 1}.0"] if g else [], tree=(A, B)[g % 2])]
         for g in range(8)
     ]
-    found = lineage(folder_of(tmp_path / "run", populations), "7.0")
-    assert [step.id for step in found.steps] == ["5.0", "6.0", "7.0"]
-    assert not found.whole
+    chain = lineage(folder_of(tmp_path / "run", populations), "7.0")
+    assert [step.id for step in chain.steps] == ["5.0", "6.0", "7.0"]
+    assert not chain.whole
 
 
 def test_large_trees_are_not_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their step says so, and the changes of others are limited."""
+    """Their step is marked, and the changes of others are limited."""
     folder = folder_of(
         tmp_path / "run",
         [[individual("0.0", "random", tree=A)], [individual("1.0", "copy", ["0.0"], tree=C)]],

@@ -37,7 +37,7 @@ DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame((
 
 
 @pytest.fixture
-def opened(browser: Browser, file: Path) -> Iterator[Browser]:
+def tab(browser: Browser, file: Path) -> Iterator[Browser]:
     """The page, just opened; fails where the browser complained about anything."""
     browser.console.clear()
     browser.open(f"file://{file}")
@@ -54,87 +54,87 @@ def expected(recording: Recording, tick: int) -> str:
     return "".join(LETTERS[line[tick]] for line in recording.statuses)
 
 
-def test_right_nodes_are_lit(opened: Browser) -> None:
+def test_right_nodes_are_lit(tab: Browser) -> None:
     """At any time exactly the nodes are lit that did something in that tick, in its colour."""
     recording = recorded()
     for tick in (0, 1, 115, 116, 142, 143, 1000, 2222, 3333, recording.ticks - 1):
-        seek(opened, tick)
-        assert opened.run(STATE) == expected(recording, tick), tick
+        seek(tab, tick)
+        assert tab.run(STATE) == expected(recording, tick), tick
 
 
-def test_address_says_where_to_begin(browser: Browser, file: Path) -> None:
+def test_the_address_has_the_start_time(browser: Browser, file: Path) -> None:
     """replay.html#t=96.6 opens at that second."""
     browser.open(f"file://{file}#t=96.6")
     assert browser.run("document.getElementById('clock').textContent") == "96.6 s"
     assert browser.run(STATE) == expected(recorded(), 966)
 
 
-def test_blackboard_and_fitness(opened: Browser) -> None:
-    """Beside the tree stand the blackboard and the points of that tick."""
+def test_blackboard_and_fitness(tab: Browser) -> None:
+    """Beside the tree are the blackboard and the points of that tick."""
     recording = recorded()
-    seek(opened, 2000)
-    shown = opened.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
+    seek(tab, 2000)
+    entries = tab.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
     battery, room, lap, garbage, humanoid = recording.boards[2000]
-    assert shown == [
+    assert entries == [
         f"{battery:.1f}",
         f"{room:g}",
         f"{lap:g}",
         "yes" if garbage else "no",
         "yes" if humanoid else "no",
     ]
-    assert len(shown) == len(recording.schema.vocabulary.keys)
+    assert len(entries) == len(recording.schema.vocabulary.keys)
     won = sum(c.points for c in recording.credits if c.tick <= 2000)
-    text = opened.run("document.getElementById('score').textContent")
+    text = tab.run("document.getElementById('score').textContent")
     assert text == f"{math.floor(won + 0.5):,} points"
 
 
-def test_it_plays_and_pauses(opened: Browser) -> None:
+def test_it_plays_and_pauses(tab: Browser) -> None:
     """Space plays: time passes at the chosen speed; space again stops it."""
-    opened.run("player.speed(20)")
-    opened.press(" ")
-    tick = opened.run(
+    tab.run("player.speed(20)")
+    tab.press(" ")
+    tick = tab.run(
         "new Promise(done => { const began = performance.now(), look = () =>"
         " performance.now() - began > 500 ? done(player.state.tick) : requestAnimationFrame(look);"
         " look(); })"
     )
     assert 40 < tick < 160  # half a second at twenty times ten ticks a second is 100
-    opened.press(" ")
-    stopped = opened.run(f"{DRAWN}.then(() => player.state.tick)")
-    assert opened.run(f"{DRAWN}.then(() => player.state.tick)") == stopped == int(stopped)
+    tab.press(" ")
+    stopped = tab.run(f"{DRAWN}.then(() => player.state.tick)")
+    assert tab.run(f"{DRAWN}.then(() => player.state.tick)") == stopped == int(stopped)
 
 
-def test_it_ends(opened: Browser) -> None:
+def test_it_ends(tab: Browser) -> None:
     """At the end it stops by itself, and playing again starts from the beginning."""
     last = recorded().ticks - 1
-    opened.run(f"player.seek({last - 2}); player.speed(100); player.play(true)")
-    opened.run(f"{DRAWN}.then(() => {DRAWN})")
-    assert opened.run("[player.state.playing, player.state.tick]") == [False, last]
-    opened.run(f"player.play(true); {DRAWN}")
-    assert opened.run("player.state.tick") < 200
+    tab.run(f"player.seek({last - 2}); player.speed(100); player.play(true)")
+    tab.run(f"{DRAWN}.then(() => {DRAWN})")
+    assert tab.run("[player.state.playing, player.state.tick]") == [False, last]
+    tab.run(f"player.play(true); {DRAWN}")
+    assert tab.run("player.state.tick") < 200
 
 
-def test_keys(opened: Browser) -> None:
+def test_keys(tab: Browser) -> None:
     """Arrows step, Home and End jump, brackets change the speed, comma and dot find decisions."""
-    opened.press("ArrowRight")
-    opened.press("ArrowRight")
-    opened.press("ArrowLeft")
-    assert opened.run("player.state.tick") == 1
-    opened.press("End")
-    assert opened.run("player.state.tick") == recorded().ticks - 1
-    opened.press("Home")
-    assert opened.run("player.state.tick") == 0
-    opened.press("]")
-    assert opened.run("document.getElementById('speed').value") == "20"
-    opened.press(".")
-    first = opened.run("player.state.tick")
+    tab.press("ArrowRight")
+    tab.press("ArrowRight")
+    tab.press("ArrowLeft")
+    assert tab.run("player.state.tick") == 1
+    tab.press("End")
+    assert tab.run("player.state.tick") == recorded().ticks - 1
+    tab.press("Home")
+    assert tab.run("player.state.tick") == 0
+    tab.press("]")
+    assert tab.run("document.getElementById('speed').value") == "20"
+    tab.press(".")
+    first = tab.run("player.state.tick")
     codes = [
         recorded().statuses[place]
         for place, node in enumerate(walk(recorded().tree))
         if node.action
     ]
     assert any(line[first] != IDLE for line in codes)
-    opened.press(",")
-    assert opened.run("player.state.tick") == 0
+    tab.press(",")
+    assert tab.run("player.state.tick") == 0
 
 
 def centre(browser: Browser, selector: str) -> Any:
@@ -144,49 +144,49 @@ def centre(browser: Browser, selector: str) -> Any:
     )
 
 
-def test_scrubbing(opened: Browser) -> None:
+def test_scrubbing(tab: Browser) -> None:
     """A click in the middle of the timeline goes to the middle of the episode."""
     half = recorded().ticks / 2
-    left, top, x = opened.run(
+    left, top, x = tab.run(
         f"(b => [b.left, b.top, timeline.place({half})])(timeline.canvas.getBoundingClientRect())"
     )
-    opened.click(left + x, top + 30)
-    assert abs(opened.run("player.state.tick") - half) < 10
+    tab.click(left + x, top + 30)
+    assert abs(tab.run("player.state.tick") - half) < 10
 
 
-def test_click_on_a_node_goes_to_its_next_start(opened: Browser) -> None:
+def test_click_on_a_node_goes_to_its_next_start(tab: Browser) -> None:
     """A click on MoveToHumanoid shows the next time that it starts."""
     actions = [n.action for n in walk(recorded().tree)]
     place = actions.index("MoveToHumanoid")
     start = next(t for t, code in enumerate(recorded().statuses[place]) if code != IDLE)
-    opened.click(*centre(opened, f"[data-place='{place}']"))
-    assert opened.run(f"{DRAWN}.then(() => player.state.tick)") == start
-    assert "MoveToHumanoid" in opened.run("document.getElementById('why').textContent")
+    tab.click(*centre(tab, f"[data-place='{place}']"))
+    assert tab.run(f"{DRAWN}.then(() => player.state.tick)") == start
+    assert "MoveToHumanoid" in tab.run("document.getElementById('why').textContent")
 
 
-def test_zoom(opened: Browser) -> None:
+def test_zoom(tab: Browser) -> None:
     """Plus zooms into the world, zero shows all of it again, F follows the robot."""
-    before = opened.run("scene.view.scale")
-    opened.press("+")
-    opened.run(DRAWN)
-    assert opened.run("scene.view.scale") > before
-    opened.press("0")
-    opened.run(DRAWN)
-    assert opened.run("scene.view.scale") == before
-    seek(opened, 500)
-    opened.press("f")
-    opened.run(DRAWN)
+    before = tab.run("scene.view.scale")
+    tab.press("+")
+    tab.run(DRAWN)
+    assert tab.run("scene.view.scale") > before
+    tab.press("0")
+    tab.run(DRAWN)
+    assert tab.run("scene.view.scale") == before
+    seek(tab, 500)
+    tab.press("f")
+    tab.run(DRAWN)
     film = recorded().film
     assert film is not None
     robot, unit = film.movers[-1], film.bounds[2] / GRID
-    x, y = opened.run("[scene.view.x, scene.view.y]")
+    x, y = tab.run("[scene.view.x, scene.view.y]")
     assert abs(complex(x * unit, y * unit) - complex(robot[500].x, robot[500].y)) < 0.2
 
 
-def test_something_is_drawn(opened: Browser) -> None:
+def test_something_is_drawn(tab: Browser) -> None:
     """The canvases are not empty: each has many colours."""
     for canvas in ("scene", "chart", "timeline"):
-        colours = opened.run(
+        colours = tab.run(
             "(c => new Set(new Uint32Array(c.getContext('2d')"
             ".getImageData(0, 0, c.width, c.height).data.buffer)).size)"
             f"(document.getElementById('{canvas}'))"
@@ -215,14 +215,17 @@ MARKUP = (
 
 @pytest.mark.parametrize("bad", MARKUP)
 def test_hostile_words_do_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
-    """Whatever a domain calls its things, the page shows it as text and runs none of it."""
+    """The page shows any name of a domain as text and runs none of it."""
     schema = small().schema
     form = dataclasses.replace(schema.forms["robot"], meaning=bad)
     keys = {n: dataclasses.replace(k, meaning=bad) for n, k in schema.vocabulary.keys.items()}
     actions = {n: dataclasses.replace(a, meaning=bad) for n, a in schema.vocabulary.actions.items()}
-    words = dataclasses.replace(schema.vocabulary, keys=keys, actions=actions)
+    vocabulary = dataclasses.replace(schema.vocabulary, keys=keys, actions=actions)
     schema = dataclasses.replace(
-        schema, vocabulary=words, forms={"robot": form}, components={"going": bad, "unused": bad}
+        schema,
+        vocabulary=vocabulary,
+        forms={"robot": form},
+        components={"going": bad, "unused": bad},
     )
     scenes = [Scene((0, 0, 9, 9), movers=(Thing("robot", 1, 1, 1, bad),))]
     path = tmp_path / "hostile.html"
@@ -238,7 +241,7 @@ def test_hostile_words_do_nothing(browser: Browser, tmp_path: Path, bad: str) ->
 
 @pytest.mark.parametrize("bad", MARKUP)
 def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
-    """Nor does the page of `islandgp compare`, whatever an arm or a run is called."""
+    """Nor does the page of `islandgp compare`, for any names of arms and runs."""
     table = Table("t", bad, ("a", bad), ((bad, "1"),), (bad,))
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
     picture = Picture("p", bad, bad, svg, b"")
@@ -294,10 +297,10 @@ def test_a_frame_takes_little_work(browser: Browser, tmp_path: Path) -> None:
     last = recording.ticks - 1
     early, late = range(100, 120), range(last - 20, last)
     work = browser.run(WORK.replace("TICKS", str([*early, *late])))
-    for ticks, own in ((early, work[: len(early)]), (late, work[len(early) :])):
+    for ticks, rows in ((early, work[: len(early)]), (late, work[len(early) :])):
         # The first frame of each stretch draws backdrops.
         for (one, other), (strokes, in_tree, elsewhere) in zip(
-            pairwise(ticks), own[1:], strict=True
+            pairwise(ticks), rows[1:], strict=True
         ):
             before, after = expected(recording, one), expected(recording, other)
             changed = sum(a != b for a, b in zip(before, after, strict=True))
@@ -417,8 +420,8 @@ def test_a_domain_that_draws_nothing(browser: Browser, tmp_path: Path) -> None:
     wide = browser.run("document.getElementById('mind').clientWidth / innerWidth")
     assert wide > 0.9
     assert browser.run("document.getElementById('score').textContent") == "5.00 points"
-    shown = browser.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
-    assert shown == ["yes", "19"]
+    entries = browser.run("[...document.querySelectorAll('.entry b')].map(b => b.textContent)")
+    assert entries == ["yes", "19"]
     assert browser.console == []
 
 
@@ -433,7 +436,7 @@ def test_one_tick(browser: Browser, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", ["circle", "ring", "square", "triangle", "diamond", "cross"])
 def test_every_shape_is_drawn(browser: Browser, tmp_path: Path, shape: Any) -> None:
-    """A thing is where it is said to be, y upwards, in its colour; the legend tells its meaning."""
+    """A thing is at its coordinates, y upwards, in its colour; the legend has its meaning."""
     schema = small().schema
     forms = {**schema.forms, "robot": Form("my robot", "R", shape, "#ff00ff")}
     schema = dataclasses.replace(schema, forms=forms)
@@ -489,8 +492,10 @@ def test_many_actions_scroll(browser: Browser, tmp_path: Path) -> None:
     """Forty lanes have names that can be read, in a box that leaves room for the rest."""
     schema = small().schema
     actions = {f"Action{i}": schema.vocabulary.actions["Stay"] for i in range(40)}
-    words = dataclasses.replace(schema.vocabulary, actions={**schema.vocabulary.actions, **actions})
-    recording = small(schema=dataclasses.replace(schema, vocabulary=words))
+    vocabulary = dataclasses.replace(
+        schema.vocabulary, actions={**schema.vocabulary.actions, **actions}
+    )
+    recording = small(schema=dataclasses.replace(schema, vocabulary=vocabulary))
     tree = recording.tree._replace(children=tuple(leaf(name) for name in ("Go", *actions)))
     statuses = (recording.statuses[0], *[recording.statuses[1]] * 41)
     recording = dataclasses.replace(

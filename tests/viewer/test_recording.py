@@ -29,10 +29,10 @@ EXAMPLES = sorted(file.stem for file in (resource("grammar") / "examples").glob(
 
 
 def film(name: str = "all_rounder") -> SceneTrack:
-    """What there was to see in an example's episode."""
-    found = recorded(name).film
-    assert found is not None
-    return found
+    """The scenes of an example's episode."""
+    track = recorded(name).film
+    assert track is not None
+    return track
 
 
 @pytest.mark.slow
@@ -75,37 +75,37 @@ def test_garbage_is_what_the_robot_found() -> None:
     """As many items vanish as were picked up, each within reach of the robot."""
     recording = recorded()
     stays = [stay for stay in film().items if stay.thing.form == "garbage"]
-    gone = [stay for stay in stays if stay.end < recording.ticks]
+    vanished = [stay for stay in stays if stay.end < recording.ticks]
     picked = [c for c in recording.credits if c.event == "pickup"]
-    assert len(gone) == len(picked) > 10
+    assert len(vanished) == len(picked) > 10
     reach = composed().world.robot.pickup_reach
     robot = film().movers[-1]
-    for thing, _, end in gone:
+    for thing, _, end in vanished:
         at = complex(robot[end].x, robot[end].y)
         assert abs(complex(thing.x, thing.y) - at) <= reach + 1e-6
 
 
 def test_scenes_of_any_domain() -> None:
     """What stays is kept once, what comes and goes with its ticks, what moves at each tick."""
-    found = small(scenes=going()).film
-    assert found is not None
-    assert found.bounds == (0, 0, 20, 10)
-    assert found.fixed == (Thing("stone", 10, 9, 1),)
-    assert found.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
-    (robot,) = found.movers
+    track = small(scenes=going()).film
+    assert track is not None
+    assert track.bounds == (0, 0, 20, 10)
+    assert track.fixed == (Thing("stone", 10, 9, 1),)
+    assert track.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
+    (robot,) = track.movers
     assert [thing.x for thing in robot] == list(range(20))
     assert [thing.text for thing in robot] == ["0"] * 10 + ["1"] * 10
-    assert found.frames == ()
+    assert track.frames == ()
 
 
 def test_equal_things_at_one_place() -> None:
     """Two of a kind at the same place are two; one of them can go."""
     stone = Thing("stone", 1, 1, 1)
     scenes = [Scene((0, 0, 2, 2), items=(stone,) * many) for many in (2, 1, 0)]
-    found = small(scenes=scenes, ticks=3).film
-    assert found is not None
-    assert [(stay.begin, stay.end) for stay in found.items] == [(0, 1), (0, 2)] or [
-        (stay.begin, stay.end) for stay in found.items
+    track = small(scenes=scenes, ticks=3).film
+    assert track is not None
+    assert [(stay.begin, stay.end) for stay in track.items] == [(0, 1), (0, 2)] or [
+        (stay.begin, stay.end) for stay in track.items
     ] == [(0, 2), (0, 1)]
 
 
@@ -117,7 +117,7 @@ def test_a_domain_that_draws_nothing() -> None:
     assert encode(recording, title="t")["scene"] is None
 
 
-def test_a_domain_that_tells_no_ticks() -> None:
+def test_a_domain_that_reports_no_ticks() -> None:
     """All that the nodes did is in one tick; nothing is divided by nothing."""
     recording = small(silent=True)
     assert recording.ticks == 1
@@ -134,18 +134,18 @@ def test_frames_are_kept_where_they_change() -> None:
     recording = small(scenes=scenes, ticks=12)
     assert recording.film is not None
     assert [tick for tick, _ in recording.film.frames] == [0, 3, 6, 9]
-    told = encode(recording, title="t")["scene"]
-    assert [b64decode(frame) for frame in told["frames"]] == [b"a", b"b"]
-    assert told["shown"] == [0, 0, 3, 1, 3, 0, 3, 1]
+    encoded = encode(recording, title="t")["scene"]
+    assert [b64decode(frame) for frame in encoded["frames"]] == [b"a", b"b"]
+    assert encoded["shown"] == [0, 0, 3, 1, 3, 0, 3, 1]
 
 
 def test_many_frames_are_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of more bytes than a page may have: evenly spread ones of them are shown."""
     monkeypatch.setattr("islandgp.viewer.encode.MAX_FRAME_BYTES", 30)
     scenes = [Scene((0, 0, 1, 1), frame=partial(bytes, bytes([tick]) * 10)) for tick in range(12)]
-    told = encode(small(scenes=scenes, ticks=12), title="t")["scene"]
-    assert len(told["frames"]) == 3
-    assert told["shown"] == [0, 0, 4, 1, 4, 2]
+    encoded = encode(small(scenes=scenes, ticks=12), title="t")["scene"]
+    assert len(encoded["frames"]) == 3
+    assert encoded["shown"] == [0, 0, 4, 1, 4, 2]
 
 
 @pytest.mark.parametrize(
@@ -174,59 +174,59 @@ def test_digits() -> None:
 
 @given(codes=st.binary(max_size=60).map(lambda data: bytes(b % 5 for b in data)))
 def test_runs_are_lossless(codes: bytes) -> None:
-    """Statuses told as runs are read as the page reads them, to the same statuses."""
-    found = re.findall(r"([.fsrx])(\d*)", runs(codes))
-    back = "".join(letter * int(count or 1) for letter, count in found)
+    """Statuses encoded as runs are read as the page reads them, to the same statuses."""
+    matches = re.findall(r"([.fsrx])(\d*)", runs(codes))
+    back = "".join(letter * int(count or 1) for letter, count in matches)
     assert back == "".join(LETTERS[code] for code in codes)
 
 
-def places(told: list[int], ticks: int) -> list[tuple[float, float]]:
+def places(way: list[int], ticks: int) -> list[tuple[float, float]]:
     """The places of a way at each tick, read as the page reads them."""
-    at, x, y = 0, told[1], told[2]
-    found = [(float(x), float(y))]
-    for past, dx, dy in zip(told[3::3], told[4::3], told[5::3], strict=True):
-        found += [(x + dx * i / past, y + dy * i / past) for i in range(1, past + 1)]
+    at, x, y = 0, way[1], way[2]
+    positions = [(float(x), float(y))]
+    for past, dx, dy in zip(way[3::3], way[4::3], way[5::3], strict=True):
+        positions += [(x + dx * i / past, y + dy * i / past) for i in range(1, past + 1)]
         at, x, y = at + past, x + dx, y + dy
     assert at == ticks - 1
-    return found
+    return positions
 
 
 COORDINATES = st.floats(-5000, 5000) | st.integers(-3, 3).map(float)
 
 
 @given(way=st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=60))
-def test_ways_are_told_exactly_enough(way: list[tuple[float, float]]) -> None:
-    """At each tick a way is within one part of the grid of what it was, whatever it looked like."""
+def test_ways_are_encoded_exactly_enough(way: list[tuple[float, float]]) -> None:
+    """At each tick a way is within one part of the grid of the original, for any way."""
     xs, ys = zip(*way, strict=True)
-    told = places(path(xs, ys), len(way))
-    for (x, y), (there_x, there_y) in zip(told, way, strict=True):
+    decoded = places(path(xs, ys), len(way))
+    for (x, y), (there_x, there_y) in zip(decoded, way, strict=True):
         assert abs(x - there_x) <= 1 + 1e-6
         assert abs(y - there_y) <= 1 + 1e-6
 
 
 def test_straight_ways_are_short() -> None:
-    """Who goes straight on for a thousand ticks is told by two places."""
+    """A straight way of a thousand ticks is encoded by two places."""
     assert len(path([0.5 * i for i in range(1000)], [3.0] * 1000)) == 6
 
 
-def test_positions_are_told_to_the_tenth_of_a_metre() -> None:
+def test_positions_are_exact_to_the_tenth_of_a_metre() -> None:
     """On the island a place in the page is a tenth of a metre off at most, in x and in y."""
     recording = recorded()
-    told = encode(recording, title="t")["scene"]["movers"]
+    movers = encode(recording, title="t")["scene"]["movers"]
     unit = composed().world.side / GRID
     assert unit == 0.1
-    for mover, entry in zip(film().movers, told, strict=True):
-        way = entry["way"] if isinstance(entry["way"], list) else told[entry["way"]]["way"]
-        for (x, y), there in zip(places(way, recording.ticks), mover, strict=True):
-            assert abs(x * unit - there.x) <= unit + 1e-9
-            assert abs(y * unit - there.y) <= unit + 1e-9
+    for mover, entry in zip(film().movers, movers, strict=True):
+        way = entry["way"] if isinstance(entry["way"], list) else movers[entry["way"]]["way"]
+        for (x, y), thing in zip(places(way, recording.ticks), mover, strict=True):
+            assert abs(x * unit - thing.x) <= unit + 1e-9
+            assert abs(y * unit - thing.y) <= unit + 1e-9
 
 
 def test_changes_are_lossless() -> None:
-    """The blackboard told as changes has the value of each tick."""
+    """The blackboard encoded as changes has the value of each tick."""
     recording = recorded()
-    told = encode(recording, title="t")["board"]
-    for place, entry in enumerate(told):
+    encoded = encode(recording, title="t")["board"]
+    for place, entry in enumerate(encoded):
         values: dict[int, Any] = {}
         tick = 0
         for since, value in zip(entry["changes"][::2], entry["changes"][1::2], strict=True):
@@ -236,7 +236,7 @@ def test_changes_are_lossless() -> None:
         for tick, board in enumerate(recording.boards):
             now = values.get(tick, now)
             assert now == round(board[place], 1)
-    assert [entry["key"] for entry in told] == list(recording.schema.vocabulary.keys)
+    assert [entry["key"] for entry in encoded] == list(recording.schema.vocabulary.keys)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +261,7 @@ def test_page_of_any_tree_is_below_a_megabyte() -> None:
 
 @pytest.mark.slow
 def test_page_of_a_restless_tree_is_below_a_megabyte() -> None:
-    """So does that of a large tree that starts anew in each tick: nothing in it can be told as
+    """So does that of a large tree that starts again in each tick: nothing in it can be encoded as
     a long run."""
     tree = example("poor")._replace(kind="sequence")
     for _ in range(4):
@@ -292,7 +292,7 @@ def test_hostile_title() -> None:
 
 
 @pytest.mark.slow
-def test_every_action_is_told_in_the_tree_and_in_the_data() -> None:
+def test_every_action_is_in_the_tree_and_in_the_data() -> None:
     """The picture and the data have the same nodes in the same order."""
     tree = example("diverse")
     text = page(recorded("diverse", 2), title="t")
@@ -305,8 +305,10 @@ def test_every_action_is_told_in_the_tree_and_in_the_data() -> None:
 def test_actions_are_painted_by_what_they_earn() -> None:
     """An action has the colour of its component; one that earns nothing that of the next in its
     sequence."""
-    told = encode(recorded(), title="t")
-    paints = {a: told["components"][i]["name"] if i >= 0 else "" for a, i in told["paints"].items()}
+    encoded = encode(recorded(), title="t")
+    paints = {
+        a: encoded["components"][i]["name"] if i >= 0 else "" for a, i in encoded["paints"].items()
+    }
     assert paints["PickupGarbage"] == paints["MoveToGarbage"] == "garbage"
     assert paints["DeliverToClearingPoint"] == "delivery"
     assert encode(small("selector { Stay }"), title="t")["paints"] == {"Stay": -1}

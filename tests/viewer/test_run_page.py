@@ -1,4 +1,4 @@
-"""The page of a run: what it says, what it holds of hostile text, and how it works in a browser."""
+"""The page of a run: its content, its handling of hostile text, and how it works in a browser."""
 
 from __future__ import annotations
 
@@ -113,20 +113,22 @@ def test_the_highest_so_far_begins_again_with_a_stage() -> None:
             "individuals": [{"fitness": best}],
         }
         history.add(record, cost)
-    found = thinned(history)
-    assert (found["top"], found["stages"]) == ([5, 5, 2, 4], [[1.0, 1], [3.0, 2]])
+    curves = thinned(history)
+    assert (curves["top"], curves["stages"]) == ([5, 5, 2, 4], [[1.0, 1], [3.0, 2]])
     assert history.fittest == {"fitness": 4.0}
 
 
 def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
     """Every elite with its tree, best first; axes with their edges."""
     archive, _ = read_archive(finished.path)
-    found = page.data["archive"]
-    assert [axis["name"] for axis in found["axes"]] == list(archive.cells)
-    assert [tuple(e["cell"]) for e in found["elites"]] == [e.cell for e in archive.best_first()]
-    assert {e["tree"] for e in found["elites"]} == {e.tree for e in archive.elites}
-    assert found["domain"] == "island"
-    assert found["flags"] == "--set world=dense", "what an episode depends on, and no more"
+    archive_data = page.data["archive"]
+    assert [axis["name"] for axis in archive_data["axes"]] == list(archive.cells)
+    assert [tuple(e["cell"]) for e in archive_data["elites"]] == [
+        e.cell for e in archive.best_first()
+    ]
+    assert {e["tree"] for e in archive_data["elites"]} == {e.tree for e in archive.elites}
+    assert archive_data["domain"] == "island"
+    assert archive_data["flags"] == "--set world=dense", "what an episode depends on, and no more"
 
 
 def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -> None:
@@ -152,41 +154,43 @@ def test_it_needs_nothing_else(page: Parsed) -> None:
 
 @pytest.mark.parametrize("status", list(Status))
 def test_it_loads_itself_again_while_the_run_goes_on(tmp_path: Path, status: Status) -> None:
-    """Without JavaScript too; and its body says the status."""
-    folder = written(tmp_path / "run", steps=run()[:3], done=False)
+    """Without JavaScript too; and its body has the status."""
+    folder = written(tmp_path / "run", steps=run()[:3], complete=False)
     if status is Status.FINISHED:
         folder = written(tmp_path / "other")
-    found = Parsed(run_page(folder, status))
-    again = ("meta", {"http-equiv": "refresh", "content": "5"}) in found.elements
+    parsed = Parsed(run_page(folder, status))
+    again = ("meta", {"http-equiv": "refresh", "content": "5"}) in parsed.elements
     assert again is (status is Status.RUNNING)
-    assert ("body", {"data-status": status.value}) in found.elements
+    assert ("body", {"data-status": status.value}) in parsed.elements
 
 
 def test_a_run_that_goes_on(tmp_path: Path) -> None:
-    """It says how far the run is, and has the archive of its last generation."""
+    """It has the progress of the run, and the archive of its last generation."""
     steps = run()[:3]
-    found = Parsed(run_page(written(tmp_path / "run", steps=steps, done=False), Status.RUNNING))
-    assert "After 3 of 8 generations, 36 episodes, the fittest individual of this" in found.text
+    parsed = Parsed(
+        run_page(written(tmp_path / "run", steps=steps, complete=False), Status.RUNNING)
+    )
+    assert "After 3 of 8 generations, 36 episodes, the fittest individual of this" in parsed.text
     expected = sorted(e.cell for e in steps[-1].archive)
-    assert sorted(tuple(e["cell"]) for e in found.data["archive"]["elites"]) == expected
+    assert sorted(tuple(e["cell"]) for e in parsed.data["archive"]["elites"]) == expected
 
 
 def test_a_run_that_has_just_begun(tmp_path: Path) -> None:
     """Before the first generation there is a page, too."""
-    folder = written(tmp_path / "run", steps=[], done=False)
-    found = Parsed(run_page(folder, Status.RUNNING))
-    assert "its first generation is not evaluated yet" in found.text
-    assert found.data["curves"]["episodes"] == []
+    folder = written(tmp_path / "run", steps=[], complete=False)
+    parsed = Parsed(run_page(folder, Status.RUNNING))
+    assert "its first generation is not evaluated yet" in parsed.text
+    assert parsed.data["curves"]["episodes"] == []
 
 
 def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
     """The reason, or that its command goes on."""
-    folder = written(tmp_path / "run", steps=run()[:2], done=False)
+    folder = written(tmp_path / "run", steps=run()[:2], complete=False)
     assert "was stopped after 2 generations" in Parsed(run_page(folder, Status.KILLED)).text
     folder.fail(ValueError(EVIL))
-    found = Parsed(run_page(folder, Status.FAILED))
-    assert "failed after 2 generations and 24 episodes: ValueError: </script>" in found.text
-    assert len(found.scripts) == 3
+    parsed = Parsed(run_page(folder, Status.FAILED))
+    assert "failed after 2 generations and 24 episodes: ValueError: </script>" in parsed.text
+    assert len(parsed.scripts) == 3
 
 
 def test_a_run_of_an_older_version(tmp_path: Path) -> None:
@@ -194,29 +198,29 @@ def test_a_run_of_an_older_version(tmp_path: Path) -> None:
     folder = written(tmp_path / "run")
     for generation in range(8):
         changed_record(folder, generation, lambda record: record.pop("archive"))
-    found = Parsed(run_page(folder, Status.FINISHED))
-    assert found.data["archive"] is None
-    assert "This run keeps no archive." in found.text
+    parsed = Parsed(run_page(folder, Status.FINISHED))
+    assert parsed.data["archive"] is None
+    assert "This run keeps no archive." in parsed.text
 
 
 @pytest.mark.parametrize("damage", ["missing", "damaged"])
 def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
-    """The page says so, and has all the rest."""
+    """The page reports it, and has all the rest."""
     folder = written(tmp_path / "run")
     file = folder.path / NAME
     if damage == "missing":
         file.unlink()
     else:
         file.write_text("{}")
-    found = Parsed(run_page(folder, Status.FINISHED)).data
-    assert (found["archive"]["readable"], found["archive"]["elites"]) == (False, [])
+    data = Parsed(run_page(folder, Status.FINISHED)).data
+    assert (data["archive"]["readable"], data["archive"]["elites"]) == (False, [])
 
 
 def test_hostile_text_stays_text(tmp_path: Path) -> None:
-    """Whatever names, reasons and files hold, no element comes of it."""
+    """Names, reasons and files with markup never become elements."""
     folder = written(
         tmp_path / "run",
-        said={"title": EVIL, "command": f"python -m islandgp {EVIL} 'world={EVIL}'",
+        fields={"title": EVIL, "command": f"python -m islandgp {EVIL} 'world={EVIL}'",
               "tags": {"domain": EVIL, "code": EVIL}},
     )  # fmt: skip
 
@@ -241,12 +245,12 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
     add_to_manifest(folder.path, "summary.json")
     text = run_page(folder, Status.FINISHED, replay=EVIL)
     assert embedded_replay(text) == EVIL
-    found = Parsed(text)
-    assert [name for name, _ in found.scripts] == ["data", "replay", None]
-    assert not any(tag == "img" for tag, _ in found.elements)
-    assert json.loads(dict(found.scripts)["replay"]) == EVIL
-    assert found.data["archive"]["domain"] == EVIL
-    assert EVIL in "".join(found.texts)
+    parsed = Parsed(text)
+    assert [name for name, _ in parsed.scripts] == ["data", "replay", None]
+    assert not any(tag == "img" for tag, _ in parsed.elements)
+    assert json.loads(dict(parsed.scripts)["replay"]) == EVIL
+    assert parsed.data["archive"]["domain"] == EVIL
+    assert EVIL in "".join(parsed.texts)
 
 
 def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) -> None:
@@ -271,20 +275,22 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     add_to_manifest(folder.path, NAME)
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
     assert embedded_replay(text) == ""
-    found = Parsed(text)
-    shown = found.data["archive"]["elites"]
+    parsed = Parsed(text)
+    elites_shown = parsed.data["archive"]["elites"]
     assert len(text.encode()) < 2_000_000
-    assert len(shown) == 6**4
-    assert [e["tree"] is None for e in shown] == sorted(e["tree"] is None for e in shown)
-    assert shown[0]["tree"] is not None
-    assert shown[-1]["tree"] is None
-    assert json.loads(dict(found.scripts)["replay"]) == ""
-    assert not any(a.get("id") == "show-replay" for _, a in found.elements)
+    assert len(elites_shown) == 6**4
+    assert [e["tree"] is None for e in elites_shown] == sorted(
+        e["tree"] is None for e in elites_shown
+    )
+    assert elites_shown[0]["tree"] is not None
+    assert elites_shown[-1]["tree"] is None
+    assert json.loads(dict(parsed.scripts)["replay"]) == ""
+    assert not any(a.get("id") == "show-replay" for _, a in parsed.elements)
     monkeypatch.setattr(lineage_section, "STEPS", (1, 1))
     long = written(tmp_path / "long", steps=supervised(1.0))
-    found = Parsed(run_page(long, Status.FINISHED))
-    steps = sum(tag == "li" for tag, _ in found.elements)
-    assert steps == 3 or "not shown" not in found.text
+    parsed = Parsed(run_page(long, Status.FINISHED))
+    steps = sum(tag == "li" for tag, _ in parsed.elements)
+    assert steps == 3 or "not shown" not in parsed.text
 
 
 @pytest.fixture(scope="module")
@@ -296,7 +302,7 @@ def file(finished: RunFolder, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def opened(browser: Browser, file: Path) -> Iterator[Browser]:
+def tab(browser: Browser, file: Path) -> Iterator[Browser]:
     """The page, just opened; fails where the browser complained about anything."""
     browser.console.clear()
     browser.open(f"file://{file}")
@@ -305,102 +311,102 @@ def opened(browser: Browser, file: Path) -> Iterator[Browser]:
     assert browser.console == []
 
 
-def test_in_a_browser_all_parts_are_drawn(opened: Browser, finished: RunFolder) -> None:
+def test_in_a_browser_all_parts_are_drawn(tab: Browser, finished: RunFolder) -> None:
     """A curve a line, a cell an elite, and nothing asked of a network."""
     elites = read_archive(finished.path)[0].elites
-    assert opened.run("document.querySelectorAll('#map .elite').length") == len(elites)
-    assert opened.run("document.querySelectorAll('#fitness .line').length") == 2
-    assert opened.run("document.querySelectorAll('#tiers .line').length") == 4
-    names = opened.run("[...document.querySelectorAll('.chart')].map(e => e.ariaLabel)")
+    assert tab.run("document.querySelectorAll('#map .elite').length") == len(elites)
+    assert tab.run("document.querySelectorAll('#fitness .line').length") == 2
+    assert tab.run("document.querySelectorAll('#tiers .line').length") == 4
+    names = tab.run("[...document.querySelectorAll('.chart')].map(e => e.ariaLabel)")
     assert names[0].startswith("Fitness, points, over 96 episodes: best of a generation ends at ")
 
 
-def test_a_cell_opens_its_tree(opened: Browser, finished: RunFolder) -> None:
+def test_a_cell_opens_its_tree(tab: Browser, finished: RunFolder) -> None:
     """By a click, by the list, and by arrow keys from elite to elite."""
     elites = read_archive(finished.path)[0].best_first()
     tree = "document.querySelector('#cell pre').textContent"
-    assert opened.run(tree) == elites[0].tree
-    opened.run(
+    assert tab.run(tree) == elites[0].tree
+    tab.run(
         "(() => { const s = document.getElementById('cells'); s.value = '1';"
         " s.dispatchEvent(new Event('change')); return 1; })()"
     )
-    assert opened.run(tree) == elites[1].tree
-    assert opened.run("location.hash") == "#cell-" + "-".join(map(str, elites[1].cell))
-    opened.run("document.getElementById('map').focus()")
-    seen = set()
+    assert tab.run(tree) == elites[1].tree
+    assert tab.run("location.hash") == "#cell-" + "-".join(map(str, elites[1].cell))
+    tab.run("document.getElementById('map').focus()")
+    trees = set()
     for key in ("ArrowLeft", "ArrowUp", "ArrowRight", "ArrowDown") * 4:
-        opened.press(key)
-        seen.add(opened.run(tree))
-    assert len(seen) > 1
-    assert seen <= {e.tree for e in elites}
-    box = opened.run(
+        tab.press(key)
+        trees.add(tab.run(tree))
+    assert len(trees) > 1
+    assert trees <= {e.tree for e in elites}
+    box = tab.run(
         "(() => { document.getElementById('map').scrollIntoView({block: 'center'});"
         " const all = [...document.querySelectorAll('#map .elite')];"
         " const r = all[2].getBoundingClientRect();"
         " return [r.x + r.width / 2, r.y + r.height / 2]; })()"
     )
-    opened.click(*box)
-    assert opened.run(tree) == elites[2].tree
+    tab.click(*box)
+    assert tab.run(tree) == elites[2].tree
 
 
 @pytest.mark.process
-def test_the_command_of_a_cell_plays_its_tree(opened: Browser, tmp_path: Path) -> None:
+def test_the_command_of_a_cell_plays_its_tree(tab: Browser, tmp_path: Path) -> None:
     """As a shell takes it: the tree comes by the standard input, whole."""
-    command = opened.run("document.querySelectorAll('#cell pre')[1].textContent")
+    command = tab.run("document.querySelectorAll('#cell pre')[1].textContent")
     program, _, rest = command.partition(" replay - ")
     assert program
-    said = subprocess.run(
+    output = subprocess.run(
         ["bash", "-c", f"printf '%s ' cat; cat {rest[rest.index('<<') :]}"],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         check=True,
     ).stdout
-    tree = opened.run("document.querySelector('#cell pre').textContent")
-    assert said == f"cat domain island\n\n{tree}"
+    tree = tab.run("document.querySelector('#cell pre').textContent")
+    assert output == f"cat domain island\n\n{tree}"
     assert "--set world=dense -o cell.html" in rest
 
 
-def test_the_replay_opens_in_the_page(opened: Browser) -> None:
+def test_the_replay_opens_in_the_page(tab: Browser) -> None:
     """On demand, in a frame that may run scripts and nothing else."""
-    assert opened.run("document.querySelectorAll('iframe').length") == 0
-    opened.run("document.getElementById('show-replay').click()")
+    assert tab.run("document.querySelectorAll('iframe').length") == 0
+    tab.run("document.getElementById('show-replay').click()")
     frame = "document.querySelector('iframe')"
-    assert opened.run(f"{frame}.getAttribute('sandbox')") == "allow-scripts"
-    assert opened.run(f"{frame}.srcdoc") == "<h1>It plays</h1>"
+    assert tab.run(f"{frame}.getAttribute('sandbox')") == "allow-scripts"
+    assert tab.run(f"{frame}.srcdoc") == "<h1>It plays</h1>"
 
 
 @pytest.mark.parametrize("width", [1500, 800, 400])
 def test_it_fits_into_the_window(
-    opened: Browser, file: Path, sized: Callable[[int, int], None], width: int
+    tab: Browser, file: Path, sized: Callable[[int, int], None], width: int
 ) -> None:
     """The page scrolls down, never sideways."""
     sized(width, 900)
-    opened.open(f"file://{file}")
-    assert opened.run("document.documentElement.scrollWidth") <= width
+    tab.open(f"file://{file}")
+    assert tab.run("document.documentElement.scrollWidth") <= width
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_every_text_can_be_read(opened: Browser, file: Path, theme: str) -> None:
-    """In both colours a text has a contrast of 4.5 to what it stands upon (WCAG AA)."""
+def test_every_text_can_be_read(tab: Browser, file: Path, theme: str) -> None:
+    """In both colours a text has a contrast of 4.5 to its background (WCAG AA)."""
     wish = {"name": "prefers-color-scheme", "value": theme}
-    opened.call("Emulation.setEmulatedMedia", features=[wish])
+    tab.call("Emulation.setEmulatedMedia", features=[wish])
     try:
-        opened.open(f"file://{file}")
-        opened.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+        tab.open(f"file://{file}")
+        tab.run("document.querySelectorAll('details').forEach(d => d.open = true)")
         # Their texts are all of one colour, soft upon panel, which the replay page has as well.
-        opened.run(
+        tab.run(
             "document.head.append(Object.assign(document.createElement('style'),"
             " {textContent: '.chart, #map { visibility: hidden }'})), 1"
         )
-        assert faint(opened) == []
+        assert faint(tab) == []
     finally:
-        opened.call("Emulation.setEmulatedMedia", features=[])
+        tab.call("Emulation.setEmulatedMedia", features=[])
 
 
 def test_a_running_page_can_be_stopped(browser: Browser, tmp_path: Path) -> None:
     """It offers to pause its updates, and keeps the cell that was chosen."""
-    folder = written(tmp_path / "run", steps=run()[:4], done=False)
+    folder = written(tmp_path / "run", steps=run()[:4], complete=False)
     file = tmp_path / "run.html"
     file.write_text(run_page(folder, Status.RUNNING, now=1))
     browser.open(f"file://{file}")

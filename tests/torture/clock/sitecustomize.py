@@ -1,4 +1,4 @@
-"""A clock that is wrong: first on PYTHONPATH, it shifts `time` by what a file says, s."""
+"""A clock that is wrong: first on PYTHONPATH, it shifts `time` by the number in a file, s."""
 
 import os
 import time
