@@ -18,7 +18,7 @@ class Editor:
     def __init__(self, folder: Path, *options: str) -> None:
         """Starts the server there, with these options."""
         self.folder = folder
-        self.said: list[dict[str, Any]] = []  # notifications
+        self.notifications: list[dict[str, Any]] = []  # notifications
         self._id = 0
         self._server = subprocess.Popen(
             [sys.executable, "-c", CODE, "language-server", *options],
@@ -62,29 +62,29 @@ class Editor:
         self._id += 1
         self._send({"id": self._id, "method": method, **({"params": params} if params else {})})
         while (message := self._receive()).get("id") != self._id:
-            self.said.append(message)
+            self.notifications.append(message)
         return message["error"]["message"] if "error" in message else message["result"]
 
-    def found(self, name: str) -> list[dict[str, Any]]:
+    def diagnostics_of(self, name: str) -> list[dict[str, Any]]:
         """The next diagnostics of a file."""
         while True:
-            for message in self.said:
+            for message in self.notifications:
                 if message["params"].get("uri") == self.uri(name):
-                    self.said.remove(message)
+                    self.notifications.remove(message)
                     diagnostics: list[dict[str, Any]] = message["params"]["diagnostics"]
                     return diagnostics
-            self.said.append(self._receive())
+            self.notifications.append(self._receive())
 
     def open(self, name: str, text: str) -> list[dict[str, Any]]:
         """Opens a text as a file, and gives its diagnostics."""
         document = {"uri": self.uri(name), "languageId": "islandgp", "version": 1, "text": text}
         self.tell("textDocument/didOpen", textDocument=document)
-        return self.found(name)
+        return self.diagnostics_of(name)
 
-    def at(self, what: str, name: str, line: int, character: int, **more: Any) -> Any:
+    def at(self, request: str, name: str, line: int, character: int, **more: Any) -> Any:
         """Asks about a place, from 0."""
         return self.ask(
-            f"textDocument/{what}",
+            f"textDocument/{request}",
             textDocument={"uri": self.uri(name)},
             position={"line": line, "character": character},
             **more,

@@ -67,7 +67,7 @@ from tests.trees.targets import (
     compiled,
     in_py_trees,
     ours,
-    with_own_names,
+    with_unique_names,
 )
 from tests.trees.worlds import random_trees
 
@@ -80,26 +80,26 @@ ENGINES: Final = ("py_trees", "`tickExactlyOnce`", "`tickOnce`")
 
 
 class Case(NamedTuple):
-    """A tree, what it meets, and where it is known, what its leaves did with it."""
+    """A tree, its blackboards and results, and the trace of its leaves if it is known."""
 
-    tree: Node  # each leaf has a name of its own
+    tree: Node  # each leaf has a unique name
     boards: Sequence[Sequence[float]]  # a value per key, for each tick
     results: Sequence[int]  # of the leaves, one after the other, again from the first
-    seen: Trace | None = None  # of a recorded episode: as `ours`, without who is fresh
+    recorded: Trace | None = None  # of a recorded episode: as `ours`, without who is fresh
     plain: bool = False  # True: with nodes of the library and of Nav2 alone, and leaves as Nav2's
 
 
 def named(tree: Node) -> Node:
-    """The tree with a name of its own for each leaf."""
-    return with_own_names(tree, count())
+    """The tree with a unique name for each leaf."""
+    return with_unique_names(tree, count())
 
 
 def random_condition(rng: Random, terms: int) -> ConditionExpr:
     """A comparison, or several of them joined."""
     if terms > 1:
         parts = [random_condition(rng, count) for count in (1, terms - 1)]
-        whole = combine(rng.choice(["and", "or"]), parts)
-        return negate(whole) if rng.random() < 0.3 else whole
+        joined = combine(rng.choice(["and", "or"]), parts)
+        return negate(joined) if rng.random() < 0.3 else joined
     key = rng.choice([*VOCABULARY.keys])
     if VOCABULARY.keys[key].flag:
         return Condition(key, rng.choice(FLAG_OPERATORS), 0.0)
@@ -223,8 +223,8 @@ def nav2_cases(kind: str, number: int) -> Iterator[Case]:
             rates = (Node(kind, random_args(rng, kind), (child,)) for child in children)
             tree = Node("pipeline", (), (*rates, tree))
         tree, boards, results = named(tree), random_boards(rng), random_results(rng)
-        found = any(node.kind == kind for node in walk(tree))
-        if not found or not {loss.about for loss in losses(tree)} <= {"nav2", "clock"}:
+        has_kind = any(node.kind == kind for node in walk(tree))
+        if not has_kind or not {loss.about for loss in losses(tree)} <= {"nav2", "clock"}:
             continue
         if kind == "every":
             trace = ours(tree, boards, results, PLACES)
@@ -236,22 +236,22 @@ def nav2_cases(kind: str, number: int) -> Iterator[Case]:
 
 def in_subtrees(tree: Node, rng: Random) -> Node:
     """The tree with some of its nodes as named subtrees, a few of them used again."""
-    made: list[Node] = []
+    subtrees: list[Node] = []
 
     def visit(node: Node) -> Node:
-        if made and rng.random() < 0.1:
-            return rng.choice(made)
-        found = node._replace(children=tuple(map(visit, node.children)))
+        if subtrees and rng.random() < 0.1:
+            return rng.choice(subtrees)
+        copy = node._replace(children=tuple(map(visit, node.children)))
         for _ in range(rng.choice([0, 0, 0, 1, 1, 2])):
-            found = as_subtree(found, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
-            made.append(found)
-        return found
+            copy = as_subtree(copy, rng.choice(["a", "recharge(20, -1.5)", "Sequence", "check"]))
+            subtrees.append(copy)
+        return copy
 
     return visit(tree)
 
 
 class Calls:
-    """An observer that keeps what leaves did, and what they saw."""
+    """An observer that keeps the calls of leaves, and their blackboards."""
 
     def __init__(self, tree: Node) -> None:
         """For an episode of this tree, whose leaves have the names of `named`."""
@@ -260,7 +260,7 @@ class Calls:
         self.results: list[int] = []
         self.trace: Trace = []
         self._leaves = {place: f"Leaf{i}" for i, place in enumerate(places)}
-        self._said: list[str] = []
+        self._calls: list[str] = []
         self._root = FAILURE
 
     def node(self, place: int, status: int) -> None:
@@ -270,16 +270,16 @@ class Calls:
         if (leaf := self._leaves.get(place)) is None:
             return
         if status == ABORTED:
-            self._said.append(f"-{leaf}")
+            self._calls.append(f"-{leaf}")
         else:
-            self._said.append(leaf)
+            self._calls.append(leaf)
             self.results.append(RUNNING if status == AGAIN else status)
 
     def tick(self, board: Sequence[float], _: Scene | None) -> None:
         """See `Observer`."""
         self.boards.append(tuple(map(float, board)))
-        self.trace.append(" ".join([*self._said, "=", STATUS_NAMES[self._root]]))
-        self._said = []
+        self.trace.append(" ".join([*self._calls, "=", STATUS_NAMES[self._root]]))
+        self._calls = []
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         """See `Observer`; it does not matter here."""
@@ -304,11 +304,11 @@ def evolved(runs: int, generations: int = 12) -> list[Node]:
     """
     texts: dict[str, None] = {}
     for seed in range(runs):
-        words = ["supervisor=baseline", f"gp.generations={generations}"]
-        words += ["gp.trees.conditions.joined=0.3"] * (seed % 2)
-        found = composed(*words)
-        supervisor = Baseline(BaselineSettings(**found.supervisor.policy))
-        for step in evolve(composed_plan(*words), seed, supervisor, Serial(found.problem())):
+        overrides = ["supervisor=baseline", f"gp.generations={generations}"]
+        overrides += ["gp.trees.conditions.joined=0.3"] * (seed % 2)
+        settings = composed(*overrides)
+        supervisor = Baseline(BaselineSettings(**settings.supervisor.policy))
+        for step in evolve(composed_plan(*overrides), seed, supervisor, Serial(settings.problem())):
             last = step.record.individuals
         texts |= dict.fromkeys(individual.tree for individual in last)
     return [parse(text, VOCABULARY) for text in texts]
@@ -327,32 +327,32 @@ class Row:
 def differing(expected: Trace, run: Callable[[], Trace]) -> int | None:
     """In how many ticks another engine differs; None if the export rejects the tree."""
     try:
-        found = run()
+        trace = run()
     except DomainError:
         return None
-    return sum(a != b for a, b in zip(expected, found, strict=True))
+    return sum(a != b for a, b in zip(expected, trace, strict=True))
 
 
 def tried(cases: Iterable[Case], cpp: BehaviorTreeCpp) -> Row:
     """Runs the cases in all engines."""
     row = Row()
-    for tree, boards, results, seen, plain in cases:
+    for tree, boards, results, trace, plain in cases:
         expected = ours(tree, boards, results, PLACES)
-        if seen is not None:  # the case is the episode
-            assert [tick.replace("!", "") for tick in expected] == seen
+        if trace is not None:  # the case is the episode
+            assert [tick.replace("!", "") for tick in expected] == trace
         library = partial(cpp.trace, tree, boards, results, plain=plain, restarting=plain)
         engines: tuple[Callable[[], Trace], ...] = (
             partial(in_py_trees, tree, boards, results, PLACES),
             partial(library, how="exactly"),
             partial(library, how="once"),
         )
-        found = [differing(expected, run) for run in engines]
+        differences = [differing(expected, run) for run in engines]
         row.trees += 1
         row.ticks += len(expected)
         row.calls += sum(len(tick.partition("=")[0].split()) for tick in expected)
         row.differences = tuple(
             None if before is None or ticks is None else before + ticks
-            for before, ticks in zip(row.differences, found, strict=True)
+            for before, ticks in zip(row.differences, differences, strict=True)
         )
     return row
 

@@ -124,10 +124,10 @@ SHAPES: Final = {
 """By the name of the published tree."""
 
 
-def words_of(shape: str) -> list[str]:
+def expanded(shape: str) -> list[str]:
     """The words of a shape, its parts expanded."""
-    while expanded := [w for w in shape.split() if w in _PARTS]:
-        for part in expanded:
+    while parts := [w for w in shape.split() if w in _PARTS]:
+        for part in parts:
             shape = re.sub(rf"\b{part}\b", _PARTS[part], shape)
     return shape.split()
 
@@ -136,20 +136,20 @@ def file_of(shape: str) -> str:
     """A file with that tree and the model of its leaves and decorators."""
     lines: list[str] = []
     ports: dict[str, dict[str, None]] = {}
-    opened: list[str] = []
-    words = words_of(shape)
-    for at, word in enumerate(words):
-        if word == "]":
-            lines.append(f"</{opened.pop()}>")
-        elif "=" not in word and word != "[":
-            rest = words[at + 1 :]
-            own = rest[: next((i for i, w in enumerate(rest) if "=" not in w), len(rest))]
-            given = [each.split("=") for each in own]
-            ports.setdefault(word, {}).update(dict.fromkeys(name for name, _ in given))
-            inner = rest[len(own) : len(own) + 1] == ["["]
-            text = "".join(f" {name}={quoteattr(value)}" for name, value in given)
-            lines.append(f"<{word}{text}{'' if inner else '/'}>")
-            opened += [word] if inner else []
+    open_tags: list[str] = []
+    tokens = expanded(shape)
+    for at, token in enumerate(tokens):
+        if token == "]":
+            lines.append(f"</{open_tags.pop()}>")
+        elif "=" not in token and token != "[":
+            rest = tokens[at + 1 :]
+            attributes = rest[: next((i for i, w in enumerate(rest) if "=" not in w), len(rest))]
+            pairs = [each.split("=") for each in attributes]
+            ports.setdefault(token, {}).update(dict.fromkeys(name for name, _ in pairs))
+            inner = rest[len(attributes) : len(attributes) + 1] == ["["]
+            text = "".join(f" {name}={quoteattr(value)}" for name, value in pairs)
+            lines.append(f"<{token}{text}{'' if inner else '/'}>")
+            open_tags += [token] if inner else []
     tags = {w: "Condition" if w in CONDITIONS else "Action" for w in ports if w not in LIBRARY}
     model = [
         f'<{"Decorator" if name in DECORATORS else tag} ID="{name}">'

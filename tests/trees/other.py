@@ -1,4 +1,4 @@
-"""A domain with words of its own; it runs nothing."""
+"""A domain with another vocabulary; it runs nothing."""
 
 from __future__ import annotations
 

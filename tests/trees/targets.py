@@ -1,4 +1,4 @@
-"""One tree in three engines: ours, py_trees and BehaviorTree.CPP; what each tells its leaves.
+"""One tree in three engines: ours, py_trees and BehaviorTree.CPP; the calls of their leaves.
 
 A trace has a text per tick: "A! B -C = RUNNING" is A started, B resumed, C halted, in that order,
 and then the root's status.
@@ -29,15 +29,17 @@ BUILT: Final = Path(__file__).parents[2] / "build" / "behaviortree_cpp"
 
 
 def main_tree(text: str, vocabulary: Vocabulary, *, name: str = "<xml>") -> Node:
-    """The main tree of an XML file, whatever is lost."""
+    """The main tree of an XML file, with any losses."""
     return read_tree(text, vocabulary, name=name).tree
 
 
-def with_own_names(node: Node, numbers: Iterator[int]) -> Node:
-    """The tree with a name of its own for each leaf, so that calls tell leaves apart."""
+def with_unique_names(node: Node, numbers: Iterator[int]) -> Node:
+    """The tree with a unique name for each leaf, so that calls identify leaves."""
     if node.action:
         return leaf(f"Leaf{next(numbers)}")
-    return node._replace(children=tuple(with_own_names(child, numbers) for child in node.children))
+    return node._replace(
+        children=tuple(with_unique_names(child, numbers) for child in node.children)
+    )
 
 
 def leaves(tree: Node) -> list[str]:
@@ -45,24 +47,24 @@ def leaves(tree: Node) -> list[str]:
 
 
 class Script:
-    """What leaves return, one result after the other, and what they were told."""
+    """The results of leaves, one after the other, and their calls."""
 
     def __init__(self, results: Sequence[int]) -> None:
-        self.said: list[str] = []
+        self.calls: list[str] = []
         self._results = results
         self._taken = 0
 
     def call(self, name: str, fresh: bool) -> int:
-        self.said.append(f"{name}!" if fresh else name)
+        self.calls.append(f"{name}!" if fresh else name)
         self._taken += 1
         return self._results[(self._taken - 1) % len(self._results)]
 
     def halt(self, name: str) -> None:
-        self.said.append(f"-{name}")
+        self.calls.append(f"-{name}")
 
     def take(self, status: str) -> str:
-        said, self.said = self.said, []
-        return " ".join([*said, "=", status])
+        calls, self.calls = self.calls, []
+        return " ".join([*calls, "=", status])
 
 
 def ours(tree: Node, boards: Boards, results: Sequence[int], places: dict[str, int]) -> Trace:
@@ -146,15 +148,17 @@ class BehaviorTreeCpp:
         results: Sequence[int],
         *,
         plain: bool = False,
-        how: str = "exactly",
+        tick_function: str = "exactly",
         restarting: bool = False,
     ) -> Trace:
-        """What the library does; `how` is once or exactly, the tick function.
+        """The library's trace; `tick_function` is once or exactly.
 
         `restarting`: leaves start again after their end, as those of Nav2 do.
         """
         xml = behaviortree_cpp.to_xml(tree, plain=plain, step_s=1.0)
-        return self.trace_of(xml, leaves(tree), boards, results, how=how, restarting=restarting)
+        return self.trace_of(
+            xml, leaves(tree), boards, results, tick_function=tick_function, restarting=restarting
+        )
 
     def trace_of(
         self,
@@ -163,14 +167,14 @@ class BehaviorTreeCpp:
         boards: Boards,
         results: Sequence[int],
         *,
-        how: str = "exactly",
+        tick_function: str = "exactly",
         restarting: bool = False,
     ) -> Trace:
         """What the library does with the XML of any file."""
         names = sorted(set(names))
         codes = {FAILURE: "F", SUCCESS: "S", RUNNING: "R"}
-        words = [
-            "1", how, "restarting" if restarting else "stateful",
+        request = [
+            "1", tick_function, "restarting" if restarting else "stateful",
             f"{len(xml.encode())} {xml}", str(len(names)), *names,
             str(len(self._keys)), *self._keys,
             str(len(boards)), *(repr(float(value)) for board in boards for value in board),
@@ -178,7 +182,7 @@ class BehaviorTreeCpp:
         ]  # fmt: skip
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write("\n".join(words) + "\n")
+        self._process.stdin.write("\n".join(request) + "\n")
         self._process.stdin.flush()
         trace = []
         while (line := self._process.stdout.readline().strip()) != ".":
@@ -223,5 +227,5 @@ def _has_headers(include: Path) -> bool:
 
 
 def _first(library: Path) -> bool:
-    """The library itself must stand before what it is linked with."""
+    """The library itself must come before what it is linked with."""
     return library.name != "libbehaviortree_cpp.a"

@@ -1,4 +1,4 @@
-"""A tree in a program of one's own: `islandgp.load_tree`, `Tree.bind`, `RobotTree.tick`."""
+"""A tree in a user's program: `islandgp.load_tree`, `Tree.bind`, `RobotTree.tick`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from islandgp.errors import DomainError, OtherDomainError
 
 ROOT = Path(__file__).resolve().parents[2]
 TUTORIAL = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
-WORDS = Vocabulary(
+PORTER = Vocabulary(
     "porter",
     {"Dock": Action("charges"), "Drive": Action("drives"), "Wave": Action("waves")},
     {"battery": number("%", 0, 100), "person": flag("somebody is near")},
@@ -48,19 +48,19 @@ class Porter:
 
     def __init__(self) -> None:
         self.battery = 50.0
-        self.said: list[str] = []
+        self.events: list[str] = []
 
     def Dock(self) -> bool:
-        self.said.append("dock")
+        self.events.append("dock")
         return True
 
     def Drive(self) -> Generator[None, None, bool]:
-        self.said.append("start")
+        self.events.append("start")
         try:
             while True:
                 yield
         finally:
-            self.said.append("stop")
+            self.events.append("stop")
 
 
 def test_an_object_is_a_robot(load: Callable[..., islandgp.Tree]) -> None:
@@ -70,7 +70,7 @@ def test_an_object_is_a_robot(load: Callable[..., islandgp.Tree]) -> None:
     assert [robot_tree.tick() for _ in range(2)] == [NodeStatus.RUNNING, NodeStatus.RUNNING]
     porter.battery = 10
     assert robot_tree.tick() is NodeStatus.SUCCESS
-    assert porter.said == ["start", "stop", "dock"]
+    assert porter.events == ["start", "stop", "dock"]
     assert robot_tree.statuses == [
         NodeStatus.SUCCESS,
         NodeStatus.SUCCESS,
@@ -85,8 +85,8 @@ def test_keys_are_read_once_a_tick(load: Callable[..., islandgp.Tree]) -> None:
     tree = load("selector { when battery < 20 { Dock } when battery >= 20 { Drive } }")
     leaves = {"Dock": lambda: True, "Drive": lambda: NodeStatus.RUNNING}
     robot_tree = tree.bind(leaves, keys={"battery": lambda: next(values)})
-    found = [robot_tree.tick() for _ in range(3)]
-    assert found == [NodeStatus.SUCCESS, NodeStatus.RUNNING, NodeStatus.RUNNING]
+    statuses = [robot_tree.tick() for _ in range(3)]
+    assert statuses == [NodeStatus.SUCCESS, NodeStatus.RUNNING, NodeStatus.RUNNING]
 
 
 class Motor:
@@ -166,7 +166,7 @@ def test_every_stop_is_called(load: Callable[..., islandgp.Tree]) -> None:
     assert motor.stopped == 2
 
 
-def test_each_use_has_its_own_generator(load: Callable[..., islandgp.Tree]) -> None:
+def test_each_use_has_a_generator(load: Callable[..., islandgp.Tree]) -> None:
     """An action that occurs twice in a tree runs twice."""
     starts = []
 
@@ -183,16 +183,16 @@ def test_each_use_has_its_own_generator(load: Callable[..., islandgp.Tree]) -> N
 def test_a_leaf_gets_its_arguments(load: Callable[..., islandgp.Tree]) -> None:
     """By name, with the defaults of the vocabulary; a function that takes others is refused."""
     arguments = {"to": one_of("where", ("dock", "door")), "fast": switch("run")}
-    words = Vocabulary("porter", {"Go": Action("goes", arguments=arguments)}, {})
-    tree = load("sequence { Go(to: door) Go(fast: yes) }", words)
-    gone: list[tuple[str, bool]] = []
+    vocabulary = Vocabulary("porter", {"Go": Action("goes", arguments=arguments)}, {})
+    tree = load("sequence { Go(to: door) Go(fast: yes) }", vocabulary)
+    calls: list[tuple[str, bool]] = []
 
     def go(to: str, fast: bool) -> bool:
-        gone.append((to, fast))
+        calls.append((to, fast))
         return True
 
     assert tree.bind({"Go": go}).tick() is NodeStatus.SUCCESS
-    assert gone == [("door", False), ("dock", True)]
+    assert calls == [("door", False), ("dock", True)]
     with pytest.raises(DomainError, match="cannot be called with to, fast"):
         tree.bind({"Go": lambda: True})
 
@@ -207,7 +207,7 @@ def test_all_faults_are_reported_at_once(load: Callable[..., islandgp.Tree]) -> 
     text = "domain porter selector { when battery < 20 { Dock } Drive Wave }"
     leaves = {"Dok": lambda: True, "Drive": lambda speed: speed > 0, "Wave": later}
     with pytest.raises(DomainError) as excinfo:
-        load(text, WORDS).bind(leaves, keys={"person": True})
+        load(text, PORTER).bind(leaves, keys={"person": True})
     first, *lines = str(excinfo.value).splitlines()
     assert first.endswith("my tree.bt, found:")
     assert [re.sub(r", in .*", "", line.strip()) for line in lines] == [
@@ -325,9 +325,9 @@ def test_the_tutorials_program(
     assert len([line for line in program.splitlines() if line.strip()]) <= 21
     exec(compile(program.replace("0.05", "0"), "my_robot.py", "exec"), {"__name__": "__main__"})
     lines = capsys.readouterr().out.splitlines()
-    shown = TUTORIAL.split("aborts the patrol:\n\n```\n")[1].split("\n...")[0].splitlines()
-    assert lines[: len(shown)] == shown
-    assert shown.count("wheels stopped") == 2  # at the end of an action, and at an abort
+    documented = TUTORIAL.split("aborts the patrol:\n\n```\n")[1].split("\n...")[0].splitlines()
+    assert lines[: len(documented)] == documented
+    assert documented.count("wheels stopped") == 2  # at the end of an action, and at an abort
     assert lines[-1] == "wheels stopped"  # at the end of the with block
     assert len(lines) == 20 + 4
 
@@ -335,9 +335,9 @@ def test_the_tutorials_program(
 def test_conditions_in_code() -> None:
     """A condition is a function that answers at once; an action may go on."""
     asks = condition_leaf("the way is clear", {"to": one_of("where to", ("dock", "door"))})
-    words = Vocabulary("robot", {"IsClear": asks, "Go": Action("goes")}, {})
-    node = parse("sequence { IsClear(to: door) Go }", words)
-    tree = Tree(node, words, "a.bt")
+    vocabulary = Vocabulary("robot", {"IsClear": asks, "Go": Action("goes")}, {})
+    node = parse("sequence { IsClear(to: door) Go }", vocabulary)
+    tree = Tree(node, vocabulary, "a.bt")
     leaves = {"IsClear": lambda to: to == "door", "Go": lambda: RUNNING}
     assert tree.bind(leaves).tick() is NodeStatus.RUNNING
     with pytest.raises(DomainError, match="True or False from the condition IsClear"):
@@ -347,7 +347,7 @@ def test_conditions_in_code() -> None:
 
 
 def test_seconds_of_a_program() -> None:
-    """A tree that waits is told how far apart its ticks are."""
+    """A tree that waits needs the time between its ticks."""
     tree = Tree(parse("wait 0.2 { Go }"), None, "a.bt")
     with pytest.raises(DomainError, match="step_s"):
         tree.bind({"Go": lambda: True})

@@ -28,7 +28,7 @@ EXAMPLES = sorted((resource("grammar") / "examples").glob("*.bt"))
 
 
 def test_all_errors_of_a_file() -> None:
-    """Each wrong name and number is told once, with its place, also in a subtree used twice."""
+    """Each wrong name and number is reported once, with its place, also in a subtree used twice."""
     text = (
         "subtree s = when lapp < 3 { PatrolWaypoint }\n"
         "selector { use s use s SekCharger repeater 0 { PatrolWaypoint } use t }"
@@ -46,7 +46,7 @@ def test_all_errors_of_a_file() -> None:
     ],
 )
 def test_unclosed_brace(text: str, brace: str) -> None:
-    """By the indentation of the lines it is said which brace is not closed."""
+    """The indentation of the lines locates the brace that is not closed."""
     with pytest.raises(TreeError, match=f"the brace of the {brace} is not closed"):
         parse(text, VOCABULARY)
 
@@ -61,33 +61,33 @@ def test_a_shared_subtree_is_judged_by_all_its_uses() -> None:
 
 
 def test_unused_names() -> None:
-    """Constants and parameters that nothing uses are told."""
+    """Constants and parameters that nothing uses are reported."""
     text = (
         "constant low = 2 constant high = 3\n"
         "subtree s(a, b) = when lap < a { PatrolWaypoint }\n"
         "selector { use s(low, 1) SeekCharger }"
     )
-    found = [(w.code, w.line, w.column) for w in warnings(text, VOCABULARY)]
-    assert found == [("unused-constant", 1, 27), ("unused-parameter", 2, 14)]
+    places = [(w.code, w.line, w.column) for w in warnings(text, VOCABULARY)]
+    assert places == [("unused-constant", 1, 27), ("unused-parameter", 2, 14)]
 
 
 def test_mistakes() -> None:
     """docs/mistakes.md has 80 mistakes or more, each with the message that it gets today."""
-    page, words = script("mistakes"), script("mistakes").vocabulary()
+    page, vocabulary = script("mistakes"), script("mistakes").vocabulary()
     assert page.PAGE.read_text(encoding="utf-8") == page.page()
     texts = [text for section in page.slips().values() for text in section]
     assert len(texts) == len(set(texts)) >= 80
     for text in texts:
-        assert page.messages(text, words), text
+        assert page.messages(text, vocabulary), text
 
 
 def test_a_wrong_file(islandgp: Cli, tmp_path: Path) -> None:
     """A wrong file gives exit code 1 and its error where it is wrong, and no traceback."""
     file = tmp_path / "t.bt"
     file.write_text("selector {\n  MoveToGarbag\n}\n", encoding="utf-8")
-    said = islandgp("check", file)
-    assert (said.code, said.err) == (1, "")
-    lines = said.out.splitlines()
+    result = islandgp("check", file)
+    assert (result.code, result.err) == (1, "")
+    lines = result.out.splitlines()
     assert lines[0] == f"{file}:2:3: unknown action 'MoveToGarbag'"
     assert lines[1:3] == ["      MoveToGarbag", "      ^"]
     assert lines[-1] == "Did you mean MoveToGarbage?"
@@ -96,8 +96,8 @@ def test_a_wrong_file(islandgp: Cli, tmp_path: Path) -> None:
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
 def test_examples(islandgp: Cli, file: Path) -> None:
     """Every example is right, and only the poor one is doubtful."""
-    said = islandgp("check", "--strict", file)
-    assert said.code == (file.stem == "poor")
+    result = islandgp("check", "--strict", file)
+    assert result.code == (file.stem == "poor")
 
 
 # The text of a tree, and where a warning is expected with which words.
@@ -152,11 +152,11 @@ FINE = [
 ]
 
 
-@pytest.mark.parametrize(("text", "place", "words"), DOUBTFUL, ids=[d[0] for d in DOUBTFUL])
-def test_warning(text: str, place: tuple[int, int], words: str) -> None:
+@pytest.mark.parametrize(("text", "place", "message"), DOUBTFUL, ids=[d[0] for d in DOUBTFUL])
+def test_warning(text: str, place: tuple[int, int], message: str) -> None:
     """A doubtful place is pointed out, once, with its reason."""
-    found = [w for w in warnings(text, VOCABULARY) if words in w.message]
-    assert [(w.line, w.column) for w in found] == [place]
+    matching = [w for w in warnings(text, VOCABULARY) if message in w.message]
+    assert [(w.line, w.column) for w in matching] == [place]
 
 
 @pytest.mark.parametrize("text", FINE)
@@ -166,7 +166,7 @@ def test_no_warning(text: str) -> None:
 
 
 def test_warning_in_a_subtree() -> None:
-    """What is wrong in a named subtree is told once, where it is written."""
+    """A mistake in a named subtree is reported once, where it is written."""
     text = "subtree a = inverter { inverter { SeekCharger } }\nselector { use a use a }"
     doubtful = [w for w in warnings(text, VOCABULARY) if "double" in w.message]
     assert [(w.line, w.column) for w in doubtful] == [(1, 13)]
@@ -177,31 +177,31 @@ def test_limits(islandgp: Cli, tmp_path: Path) -> None:
     file = tmp_path / "t.bt"
     file.write_text("selector { SeekCharger PatrolWaypoint }")
     assert islandgp("check", file).code == 0
-    said = islandgp("check", "--max-nodes", 2, file)
-    assert said.code == 1
-    assert re.search(r"t\.bt: .*at most 2 nodes, found 3", said.out)
+    result = islandgp("check", "--max-nodes", 2, file)
+    assert result.code == 1
+    assert re.search(r"t\.bt: .*at most 2 nodes, found 3", result.out)
 
 
 def test_other_encodings(islandgp: Cli, tmp_path: Path) -> None:
     """A file that is not UTF-8 gives one clear line and exit code 2."""
     file = tmp_path / "t.bt"
     file.write_bytes(b"# caf\xe9\nPatrolWaypoint")
-    said = islandgp("check", file)
-    assert said.code == 2
-    assert "Expected UTF-8" in said.err
+    result = islandgp("check", file)
+    assert result.code == 2
+    assert "Expected UTF-8" in result.err
 
 
 class Facts:
-    """An observer that holds what the vocabulary says of actions against what they do."""
+    """An observer that compares the vocabulary's facts about actions with their results."""
 
     def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
         self.names = [n.action for n in walk(tree)]
-        self.told: list[tuple[str, int]] = []
-        self.seen = seen
+        self.results: list[tuple[str, int]] = []
+        self.counts = seen
 
     def node(self, place: int, status: int) -> None:
         if self.names[place] and status in (FAILURE, SUCCESS, RUNNING):
-            self.told.append((self.names[place], status))
+            self.results.append((self.names[place], status))
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         pass
@@ -209,16 +209,16 @@ class Facts:
     def tick(self, values: Sequence[float], _: Scene | None) -> None:
         board = dict(zip(VOCABULARY.keys, values, strict=True))
         changed: set[str] = set()  # keys, by an action earlier in this tick
-        for name, status in self.told:
+        for name, status in self.results:
             action = VOCABULARY.actions[name]
             assert status in action.statuses
-            self.seen[name, status] += 1
+            self.counts[name, status] += 1
             if status == SUCCESS:
-                for asked in action.to_succeed:
-                    if asked.key not in changed:
-                        assert condition(asked, values, VOCABULARY.places)(), (name, asked, board)
+                for need in action.to_succeed:
+                    if need.key not in changed:
+                        assert condition(need, values, VOCABULARY.places)(), (name, need, board)
                 changed |= action.changes.keys()
-        self.told.clear()
+        self.results.clear()
 
 
 @pytest.mark.slow
@@ -228,10 +228,10 @@ def test_facts_about_actions_hold_on_the_island() -> None:
     settings = composed()
     domain = shortened(settings, 120, stagnation=120, negative=120).make_domain()
     weights = settings.curriculum.multipliers(0)
-    seen: Counter[tuple[str, int]] = Counter()
+    counts: Counter[tuple[str, int]] = Counter()
     for tree in random_trees(settings, 20):
-        domain.run_episode(tree, 7, weights, Facts(tree, seen))
-    assert {name for name, status in seen if status == SUCCESS} >= {
+        domain.run_episode(tree, 7, weights, Facts(tree, counts))
+    assert {name for name, status in counts if status == SUCCESS} >= {
         "MoveToGarbage",
         "PickupGarbage",
         "SeekCharger",
@@ -244,7 +244,7 @@ EARLY = "+curriculum.stages.0.world={robot: {charge_below: 80}}"
 
 
 @pytest.mark.parametrize(
-    ("level", "words", "warned"),
+    ("level", "options", "warned"),
     [
         (60, [], True),  # conf/world/island.yaml has 50
         (45, [], False),
@@ -255,14 +255,16 @@ EARLY = "+curriculum.stages.0.world={robot: {charge_below: 80}}"
     ],
 )
 def test_where_the_robot_cannot_charge_follows_the_world(
-    islandgp: Cli, tmp_path: Path, level: int, words: list[str], warned: bool
+    islandgp: Cli, tmp_path: Path, level: int, options: list[str], warned: bool
 ) -> None:
     """A charge that can never start is pointed out, by `charge_below` of the configured worlds."""
     file = tmp_path / "t.bt"
     file.write_text(HALF.format(level=level), encoding="utf-8")
-    said = islandgp("check", file, *words)
-    assert (said.code, said.err) == (0, "")
-    assert ("ExecuteCharge can never succeed here: it needs batteryLevel < " in said.out) == warned
+    result = islandgp("check", file, *options)
+    assert (result.code, result.err) == (0, "")
+    assert (
+        "ExecuteCharge can never succeed here: it needs batteryLevel < " in result.out
+    ) == warned
 
 
 DOMAIN = """\
@@ -272,38 +274,40 @@ domain: {factory: "tests.trees.other:Other"}
 """
 
 
-def test_the_words_of_the_domain_that_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
-    """`domain NAME` in a file chooses the words, also among several files of several domains."""
+def test_the_vocabulary_of_the_domain_that_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
+    """`domain NAME` in a file chooses the vocabulary, also among files of several domains."""
     (tmp_path / "domain").mkdir()
     (tmp_path / "domain" / "other.yaml").write_text(DOMAIN)
     other, ours = tmp_path / "other.bt", tmp_path / "ours.bt"
     other.write_text("domain other\nselector { when tired { Rest } Work }\n")
     ours.write_text("PatrolWaypoint\n")
-    said = islandgp("check", "--config-dir", tmp_path, other, ours)
-    assert (said.code, said.err) == (0, "")
-    assert "4 nodes" in said.out
+    result = islandgp("check", "--config-dir", tmp_path, other, ours)
+    assert (result.code, result.err) == (0, "")
+    assert "4 nodes" in result.out
     ours.write_text("Work\n")
-    said = islandgp("check", "--config-dir", tmp_path, ours)
-    assert said.code == 1
-    assert "Work" in said.out
+    result = islandgp("check", "--config-dir", tmp_path, ours)
+    assert result.code == 1
+    assert "Work" in result.out
     assert islandgp("check", "--config-dir", tmp_path, "--set", "domain=other", ours).code == 0
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [("simplify",), ("export", "--to", "json"), ("play",), ("trace",), ("replay",)],
-    ids=lambda words: words[0],
+    ids=lambda arguments: arguments[0],
 )
-def test_a_domain_that_is_not_there(islandgp: Cli, tmp_path: Path, words: tuple[str, ...]) -> None:
+def test_a_domain_that_is_not_there(
+    islandgp: Cli, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
     """One line with the remedy, and exit code 2."""
     file = tmp_path / "t.bt"
     file.write_text("domain maze\nForward\n")
-    said = islandgp(*words, file)
-    assert (said.code, said.out) == (2, "")
+    result = islandgp(*arguments, file)
+    assert (result.code, result.out) == (2, "")
     known = "cartpole, island, lunarlander, minigrid, mountaincar, pendulum, swimmer"
-    assert f"for a domain that is configured ({known}), found one for 'maze'" in said.err
-    assert "--config-dir" in said.err
-    assert len(said.err.splitlines()) == 1
+    assert f"for a domain that is configured ({known}), found one for 'maze'" in result.err
+    assert "--config-dir" in result.err
+    assert len(result.err.splitlines()) == 1
 
 
 def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
@@ -313,9 +317,9 @@ def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
     maze, ours = tmp_path / "maze.bt", tmp_path / "ours.bt"
     maze.write_text("# a maze\ndomain maze\nForward\n")
     ours.write_text("PatrolWaypoint\n")
-    said = islandgp("check", maze, ours)
-    assert (said.code, said.err) == (1, "")
-    first, second = said.out.splitlines()
+    result = islandgp("check", maze, ours)
+    assert (result.code, result.err) == (1, "")
+    first, second = result.out.splitlines()
     assert first.startswith(f"{maze}:2:8: expected a tree for a domain that is configured")
     assert second.startswith(f"{ours}: 1 nodes")
     (entry,) = json.loads(islandgp("check", "--json", maze, ours).out)
@@ -325,23 +329,25 @@ def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
 
 
 def test_another_domain_than_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
-    """What the user chooses holds, and a file for something else is refused."""
+    """The user's choice applies, and a file for another domain is refused."""
     file = tmp_path / "t.bt"
     file.write_text("domain maze\nForward\n")
-    said = islandgp("check", "--set", "domain=island", file)
-    assert said.code == 1
-    assert "the tree is for the domain 'maze', not for 'island'" in said.out
-    said = islandgp("play", "--set", "domain=island", file)
-    assert said.code == 2
-    assert "the tree is for the domain 'maze', not for 'island'" in said.err
+    result = islandgp("check", "--set", "domain=island", file)
+    assert result.code == 1
+    assert "the tree is for the domain 'maze', not for 'island'" in result.out
+    result = islandgp("play", "--set", "domain=island", file)
+    assert result.code == 2
+    assert "the tree is for the domain 'maze', not for 'island'" in result.err
 
 
-@pytest.mark.parametrize("words", [("fmt", "--check"), ("show",)], ids=lambda words: words[0])
-def test_no_words_are_needed(islandgp: Cli, tmp_path: Path, words: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    "arguments", [("fmt", "--check"), ("show",)], ids=lambda arguments: arguments[0]
+)
+def test_no_vocabulary_is_needed(islandgp: Cli, tmp_path: Path, arguments: tuple[str, ...]) -> None:
     """`fmt` and `show` take trees of any domain."""
     file = tmp_path / "t.bt"
     file.write_text("domain maze\n\nselector { Forward Turn }\n")
-    assert islandgp(*words, file).code == 0
+    assert islandgp(*arguments, file).code == 0
 
 
 DOUBTFUL = {
@@ -358,7 +364,7 @@ DOUBTFUL = {
 
 
 def test_codes() -> None:
-    """Each kind of warning has a code, which the documentation tells."""
+    """Each kind of warning has a code, which is documented."""
     assert DOUBTFUL.keys() == CODES.keys()
     page = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
     for code, text in DOUBTFUL.items():
@@ -372,9 +378,9 @@ def test_json(islandgp: Cli, tmp_path: Path) -> None:
     right.write_text("selector { PatrolWaypoint MoveToGarbage }")
     wrong.write_text('include "part.bt"\nuse x')
     part.write_text("subtree x = MoveToGarbag")
-    said = islandgp("check", "--json", right, wrong)
-    doubtful, error = json.loads(said.out)
-    assert said.code == 1
+    result = islandgp("check", "--json", right, wrong)
+    doubtful, error = json.loads(result.out)
+    assert result.code == 1
     assert doubtful.pop("message").startswith("this branch can never run")
     assert doubtful == {
         "file": str(right), "line": 1, "column": 27, "end": 40,

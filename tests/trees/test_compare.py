@@ -25,7 +25,7 @@ def marked(old: str, new: str) -> str:
 
 @examples(max_examples=150)
 @given(old=TREES, new=TREES)
-def test_both_trees_are_told_in_order(old: Node, new: Node) -> None:
+def test_both_trees_are_listed_in_order(old: Node, new: Node) -> None:
     """The lines without + are the old tree's nodes in order, those without - the new one's."""
     lines = [line for line in compare(old, new) if not line.end]
     assert [(n.kind, n.args) for n in walk(old)] == [
@@ -35,8 +35,8 @@ def test_both_trees_are_told_in_order(old: Node, new: Node) -> None:
         (line.new.kind, line.new.args) for line in lines if line.new is not None
     ]
     for line in lines:
-        found = (line.old is None, line.new is None)
-        assert found == (line.mark is Mark.INSERTED, line.mark is Mark.DELETED)
+        missing = (line.old is None, line.new is None)
+        assert missing == (line.mark is Mark.INSERTED, line.mark is Mark.DELETED)
 
 
 @examples(max_examples=150)
@@ -60,7 +60,7 @@ def test_by_hand() -> None:
 
 
 def test_where_a_node_ends() -> None:
-    """The same nodes in the same order are told apart by their ends."""
+    """The same nodes in the same order differ by their ends."""
     assert marked("selector { sequence { A } B D }", "selector { sequence { A B D } }") == "   -  +"
 
 
@@ -105,9 +105,9 @@ def test_large_trees(islandgp: Cli, tmp_path: Path) -> None:
     a, b = tmp_path / "a.bt", tmp_path / "b.bt"
     a.write_text("selector {" + " MoveToGarbage" * 4000 + " }")
     b.write_text("selector {" + " MoveToGarbage" * 4000 + " PatrolWaypoint }")
-    said = islandgp("diff", a, b)
-    assert said.code == 1
-    assert said.out.splitlines()[:2] == [
+    result = islandgp("diff", a, b)
+    assert result.code == 1
+    assert result.out.splitlines()[:2] == [
         "+   PatrolWaypoint  # 1",
         "0 deleted, 1 inserted, 0 changed",
     ]
@@ -124,15 +124,15 @@ def test_unlike_trees_of_4000_nodes() -> None:
 
 
 def test_equal_trees_of_two_domains_are_not_the_same(tmp_path: Path, islandgp: Cli) -> None:
-    """Each domain gives the words meanings of its own; one that is not named is no other."""
+    """Each domain gives its own meanings to the names; a missing name is no other domain."""
     for name in ("", "domain island\n", "domain moon\n"):
         (tmp_path / (name.split()[-1] if name else "none")).write_text(f"{name}PatrolWaypoint\n")
     (tmp_path / "other").write_text("domain moon selector { PatrolWaypoint }")
-    said = islandgp("diff", tmp_path / "island", tmp_path / "moon")
-    assert (said.code, said.err) == (1, "")
-    assert said.out == "They are for two domains: island and moon.\nThe same nodes.\n"
+    result = islandgp("diff", tmp_path / "island", tmp_path / "moon")
+    assert (result.code, result.err) == (1, "")
+    assert result.out == "They are for two domains: island and moon.\nThe same nodes.\n"
     assert islandgp("diff", tmp_path / "island", tmp_path / "none").out == "The same tree.\n"
-    said = islandgp("diff", tmp_path / "island", tmp_path / "other")
-    assert said.code == 1
-    assert "two domains" in said.out
-    assert "they do the same" not in said.out
+    result = islandgp("diff", tmp_path / "island", tmp_path / "other")
+    assert result.code == 1
+    assert "two domains" in result.out
+    assert "they do the same" not in result.out

@@ -29,7 +29,7 @@ MODEL = """<root BTCPP_format="4" main_tree_to_execute="Go Home">
   </TreeNodesModel>
 </root>
 """
-WORDS = Vocabulary(
+LIFT_VOCABULARY = Vocabulary(
     "lift",
     {"Up": Action("rises", changes={"floor": 1}), "Open": Action("", frozenset({1}))},
     {"floor": number("where it is", -1.5, 9, 0.5, most=8.0), "busy": flag("someone waits")},
@@ -55,14 +55,14 @@ def test_domain_as_json(islandgp: Cli) -> None:
 
 def test_json_by_hand() -> None:
     """A vocabulary alone does, and what it leaves out has the defaults of a declaration."""
-    assert declared(json.dumps(LIFT), "", name="lift.json") == WORDS
+    assert declared(json.dumps(LIFT), "", name="lift.json") == LIFT_VOCABULARY
 
 
 def test_a_range_makes_a_number() -> None:
     """A key with a range and without `flag` is a number."""
-    words = {"domain": "drone", "actions": {}, "keys": {"height": {"low": 0, "high": 120.5}}}
-    found = declared(json.dumps(words), "", name="drone.json")
-    assert found.keys["height"] == number("", 0, 120.5)
+    declaration = {"domain": "drone", "actions": {}, "keys": {"height": {"low": 0, "high": 120.5}}}
+    vocabulary = declared(json.dumps(declaration), "", name="drone.json")
+    assert vocabulary.keys["height"] == number("", 0, 120.5)
 
 
 def test_model(islandgp: Cli, tmp_path: Path) -> None:
@@ -82,14 +82,14 @@ selector {
     )
     assert islandgp("check", tree, "--vocabulary", xml).out.endswith("no warnings\n")
     assert "<ScriptCondition" in islandgp("export", tree, "--to", "btcpp", "--vocabulary", xml).out
-    said = islandgp("check", "-", "--vocabulary", xml, stdin="selector { Driv }")
-    assert (said.code, "Did you mean Drive?" in said.out) == (1, True)
-    said = islandgp("check", "-", "--vocabulary", xml, stdin="when a { when a < 3 { Drive } }")
-    assert (said.code, "a is a number" in said.out) == (1, True)
+    result = islandgp("check", "-", "--vocabulary", xml, stdin="selector { Driv }")
+    assert (result.code, "Did you mean Drive?" in result.out) == (1, True)
+    result = islandgp("check", "-", "--vocabulary", xml, stdin="when a { when a < 3 { Drive } }")
+    assert (result.code, "a is a number" in result.out) == (1, True)
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("", "expected JSON of"),
         ("[]", "the file: input should be an object"),
@@ -118,35 +118,35 @@ selector {
         ("<root>", "not XML"),
     ],
 )
-def test_wrong_declarations(islandgp: Cli, tmp_path: Path, text: str, words: str) -> None:
-    """What is wrong in a declaration is told in a line."""
+def test_wrong_declarations(islandgp: Cli, tmp_path: Path, text: str, message: str) -> None:
+    """What is wrong in a declaration is reported in a line."""
     file = tmp_path / "d"
     file.write_text(text)
-    said = islandgp("simplify", "-", "--vocabulary", file, stdin="A")
-    assert (said.code, said.out) == (2, "")
-    assert words in said.err
-    assert said.err.count("\n") == 1
+    result = islandgp("simplify", "-", "--vocabulary", file, stdin="A")
+    assert (result.code, result.out) == (2, "")
+    assert message in result.err
+    assert result.err.count("\n") == 1
 
 
 def test_conditions_of_actions() -> None:
     """What an action needs is read from its conditions."""
-    given = {**LIFT, "actions": {"Up": {"to_start": [["floor", "<", 8]]}}}
-    words = declared(json.dumps(given), "", name="lift.json")
-    assert words.action("Up").to_start == (Condition("floor", "<", 8.0),)
+    declaration = {**LIFT, "actions": {"Up": {"to_start": [["floor", "<", 8]]}}}
+    vocabulary = declared(json.dumps(declaration), "", name="lift.json")
+    assert vocabulary.action("Up").to_start == (Condition("floor", "<", 8.0),)
 
 
-def test_diff_with_words(islandgp: Cli, tmp_path: Path) -> None:
-    """What a declaration says of actions tells whether two trees do the same."""
-    old, new, words = (tmp_path / name for name in ("old.bt", "new tree.bt", "words.json"))
+def test_diff_with_a_vocabulary(islandgp: Cli, tmp_path: Path) -> None:
+    """The declared facts of actions decide whether two trees do the same."""
+    old, new, vocabulary = (tmp_path / name for name in ("old.bt", "new tree.bt", "words.json"))
     old.write_text("selector { A B }")
     new.write_text("domain far A")
     actions = {"A": {"statuses": ["SUCCESS"]}, "B": {}}
-    words.write_text(json.dumps({"domain": "far", "actions": actions}))
-    told = "Written differently, but they do the same.\n"
-    assert not islandgp("diff", old, new).out.endswith(told)
-    said = islandgp("diff", old, new, "--vocabulary", words)
-    assert said.code == 1
-    assert said.out.endswith(told)
-    words.write_text("[]")
-    said = islandgp("diff", old, new, "--vocabulary", words)
-    assert (said.code, said.out) == (2, "")
+    vocabulary.write_text(json.dumps({"domain": "far", "actions": actions}))
+    verdict = "Written differently, but they do the same.\n"
+    assert not islandgp("diff", old, new).out.endswith(verdict)
+    result = islandgp("diff", old, new, "--vocabulary", vocabulary)
+    assert result.code == 1
+    assert result.out.endswith(verdict)
+    vocabulary.write_text("[]")
+    result = islandgp("diff", old, new, "--vocabulary", vocabulary)
+    assert (result.code, result.out) == (2, "")

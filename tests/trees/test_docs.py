@@ -59,26 +59,26 @@ def test_language_is_up_to_date() -> None:
 
 def test_parameters_are_as_documented() -> None:
     """The two files of docs/language.md are equal trees in canonical form."""
-    found = generate.files(generate.LANGUAGE.read_text(encoding="utf-8"))
-    assert format_text(found["fetch.bt"]) == found["fetch.bt"]
-    assert to_text(parse(found["fetch.bt"])) == found["fetch_expanded.bt"]
+    files = generate.files(generate.LANGUAGE.read_text(encoding="utf-8"))
+    assert format_text(files["fetch.bt"]) == files["fetch.bt"]
+    assert to_text(parse(files["fetch.bt"])) == files["fetch_expanded.bt"]
 
 
 def test_the_drawing_of_a_tree_is_up_to_date() -> None:
     """docs/img/patrol.svg is the drawing of the tree above it, whose text is canonical."""
-    found = re.search(r"```bt patrol.bt\n(.*?)```", generate.LANGUAGE.read_text("utf-8"), re.DOTALL)
-    assert found is not None
-    assert format_text(found[1]) == found[1]
-    drawn = (ROOT / "docs" / "img" / "patrol.svg").read_text(encoding="utf-8")
-    assert drawn == to_svg(parse(found[1]))
+    match = re.search(r"```bt patrol.bt\n(.*?)```", generate.LANGUAGE.read_text("utf-8"), re.DOTALL)
+    assert match is not None
+    assert format_text(match[1]) == match[1]
+    drawing = (ROOT / "docs" / "img" / "patrol.svg").read_text(encoding="utf-8")
+    assert drawing == to_svg(parse(match[1]))
 
 
 def test_costs_are_up_to_date() -> None:
     """docs/llm/cost.md has the table that today's prices give for what was measured there."""
     text = generate.COST.read_text(encoding="utf-8")
-    found = generate.documented_characters(text)
-    assert list(found) == ["paper", "informed"]
-    assert generate.cost_table(found) in text
+    sizes = generate.documented_characters(text)
+    assert list(sizes) == ["paper", "informed"]
+    assert generate.cost_table(sizes) in text
 
 
 def test_editor_grammar_is_up_to_date() -> None:
@@ -90,10 +90,12 @@ def scopes(line: str, rules: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
     """The words of a line with their scopes, as an editor finds them: leftmost, first rule."""
     at = 0
     while at < len(line):
-        found = [(m, rule) for rule in rules if (m := re.compile(rule["match"]).search(line, at))]
-        if not found:
+        candidates = [
+            (m, rule) for rule in rules if (m := re.compile(rule["match"]).search(line, at))
+        ]
+        if not candidates:
             return
-        match, rule = min(found, key=lambda pair: pair[0].start())
+        match, rule = min(candidates, key=lambda pair: pair[0].start())
         if "captures" in rule:
             for number, captured in rule["captures"].items():
                 yield match[int(number)], captured["name"]
@@ -107,44 +109,47 @@ def test_highlighting(file: Path) -> None:
     """In every example each word has a colour."""
     rules = json.loads(generate.textmate())["patterns"]
     text = file.read_text(encoding="utf-8")
-    found = [pair for line in text.splitlines() for pair in scopes(line, rules)]
-    coloured = {word for word, _ in found}
+    pairs = [pair for line in text.splitlines() for pair in scopes(line, rules)]
+    coloured = {word for word, _ in pairs}
     assert {str(word) for word in words(text)} - {"{", "}"} <= coloured
 
 
 def test_highlighting_of_arguments() -> None:
     """What is passed to a subtree has the colours of its own place."""
     rules = json.loads(generate.textmate())["patterns"]
-    found = dict(scopes("use go(use far(near), Go(to: dock), 3) use it(a, b)", rules))
-    assert (found["go"], found["far"]) == ("entity.name.function", "entity.name.function")
-    assert (found["Go"], found["to"]) == ("support.function", "variable.parameter")
-    assert found["3"] == "constant.numeric"
+    scope_of = dict(scopes("use go(use far(near), Go(to: dock), 3) use it(a, b)", rules))
+    assert (scope_of["go"], scope_of["far"]) == ("entity.name.function", "entity.name.function")
+    assert (scope_of["Go"], scope_of["to"]) == ("support.function", "variable.parameter")
+    assert scope_of["3"] == "constant.numeric"
 
 
 def test_highlighting_goes_by_place() -> None:
     """Words of any domain have the colour of an action, a key or an argument."""
     rules = json.loads(generate.textmate())["patterns"]
     line = "when not (far or near and low < k) { Go(to: dock, by: 2) } # Go"
-    found = dict(scopes(line, rules))
-    assert {found[key] for key in ("far", "near", "low")} == {"variable.language"}
-    assert found["Go"] == "support.function"
-    assert (found["to"], found["by"]) == ("variable.parameter", "variable.parameter")
-    assert (found["dock"], found["k"]) == ("constant.language", "variable.other")
-    assert found["# Go"] == "comment.line.number-sign"
+    scope_of = dict(scopes(line, rules))
+    assert {scope_of[key] for key in ("far", "near", "low")} == {"variable.language"}
+    assert scope_of["Go"] == "support.function"
+    assert (scope_of["to"], scope_of["by"]) == ("variable.parameter", "variable.parameter")
+    assert (scope_of["dock"], scope_of["k"]) == ("constant.language", "variable.other")
+    assert scope_of["# Go"] == "comment.line.number-sign"
     assert "invalid.illegal" not in generate.textmate()
 
 
 def test_editor_extension_is_whole() -> None:
     """Every file that the extension names is there, for the ending that trees have."""
     folder = ROOT / "editors" / "vscode"
-    made = json.loads((folder / "package.json").read_text())["contributes"]
-    assert made["languages"][0]["extensions"] == [".bt"]
-    for part in (made["languages"][0]["configuration"], made["grammars"][0]["path"]):
+    contributions = json.loads((folder / "package.json").read_text())["contributes"]
+    assert contributions["languages"][0]["extensions"] == [".bt"]
+    for part in (
+        contributions["languages"][0]["configuration"],
+        contributions["grammars"][0]["path"],
+    ):
         json.loads((folder / part).read_text())
 
 
 VSCODE = ROOT / "build" / "vscode" / "node_modules"
-WRITTEN = """constant low = 20 # percent
+SAMPLE = """constant low = 20 # percent
 include "lib.bt"
 subtree go(n) = when not (batteryLevl < low or foundGarbage) abort lower { repeater n { Seek } }
 selector { use go(3) PatrolWaypoint }
@@ -156,9 +161,9 @@ selector { use go(3) PatrolWaypoint }
 def test_highlighting_in_the_engine_of_vs_code(tmp_path: Path) -> None:
     """VS Code's own engine finds the scopes that are found here, in the examples and elsewhere."""
     file = tmp_path / "my tree.bt"
-    file.write_text(WRITTEN)
+    file.write_text(SAMPLE)
     script = Path(__file__).with_name("textmate.js")
-    done = subprocess.run(
+    process = subprocess.run(
         ["node", script, generate.TEXTMATE, *EXAMPLES, file],
         env={**os.environ, "NODE_PATH": str(VSCODE)},
         capture_output=True,
@@ -167,11 +172,11 @@ def test_highlighting_in_the_engine_of_vs_code(tmp_path: Path) -> None:
         encoding="utf-8",
         timeout=100,
     )
-    theirs = [tuple(json.loads(line)) for line in done.stdout.splitlines()]
+    theirs = [tuple(json.loads(line)) for line in process.stdout.splitlines()]
     rules = json.loads(generate.textmate())["patterns"]
     lines = [line for f in (*EXAMPLES, file) for line in f.read_text("utf-8").splitlines()]
-    here = [pair for line in lines for pair in scopes(line, rules)]
-    assert [pair for pair in theirs if pair[1] != "source.islandgp-bt"] == here
+    expected = [pair for line in lines for pair in scopes(line, rules)]
+    assert [pair for pair in theirs if pair[1] != "source.islandgp-bt"] == expected
 
 
 @pytest.mark.slow
@@ -183,8 +188,8 @@ def test_the_extension_can_be_packed(tmp_path: Path) -> None:
     command = [VSCODE / ".bin" / "vsce", "package", "--no-dependencies", "-o", packed]
     options = ["--allow-missing-repository", "--skip-license"]
     subprocess.run([*command, *options], cwd=folder, capture_output=True, check=True, timeout=100)
-    with ZipFile(packed) as found:
-        assert "extension/syntaxes/islandgp-bt.tmLanguage.json" in found.namelist()
+    with ZipFile(packed) as archive:
+        assert "extension/syntaxes/islandgp-bt.tmLanguage.json" in archive.namelist()
 
 
 def test_tab_completion() -> None:
@@ -214,18 +219,18 @@ TINY_RUN = (
 )
 
 
-def _done(islandgp: Cli, arguments: list[str]) -> CommandResult:
+def _result_of(islandgp: Cli, arguments: list[str]) -> CommandResult:
     """The outcome of a command; `> FILE` at its end writes its output, as a shell does."""
     if ">" not in arguments:
         return islandgp(*arguments)
-    *words, _, file = arguments
-    said = islandgp(*words)
-    Path(file).write_text(said.out, encoding="utf-8")
-    return said
+    *command, _, file = arguments
+    result = islandgp(*command)
+    Path(file).write_text(result.out, encoding="utf-8")
+    return result
 
 
 def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every command of the tutorial runs as it stands, on the trees that the tutorial shows."""
+    """Every command of the tutorial runs unchanged, on the trees that the tutorial shows."""
     monkeypatch.chdir(tmp_path)
     for name, text in generate.files(TUTORIAL).items():
         (tmp_path / name).write_text(text, encoding="utf-8")
@@ -245,36 +250,36 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
             arguments[at] = "2"
         if arguments[0] in ("play", "trace", "replay"):
             arguments += ["--set", "world.episode.length=20"]
-        said = _done(islandgp, arguments)
-        assert said.code == (arguments[0] == "diff"), line
+        result = _result_of(islandgp, arguments)
+        assert result.code == (arguments[0] == "diff"), line
         if arguments == ["check", "interrupted_charge.bt"]:
-            assert "ExecuteCharge can never succeed" in said.out
+            assert "ExecuteCharge can never succeed" in result.out
         elif arguments[0] == "check":
-            assert "warning:" not in said.out
+            assert "warning:" not in result.out
 
 
 @pytest.mark.slow
-def test_tutorial_shows_what_is_said(
+def test_tutorial_shows_the_output(
     islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each line of its ```text blocks is one that the commands before it print."""
     monkeypatch.chdir(tmp_path)
     for name, text in generate.files(TUTORIAL).items():
         (tmp_path / name).write_text(text, encoding="utf-8")
-    said: list[str] = []
-    shown = 0
+    printed_lines: list[str] = []
+    count = 0
     for kind, block in re.findall(r"^```(sh|text)\n(.*?)^```$", TUTORIAL, re.DOTALL | re.MULTILINE):
         if kind == "sh":
             commanded = [shlex.split(line)[1:] for line in block.splitlines()]
-            said = [
+            printed_lines = [
                 line.rstrip()
-                for words in commanded
-                for line in _done(islandgp, words).out.splitlines()
+                for command in commanded
+                for line in _result_of(islandgp, command).out.splitlines()
             ]
             continue
-        shown += 1
-        assert [line for line in block.splitlines() if line not in said] == []
-    assert shown >= 10
+        count += 1
+        assert [line for line in block.splitlines() if line not in printed_lines] == []
+    assert count >= 10
 
 
 def test_tutorial_trees_are_in_canonical_form() -> None:
@@ -286,7 +291,7 @@ def test_tutorial_trees_are_in_canonical_form() -> None:
 
 
 def test_exports_page_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The commands of docs/exports.md run as they stand, where the examples are."""
+    """The commands of docs/exports.md run unchanged, where the examples are."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "grammar").symlink_to(resource("grammar"))
     for line in commands((ROOT / "docs" / "exports.md").read_text(encoding="utf-8")):

@@ -84,7 +84,7 @@ def test_behaviortree_cpp(
     assume(not any(node.kind == "cooldown" for node in walk(tree)))  # there is no such node
     expected = ours(tree, boards, results, PLACES)
     assert cpp.trace(tree, boards, results) == expected
-    assert cpp.trace(tree, boards, results, how="once") == expected
+    assert cpp.trace(tree, boards, results, tick_function="once") == expected
 
 
 @pytest.mark.slow
@@ -116,8 +116,8 @@ def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
     for tree, boards, results, *_ in random_cases(cases(300)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         expected = ours(parted, boards, results, PLACES)
-        for how in ("exactly", "once"):
-            assert cpp.trace(parted, boards, results, how=how) == expected
+        for tick_function in ("exactly", "once"):
+            assert cpp.trace(parted, boards, results, tick_function=tick_function) == expected
         alone = cpp.trace(unnamed(parted), boards, results, plain=True)
         assert cpp.trace(parted, boards, results, plain=True) == alone
 
@@ -169,10 +169,10 @@ selector {
 
 
 def test_private_keys() -> None:
-    """Over there a SubTree does not see `_x` of the tree above, so it stands in its place."""
-    words = Vocabulary("odd", {"A": Action("")}, {"_x": flag("")})
-    tree = parse("subtree s = when _x { A } use s", words, marked=True)
-    assert "SubTree" not in behaviortree_cpp.to_xml(tree, words)
+    """Over there a SubTree does not see `_x` of the tree above, so its body replaces it."""
+    vocabulary = Vocabulary("odd", {"A": Action("")}, {"_x": flag("")})
+    tree = parse("subtree s = when _x { A } use s", vocabulary, marked=True)
+    assert "SubTree" not in behaviortree_cpp.to_xml(tree, vocabulary)
 
 
 @sweep("path", EXAMPLES, ids=lambda path: path.stem, quick=3)
@@ -267,7 +267,7 @@ def test_plain_behaviortree_cpp(
 # What the outside check of a plain file shows: the tree, what is on the board in each tick (p:
 # foundGarbage, q: isHumanoidWantToClear), what the leaves return one after the other, and what is
 # told to whom: here, and there.
-SHOWN = {
+EXAMPLES_OF_LOSSES = {
     "level": (
         "selector { when p { A } B }", ["p", "p", "p"], "FRRRRR",
         ["A! B!", "B", "B"], ["A! B!", "A! -B", "A"],
@@ -289,7 +289,7 @@ SHOWN = {
         ["A! B!", "B", "-B A!"], ["A! B!", "B", "B"],
     ),
 }  # fmt: skip
-SHOWN_IN_CPP = {
+EXAMPLES_IN_CPP = {
     "repeat": ("repeater 2 { A }", [""] * 3, "RSRRR", ["A!", "A", "A!"], ["A!", "A A!", "A"]),
     "judged": ("parallel { A B }", [""] * 2, "FRFR", ["A! B! -B", "A! B! -B"], ["A!", "A! B! -A"]),
     "policy": ("parallel failure all { A B }", [""] * 2, "FRRRRR", ["A! B!", "B"], ["A!", "A! B!"]),
@@ -301,48 +301,50 @@ SHOWN_IN_CPP = {
 }  # fmt: skip
 
 
-def boards_of(shown: list[str]) -> list[list[float]]:
+def boards_of(flags: list[str]) -> list[list[float]]:
     keys = {"foundGarbage": "p", "isHumanoidWantToClear": "q"}
-    return [[float(keys.get(name, "-") in now) for name in PLACES] for now in shown]
+    return [[float(keys.get(name, "-") in now) for name in PLACES] for now in flags]
 
 
-def told(trace: list[str], tree: Node) -> list[str]:
+def short_trace(trace: list[str], tree: Node) -> list[str]:
     """The trace in the short names of `stage`, without the root's status."""
     letters = dict(zip(VOCABULARY.actions, "ABCDEFG", strict=True))
-    found = []
+    lines = []
     for line in trace:
-        words = line.partition("=")[0]
+        calls = line.partition("=")[0]
         for name in leaves(tree):
-            words = words.replace(name, letters[name])
-        found.append(words.strip())
-    return found
+            calls = calls.replace(name, letters[name])
+        lines.append(calls.strip())
+    return lines
 
 
-@pytest.mark.parametrize("about", SHOWN)
+@pytest.mark.parametrize("about", EXAMPLES_OF_LOSSES)
 def test_losses_of_plain_files(cpp: BehaviorTreeCpp, about: str) -> None:
     """Each loss is stated for its tree, both libraries show it, and our nodes take it away."""
-    text, shown, letters, here, there = SHOWN[about]
-    tree, boards = short_tree(text), boards_of(shown)
+    text, flags, letters, ours_expected, theirs_expected = EXAMPLES_OF_LOSSES[about]
+    tree, boards = short_tree(text), boards_of(flags)
     results = ["FSR".index(letter) for letter in letters]
     assert about in {loss.about for loss in behaviortree_cpp.losses(tree)}
     assert about in {loss.about for loss in py_trees.losses(tree)}
-    assert told(ours(tree, boards, results, PLACES), tree) == here
-    assert told(cpp.trace(tree, boards, results, plain=True), tree) == there
-    assert told(in_py_trees(tree, boards, results, PLACES, plain=True), tree) == there
-    assert told(cpp.trace(tree, boards, results), tree) == here
-    assert told(in_py_trees(tree, boards, results, PLACES), tree) == here
+    assert short_trace(ours(tree, boards, results, PLACES), tree) == ours_expected
+    assert short_trace(cpp.trace(tree, boards, results, plain=True), tree) == theirs_expected
+    assert (
+        short_trace(in_py_trees(tree, boards, results, PLACES, plain=True), tree) == theirs_expected
+    )
+    assert short_trace(cpp.trace(tree, boards, results), tree) == ours_expected
+    assert short_trace(in_py_trees(tree, boards, results, PLACES), tree) == ours_expected
 
 
-@pytest.mark.parametrize("about", SHOWN_IN_CPP)
+@pytest.mark.parametrize("about", EXAMPLES_IN_CPP)
 def test_losses_of_plain_files_in_behaviortree_cpp(cpp: BehaviorTreeCpp, about: str) -> None:
     """So for the losses that only BehaviorTree.CPP has."""
-    text, shown, letters, here, there = SHOWN_IN_CPP[about]
-    tree, boards = short_tree(text), boards_of(shown)
+    text, flags, letters, ours_expected, theirs_expected = EXAMPLES_IN_CPP[about]
+    tree, boards = short_tree(text), boards_of(flags)
     results = ["FSR".index(letter) for letter in letters]
     assert about in {loss.about for loss in behaviortree_cpp.losses(tree)}
-    assert told(ours(tree, boards, results, PLACES), tree) == here
-    assert told(cpp.trace(tree, boards, results, plain=True), tree) == there
-    assert told(cpp.trace(tree, boards, results), tree) == here
+    assert short_trace(ours(tree, boards, results, PLACES), tree) == ours_expected
+    assert short_trace(cpp.trace(tree, boards, results, plain=True), tree) == theirs_expected
+    assert short_trace(cpp.trace(tree, boards, results), tree) == ours_expected
 
 
 def test_equal_within_a_little(cpp: BehaviorTreeCpp) -> None:
@@ -350,8 +352,8 @@ def test_equal_within_a_little(cpp: BehaviorTreeCpp) -> None:
     tree = short_tree("when x == 3 { A }")
     boards = [[3.0000001 if name == "batteryLevel" else 0.0 for name in PLACES]]
     assert [loss.about for loss in behaviortree_cpp.losses(tree)] == ["equal"]
-    assert told(cpp.trace(tree, boards, [RUNNING], plain=True), tree) == ["A!"]
-    assert told(cpp.trace(tree, boards, [RUNNING]), tree) == [""]
+    assert short_trace(cpp.trace(tree, boards, [RUNNING], plain=True), tree) == ["A!"]
+    assert short_trace(cpp.trace(tree, boards, [RUNNING]), tree) == [""]
 
 
 # Which function is one tick: a Repeat of the library, told by tickExactlyOnce and by tickOnce.
@@ -366,14 +368,17 @@ REPEATS = {
 
 @pytest.mark.parametrize("letters", REPEATS)
 def test_repeat_and_the_tick_function(cpp: BehaviorTreeCpp, letters: str) -> None:
-    """What docs/exports.md says of Repeat is so for both tick functions."""
+    """The statement of docs/exports.md on Repeat holds for both tick functions."""
     tree = Node("repeater", CountArgs(3), (leaf("A"),))
     results = ["FSR".index(letter) for letter in letters]
     exactly, once = REPEATS[letters]
     xml = behaviortree_cpp.to_xml(tree, plain=True)
     boards = boards_of([""] * 3)
-    assert cpp.trace_of(xml, ["A"], boards[: len(exactly)], results, how="exactly") == exactly
-    assert cpp.trace_of(xml, ["A"], boards[: len(once)], results, how="once") == once
+    assert (
+        cpp.trace_of(xml, ["A"], boards[: len(exactly)], results, tick_function="exactly")
+        == exactly
+    )
+    assert cpp.trace_of(xml, ["A"], boards[: len(once)], results, tick_function="once") == once
 
 
 def test_names_of_the_library() -> None:
@@ -393,7 +398,7 @@ def test_files_without_our_nodes() -> None:
 
 def test_meanings_in_a_docstring() -> None:
     """No meaning of a key ends the docstring of the exported module."""
-    words = Vocabulary("odd", {"A": Action("")}, {"p": flag('a """ quote, a \\N backslash')})
-    tree = parse("when p { A }", words)
-    code = compile(py_trees.to_python(tree, words), "exported", "exec")
+    vocabulary = Vocabulary("odd", {"A": Action("")}, {"p": flag('a """ quote, a \\N backslash')})
+    tree = parse("when p { A }", vocabulary)
+    code = compile(py_trees.to_python(tree, vocabulary), "exported", "exec")
     assert "p: a ''' quote, a \\N backslash" in str(code.co_consts[0])

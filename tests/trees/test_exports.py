@@ -32,7 +32,7 @@ from tests.composed import composed
 from tests.profiles import cases, examples, sweep
 from tests.strategies import few_boards, few_numbers, nodes
 from tests.trees.shell import Cli
-from tests.trees.targets import leaves, main_tree, with_own_names
+from tests.trees.targets import leaves, main_tree, with_unique_names
 from tests.trees.worlds import random_trees
 from tests.viewer.episodes import recorded
 
@@ -98,13 +98,13 @@ def in_behaviortree_cpp(tree: Node, boards: list[list[float]], results: list[int
             lambda _, name=name: statuses[script.call(name, True)],
             lambda _, name=name: statuses[script.call(name, False)],
         )
-    made = factory.create_tree_from_text(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True))
-    board = made.root_blackboard()
+    cpp_tree = factory.create_tree_from_text(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True))
+    board = cpp_tree.root_blackboard()
     trace: Trace = []
     for values in boards:
         for (name, key), value in zip(VOCABULARY.keys.items(), values, strict=True):
             (board.set_bool if key.flag else board.set_double)(name, value)
-        status = made.tick_exactly_once().name
+        status = cpp_tree.tick_exactly_once().name
         trace.append((script.take(), status))
     return trace
 
@@ -148,7 +148,7 @@ def test_behaviortree_cpp_means_the_same(
     tree: Node, boards: list[list[float]], results: list[int]
 ) -> None:
     """A tree without stated losses makes the same calls in BehaviorTree.CPP, tick by tick."""
-    tree = with_own_names(tree, iter(range(100)))
+    tree = with_unique_names(tree, iter(range(100)))
     assume(not behaviortree_cpp.losses(tree))
     assert in_behaviortree_cpp(tree, boards, results) == ours(tree, boards, results)
 
@@ -157,7 +157,7 @@ def test_behaviortree_cpp_means_the_same(
 @given(tree=TREES, boards=BOARDS, results=RESULTS)
 def test_py_trees_means_the_same(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """A tree without stated losses makes the same calls in py_trees, tick by tick."""
-    tree = with_own_names(tree, iter(range(100)))
+    tree = with_unique_names(tree, iter(range(100)))
     assume(not py_trees.losses(tree))
     assert in_py_trees(tree, boards, results) == ours(tree, boards, results)
 
@@ -198,22 +198,24 @@ LOSSES = {
 }
 
 
-def told(trace: Trace, names: dict[str, str]) -> list[str]:
+def short_trace(trace: Trace, names: dict[str, str]) -> list[str]:
     """Calls as text: a letter each, with a mark for a fresh start."""
     return [" ".join(names[name] + "!" * fresh for name, fresh in calls) for calls, status in trace]
 
 
 @pytest.mark.parametrize("about", LOSSES)
 def test_stated_losses_are_real(about: str) -> None:
-    """Each loss is stated for its tree, and BehaviorTree.CPP does what the loss says."""
-    text, flags, letters, here, there = LOSSES[about]
+    """Each loss is stated for its tree, and BehaviorTree.CPP does what the loss describes."""
+    text, flags, letters, ours_expected, theirs_expected = LOSSES[about]
     tree = short_tree(text)
     assert about in [loss.about for loss in behaviortree_cpp.losses(tree)]
-    boards = [[0.0, 0.0, 0.0, float("p" in shown), float("q" in shown)] for shown in flags]
+    boards = [
+        [0.0, 0.0, 0.0, float("p" in true_flags), float("q" in true_flags)] for true_flags in flags
+    ]
     results = ["FSR".index(letter) for letter in letters]
     names = dict(zip(VOCABULARY.actions, "ABCDEFG", strict=True))
-    assert told(ours(tree, boards, results), names) == here
-    assert told(in_behaviortree_cpp(tree, boards, results), names) == there
+    assert short_trace(ours(tree, boards, results), names) == ours_expected
+    assert short_trace(in_behaviortree_cpp(tree, boards, results), names) == theirs_expected
 
 
 def test_random_trees() -> None:
@@ -226,11 +228,11 @@ def test_random_trees() -> None:
     for tree in random_trees(composed(), cases(500)):
         assert from_json(to_json(tree)) == tree
         xml = behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True)
-        made = factory.create_tree_from_text(xml)
-        board = made.root_blackboard()
+        cpp_tree = factory.create_tree_from_text(xml)
+        board = cpp_tree.root_blackboard()
         for name, key in VOCABULARY.keys.items():
             (board.set_bool if key.flag else board.set_double)(name, 1)
-        made.tick_exactly_once()
+        cpp_tree.tick_exactly_once()
         back = main_tree(xml, VOCABULARY)
         again = behaviortree_cpp.to_xml(back, VOCABULARY, plain=True)
         assert main_tree(again, VOCABULARY) == back
@@ -242,8 +244,8 @@ def test_import_of_an_export_does_the_same(
     tree: Node, boards: list[list[float]], results: list[int]
 ) -> None:
     """What comes back from XML does what the tree did, where no guard was lost on the way."""
-    lost = {loss.about for loss in behaviortree_cpp.losses(tree)}
-    assume(not lost - {"repeat", "judged", "equal"})
+    stated = {loss.about for loss in behaviortree_cpp.losses(tree)}
+    assume(not stated - {"repeat", "judged", "equal"})
     back = main_tree(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
     assert ours(back, boards, results) == ours(tree, boards, results)
 
@@ -277,20 +279,20 @@ def test_py_trees_decides_the_same_on_a_recorded_episode(name: str) -> None:
     """On the blackboard and the results of an episode, py_trees calls the same actions each tick.
 
     These examples have interrupting guards, so a plain module has a stated loss; where it shows,
-    docs/exports.md tells how often.
+    docs/exports.md has the share.
     """
     assert agreement(name, plain=False) == 100
     assert agreement(name, plain=True) == pytest.approx(PARTLY.get(name, 100), abs=0.05)
-    told = (resource("conf").parent / "docs" / "exports.md").read_text(encoding="utf-8")
+    page = (resource("conf").parent / "docs" / "exports.md").read_text(encoding="utf-8")
     for partly, share in PARTLY.items():
-        assert re.search(rf"{share} %\s+(of the ticks )?for\s+{partly}", told), partly
+        assert re.search(rf"{share} %\s+(of the ticks )?for\s+{partly}", page), partly
 
 
 def agreement(name: str, *, plain: bool) -> float:
     """The share of an episode's ticks in which py_trees calls the same leaves, in percent."""
     library: Any = pytest.importorskip("py_trees", reason="extra `pytrees` is not installed")
     recording = recorded(name)
-    tree = with_own_names(recording.tree, iter(range(100)))  # an action may stand in several places
+    tree = with_unique_names(recording.tree, iter(range(100)))  # an action may be in several places
     place = {node.action: place for place, node in enumerate(walk(tree)) if node.action}
     statuses = library.common.Status
     theirs = {FAILURE: statuses.FAILURE, SUCCESS: statuses.SUCCESS, RUNNING: statuses.RUNNING}
@@ -320,11 +322,11 @@ def agreement(name: str, *, plain: bool) -> float:
     for now, values in enumerate(recording.boards):  # noqa: B007 -- `result` reads it
         board[:] = values
         tick()
-        here, called = called, []
+        own_calls, called = called, []
         for key, value in zip(VOCABULARY.keys, values, strict=True):
             writer.set(key, value)
         root.tick_once()
-        same += called == here
+        same += called == own_calls
         called = []
     return 100 * same / recording.ticks
 
@@ -386,7 +388,7 @@ ROBOT = Vocabulary(
 
 
 def test_ports_are_arguments() -> None:
-    """Conditions and arguments go out as the model's types say, and come back."""
+    """Conditions and arguments go out with the model's types, and come back."""
     tree = parse("sequence { IsPathClear(to: door) MoveTo(speed: 0.8, fast: yes) }", ROBOT)
     xml = behaviortree_cpp.to_xml(tree, ROBOT)
     assert '<MoveTo speed="0.8" fast="true"/>' in xml
@@ -394,9 +396,9 @@ def test_ports_are_arguments() -> None:
     assert main_tree(xml, ROBOT) == tree
     with pytest.raises(TreeError, match="expected speed of 0 to 1, found"):
         main_tree(xml.replace("0.8", "{speed}"), ROBOT)
-    words = declared(xml, "MoveTo", name="model")
-    assert [*words.action("MoveTo").arguments] == ["speed", "fast"]
-    assert words.action("IsPathClear").condition
+    vocabulary = declared(xml, "MoveTo", name="model")
+    assert [*vocabulary.action("MoveTo").arguments] == ["speed", "fast"]
+    assert vocabulary.action("IsPathClear").condition
 
 
 NOTED = """<!-- The day
@@ -467,7 +469,7 @@ selector {
     assert again.tree == parse(text, VOCABULARY)
 
 
-def test_comments_of_our_own_files() -> None:
+def test_comments_of_exported_files() -> None:
     """Those above a node and at the end of its line; odd ones make no broken XML."""
     text = """
     # above
@@ -504,7 +506,7 @@ def test_more_comments_than_a_file_holds() -> None:
 
 
 def test_seconds_need_a_step() -> None:
-    """Our nodes count ticks, so an exact export is told how far apart they are."""
+    """Our nodes count ticks, so an exact export needs the time between them."""
     tree = parse("timeout 2 { SeekCharger }")
     assert 'ticks="20" seconds="2"' in behaviortree_cpp.to_xml(tree, step_s=0.1)
     for write in (behaviortree_cpp.to_xml, py_trees.to_python):
@@ -517,12 +519,12 @@ def test_seconds_need_a_step() -> None:
 @pytest.mark.parametrize("text", [*WRONG_XML, *WRONG_NODES])
 def test_wrong_xml(text: str) -> None:
     """XML that is no such tree is refused with its place and a reason."""
-    words = WRONG_XML.get(text) or WRONG_NODES[text]
+    message = WRONG_XML.get(text) or WRONG_NODES[text]
     if text in WRONG_NODES:
         text = f'<root BTCPP_format="4">\n<BehaviorTree ID="Robot">\n{text}</BehaviorTree></root>'
     with pytest.raises(TreeError) as excinfo:
         main_tree(text, VOCABULARY, name="t.xml")
-    assert words in str(excinfo.value)
+    assert message in str(excinfo.value)
     if "Robot" in text:
         assert str(excinfo.value).startswith("t.xml:3:")
 
@@ -572,13 +574,13 @@ WRONG_JSON = {
 @pytest.mark.parametrize("text", WRONG_JSON)
 def test_wrong_json(text: str) -> None:
     """JSON that is no such tree is refused with its place and a reason."""
-    whole = (
+    document = (
         text
         if "format" in text or "kind" not in text
         else (f'{{"format": "islandgp-tree", "version": 1, "tree": {text}}}')
     )
     with pytest.raises(TreeError) as excinfo:
-        from_json(whole, VOCABULARY, name="t.json")
+        from_json(document, VOCABULARY, name="t.json")
     assert WRONG_JSON[text] in str(excinfo.value)
 
 
@@ -591,26 +593,26 @@ def test_hostile_files() -> None:
 
 
 def test_commands(islandgp: Cli, tmp_path: Path) -> None:
-    """export chooses the form by the ending and tells the losses; import reads both forms back."""
+    """export chooses the form by the ending and lists the losses; import reads both forms back."""
     example = resource("grammar") / "examples" / "all_rounder.bt"
     for name in ("t.json", "t.xml", "t.py"):
-        said = islandgp("export", example, "-o", tmp_path / name)
-        assert (said.code, "not the same" in said.err) == (0, False)
-        assert ("needs islandgp_nodes.hpp" in said.err) == (name == "t.xml")
+        result = islandgp("export", example, "-o", tmp_path / name)
+        assert (result.code, "not the same" in result.err) == (0, False)
+        assert ("needs islandgp_nodes.hpp" in result.err) == (name == "t.xml")
     for name in ("plain.json", "plain.XML", "plain.py"):
-        said = islandgp("export", example, "--plain", "-o", tmp_path / name)
-        assert said.code == 0
-        assert said.err.startswith("not the same (level)") == (name != "plain.json")
+        result = islandgp("export", example, "--plain", "-o", tmp_path / name)
+        assert result.code == 0
+        assert result.err.startswith("not the same (level)") == (name != "plain.json")
     assert "class When" in islandgp("export", "--header").out
     for more in ([example], ["--to", "btcpp"]):
         assert "expected --header alone" in islandgp("export", "--header", *more).err
     for name in ("t.json", "t.xml"):
-        said = islandgp("import", tmp_path / name)
-        assert parse(said.out) == parse(example.read_text())
+        result = islandgp("import", tmp_path / name)
+        assert parse(result.out) == parse(example.read_text())
     assert islandgp("export", example).code == 2
 
 
-WORDS = Vocabulary(
+BOT = Vocabulary(
     "bot",
     {"Dock": Action("docks"), "Drive": Action("drives")},
     {
@@ -630,7 +632,7 @@ WORDS = Vocabulary(
 def test_words_and_two_keys_in_both_libraries(condition: str, abort: str, charge: float) -> None:
     """The libraries compare texts with words, and entries with entries."""
     library: Any = pytest.importorskip("py_trees")
-    tree = parse(f"selector {{ when {condition} abort {abort} {{ Dock }} Drive }}", WORDS)
+    tree = parse(f"selector {{ when {condition} abort {abort} {{ Dock }} Drive }}", BOT)
     mode = "docking" if charge < 10 else "idle"
     board = {"mode": mode, "before": "idle", "charge": charge, "reserve": 9.0}
     called: list[str] = []
@@ -641,7 +643,7 @@ def test_words_and_two_keys_in_both_libraries(condition: str, abort: str, charge
             return library.common.Status.SUCCESS
 
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree, WORDS), module)
+    exec(py_trees.to_python(tree, BOT), module)
     library.blackboard.Blackboard.clear()
     for name, value in board.items():
         library.blackboard.Blackboard.set(name, value)
@@ -649,7 +651,7 @@ def test_words_and_two_keys_in_both_libraries(condition: str, abort: str, charge
     expected = ["Dock" if charge < 10 else "Drive"]
     assert called == expected
     called.clear()
-    _tick_in_cpp(behaviortree_cpp.to_xml(tree, WORDS, plain=True), board, called)
+    _tick_in_cpp(behaviortree_cpp.to_xml(tree, BOT, plain=True), board, called)
     assert called == expected
 
 
@@ -657,7 +659,7 @@ def _tick_in_cpp(xml: str, board: Mapping[str, str | float], called: list[str]) 
     """Ticks a plain file once in BehaviorTree.CPP; its actions succeed."""
     cpp: Any = pytest.importorskip("behaviortreepy")
     factory, blackboard = cpp.BehaviorTreeFactory(), cpp.Blackboard.create()
-    for name in WORDS.actions:
+    for name in BOT.actions:
         factory.register_simple_action(
             name, lambda _, name=name: called.append(name) or cpp.NodeStatus.SUCCESS
         )
@@ -716,6 +718,6 @@ def test_py_trees_calls_actions_as_a_bound_tree_does(leaf: str, changes: dict[st
 @pytest.mark.parametrize("name", ["name", "ID", "_skipIf"])
 def test_ports_have_names_that_the_library_accepts(name: str) -> None:
     """A node's name, its ID and conditions of the library are no ports."""
-    words = Vocabulary("arm", {"Move": Action("", arguments={name: real("", 0, 1)})}, {})
+    vocabulary = Vocabulary("arm", {"Move": Action("", arguments={name: real("", 0, 1)})}, {})
     with pytest.raises(DomainError, match=f"neither name nor ID, found '{name}' of the action"):
-        behaviortree_cpp.to_xml(parse("Move", words), words)
+        behaviortree_cpp.to_xml(parse("Move", vocabulary), vocabulary)

@@ -36,7 +36,7 @@ def files(draw: st.DrawFn) -> str:
 
 
 def comments(text: str) -> list[str]:
-    return [found.rstrip() for found in re.findall(r"#[^\n]*", text)]
+    return [comment.rstrip() for comment in re.findall(r"#[^\n]*", text)]
 
 
 @examples(max_examples=120)
@@ -72,12 +72,12 @@ def test_random_trees() -> None:
 @examples(max_examples=100)
 @given(tree=nodes())
 def test_places_are_those_of_the_nodes(tree: Node) -> None:
-    """Each node of the expanded tree knows the word at which it stands in the text."""
+    """Each node of the expanded tree has the place of its word in the text."""
     text = to_text(tree)
     lines = text.split("\n")
-    found = parse_placed(text)
-    assert found.node == tree
-    for node, (line, column, _) in zip(walk(tree), found.places, strict=True):
+    placed = parse_placed(text)
+    assert placed.node == tree
+    for node, (line, column, _) in zip(walk(tree), placed.places, strict=True):
         word = node.args[0] if node.kind == "action" else node.kind
         assert lines[line - 1][column - 1 :].startswith(str(word))
 
@@ -116,7 +116,7 @@ selector {  # in order
 
 
 def test_by_hand() -> None:
-    """Comments stay where they stood, subtrees keep their names, defaults go."""
+    """Comments stay in their places, subtrees keep their names, defaults go."""
     assert format_text(MESSY) == TIDY
 
 
@@ -129,11 +129,11 @@ def test_command(islandgp: Cli, tmp_path: Path) -> None:
     assert (checked.code, messy.read_text()) == (1, MESSY)
     assert "messy.bt" in checked.err
     assert "tidy.bt" not in checked.err
-    shown = islandgp("fmt", "--diff", messy)
-    assert (shown.code, messy.read_text()) == (0, MESSY)
-    assert "+selector {  # in order" in shown.out.splitlines()
-    written = islandgp("fmt", messy, tidy)
-    assert (written.code, messy.read_text(), tidy.read_text()) == (0, TIDY, TIDY)
+    diff = islandgp("fmt", "--diff", messy)
+    assert (diff.code, messy.read_text()) == (0, MESSY)
+    assert "+selector {  # in order" in diff.out.splitlines()
+    formatted = islandgp("fmt", messy, tidy)
+    assert (formatted.code, messy.read_text(), tidy.read_text()) == (0, TIDY, TIDY)
     assert islandgp("fmt", "--check", messy).code == 0
 
 

@@ -18,9 +18,9 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
     """Its options exist, and its words are as many as it expects."""
-    said = islandgp(name, "--help")
+    result = islandgp(name, "--help")
     example = f"islandgp {name} {COMMANDS[name].example}".rstrip()
-    assert said.out.rstrip().splitlines()[-1].strip() == example
+    assert result.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
     for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
         Path(file).touch()
@@ -31,7 +31,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
 
 
 @pytest.mark.parametrize(
-    ("words", "line"),
+    ("arguments", "line"),
     [
         (["chek", "a.bt"], "islandgp: expected a command, found 'chek'; did you mean check?"),
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
@@ -73,9 +73,9 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         (["best", "nowhere"], "islandgp: Expected a finished run in nowhere, found none; give"),
     ],
 )
-def test_an_error_of_use_is_one_line(islandgp: Cli, words: list[str], line: str) -> None:
-    """Exit code 2, whoever finds the error: Click or this package."""
-    said = islandgp(*words)
-    assert (said.code, said.out) == (2, "")
-    assert said.err.startswith(line)
-    assert said.err.count("\n") == 1
+def test_an_error_of_use_is_one_line(islandgp: Cli, arguments: list[str], line: str) -> None:
+    """Exit code 2 for errors of Click and of this package."""
+    result = islandgp(*arguments)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(line)
+    assert result.err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What comes in: each change of meaning is told; no input takes long or ends in a traceback."""
+"""What comes in: each change of meaning is reported; no input takes long or ends in a traceback."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ LOST = {
 
 @pytest.mark.parametrize("text", LOST)
 def test_losses_of_an_import(text: str) -> None:
-    """Each node that does not mean quite the same is told, and no other."""
-    found = read_tree(short_xml(xml_of(text)), VOCABULARY)
-    assert {d.loss.about for d in found.differences} == set(LOST[text].split())
+    """Each node that does not mean quite the same is reported, and no other."""
+    imported = read_tree(short_xml(xml_of(text)), VOCABULARY)
+    assert {d.loss.about for d in imported.differences} == set(LOST[text].split())
 
 
 def test_guards_that_nobody_observes() -> None:
@@ -93,23 +93,23 @@ def test_guards_that_nobody_observes() -> None:
 
 
 def test_a_parallel_that_fails_at_the_first_failure() -> None:
-    """With success_count -1 any failure fails it over there, whatever failure_count says."""
+    """With success_count -1 any failure fails it over there, for any failure_count."""
     text = short_xml(xml_of('<Parallel success_count="-1" failure_count="2"><A/><B/></Parallel>'))
     assert main_tree(text, VOCABULARY) == short_tree("parallel { A B }")
 
 
-def test_subtree_with_a_blackboard_of_its_own() -> None:
-    """A SubTree that asks the blackboard without _autoremap is told."""
+def test_subtree_with_a_separate_blackboard() -> None:
+    """A SubTree that reads the blackboard without _autoremap is reported."""
     asks = "<Sequence><ScriptCondition code='foundGarbage'/><A/></Sequence>"
-    for inside, attributes, lost in (
+    for inside, attributes, expected in (
         (asks, "", ["scope"]),
         (asks, "_autoremap='false'", ["scope"]),
         (asks, "_autoremap='true'", []),
         ("<A/>", "", []),
     ):
         text = short_xml(xml_of(f"<SubTree ID='T1' {attributes}/>", inside))
-        told = [d.loss.about for d in read_tree(text, VOCABULARY).differences]
-        assert told == lost, (inside, attributes)
+        losses = [d.loss.about for d in read_tree(text, VOCABULARY).differences]
+        assert losses == expected, (inside, attributes)
 
 
 def test_remapped_subtrees() -> None:
@@ -131,9 +131,9 @@ def test_version_3(islandgp: Cli, tmp_path: Path) -> None:
         f"<SubTreePlus ID='S' __autoremap='1'/></RetryUntilSuccesful></BehaviorTree>"
         f"<BehaviorTree ID='S'><{A} _description='x'/></BehaviorTree></root>"
     )
-    said = islandgp("import", tmp_path / "a.xml")
-    assert (said.code, said.err) == (0, "")
-    assert said.out == f"# _description: x\nsubtree S = {A}\n\nretry 1 {{ use S }}\n"
+    result = islandgp("import", tmp_path / "a.xml")
+    assert (result.code, result.err) == (0, "")
+    assert result.out == f"# _description: x\nsubtree S = {A}\n\nretry 1 {{ use S }}\n"
 
 
 def test_included_files(islandgp: Cli, tmp_path: Path) -> None:
@@ -148,26 +148,26 @@ def test_included_files(islandgp: Cli, tmp_path: Path) -> None:
     assert "b.xml:" in islandgp("import", tmp_path / "a.xml").err
     for path in ("../a.xml", "./../parts/../a.xml", "b.xml"):
         part.write_text(xml_of(f"<{A}/>", head=f"<include path='{path}'/>").replace("T0", "T9"))
-        said = islandgp("import", tmp_path / "a.xml")
-        assert said.err.startswith("islandgp: parts/b.xml:1:")
-        assert said.err.strip().endswith(f"'{Path(path).name}' includes itself")
+        result = islandgp("import", tmp_path / "a.xml")
+        assert result.err.startswith("islandgp: parts/b.xml:1:")
+        assert result.err.strip().endswith(f"'{Path(path).name}' includes itself")
     part.unlink()
     part.symlink_to("/etc/hostname")
     assert "leads out of the folder" in islandgp("import", tmp_path / "a.xml").err
 
 
 def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
-    """--tree ID chooses; without a main tree the IDs are told."""
+    """--tree ID chooses; without a main tree the IDs are listed."""
     file = tmp_path / "trees.xml"
     file.write_text(short_xml(xml_of("<A/>", "<B/>")))
     assert islandgp("import", file).out == f"{A}\n"
     assert islandgp("import", file, "--tree", "T1").out == f"{B}\n"
     assert "there are 'T0', 'T1'" in islandgp("import", file, "--tree", "T2").err
     file.write_text(short_xml(xml_of("<A/>", "<B/>")).replace('main_tree_to_execute="T0"', ""))
-    said = islandgp("import", file)
-    assert (said.code, said.out) == (2, "")
-    assert "'T0', 'T1'" in said.err
-    assert "--tree ID" in said.err
+    result = islandgp("import", file)
+    assert (result.code, result.out) == (2, "")
+    assert "'T0', 'T1'" in result.err
+    assert "--tree ID" in result.err
     assert "there is no <BehaviorTree ID=''>" in islandgp("import", file, "--tree", "").err
 
 
@@ -176,39 +176,39 @@ def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
     for number, text in enumerate(["", "\ufeff\n", f"selector {{ {A} {B} }}"]):
         file = tmp_path / f"my tree {number}.xml"
         file.write_text(text, encoding="utf-8")
-        said = islandgp("import", file)
-        assert (said.code, said.out) == (2, "")
-        assert f"{file}: expected JSON or BehaviorTree.CPP XML, found neither" in said.err
+        result = islandgp("import", file)
+        assert (result.code, result.out) == (2, "")
+        assert f"{file}: expected JSON or BehaviorTree.CPP XML, found neither" in result.err
     file = tmp_path / "a.json"
     file.write_text(to_json(parse(A, VOCABULARY)))
     assert islandgp("import", file).out == f"{A}\n"
-    said = islandgp("import", file, "--tree", "T1")
-    assert (said.code, said.out) == (2, "")
-    assert "expected XML with --tree, found JSON" in said.err
+    result = islandgp("import", file, "--tree", "T1")
+    assert (result.code, result.out) == (2, "")
+    assert "expected XML with --tree, found JSON" in result.err
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
 def test_files_without_an_end(islandgp: Cli, tmp_path: Path) -> None:
-    """What is read is bounded, whatever it is read as."""
+    """What is read is bounded, for any kind of input."""
     tree = tmp_path / "a.bt"
     tree.write_text(A)
-    for words in (["check"], ["fmt"], ["import"], ["check", tree, "--vocabulary"]):
-        said = islandgp(*words, "/dev/zero")
-        assert (said.code, said.out) == (2, "")
-        assert "Expected at most 16,777,216 bytes in /dev/zero, found more" in said.err
+    for arguments in (["check"], ["fmt"], ["import"], ["check", tree, "--vocabulary"]):
+        result = islandgp(*arguments, "/dev/zero")
+        assert (result.code, result.out) == (2, "")
+        assert "Expected at most 16,777,216 bytes in /dev/zero, found more" in result.err
 
 
 def test_strict(islandgp: Cli, tmp_path: Path) -> None:
-    """A loss is told with its place; --strict writes nothing."""
+    """A loss is reported with its place; --strict writes nothing."""
     file = tmp_path / "t.xml"
     file.write_text(short_xml(xml_of("<Parallel><A/><B/></Parallel>")))
-    said = islandgp("import", file)
-    assert said.code == 0
-    assert f"{file}:1:" in said.err
-    assert "not the same (judged): there, Parallel ends" in said.err
-    said = islandgp("import", file, "--strict")
-    assert (said.code, said.out) == (2, "")
-    assert "leave out --strict" in said.err
+    result = islandgp("import", file)
+    assert result.code == 0
+    assert f"{file}:1:" in result.err
+    assert "not the same (judged): there, Parallel ends" in result.err
+    result = islandgp("import", file, "--strict")
+    assert (result.code, result.out) == (2, "")
+    assert "leave out --strict" in result.err
 
 
 WRONG = {
@@ -250,10 +250,10 @@ WRONG = {
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_xml(case: str) -> None:
     """Each is refused in a message that is short and points into the file."""
-    text, words = WRONG[case]
+    text, message = WRONG[case]
     with pytest.raises(TreeError) as excinfo:
         main_tree(short_xml(text), VOCABULARY, name="t.xml")
-    assert words in str(excinfo.value)
+    assert message in str(excinfo.value)
     assert str(excinfo.value).startswith("t.xml:1:")
     assert len(str(excinfo.value)) < 500
 
@@ -310,15 +310,15 @@ def test_closed_input(command: list[str], monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_fmt_goes_on(islandgp: Cli, tmp_path: Path) -> None:
-    """A file that is no tree is told, and those behind it are brought into form all the same."""
+    """A file that is no tree is reported, and those after it are formatted nevertheless."""
     files = [tmp_path / name for name in ("a.bt", "b.bt", "c.bt")]
     for file, text in zip(
         files, (f"selector{{{A}}}", "selector {", f"sequence{{{B}}}"), strict=True
     ):
         file.write_text(text)
-    said = islandgp("fmt", *files)
-    assert said.code == 2
-    assert f"{files[1]}:1:" in said.err
+    result = islandgp("fmt", *files)
+    assert result.code == 2
+    assert f"{files[1]}:1:" in result.err
     assert files[2].read_text() == f"sequence {{ {B} }}\n"
     assert files[1].read_text() == "selector {"
 
@@ -367,9 +367,9 @@ def test_many_children() -> None:
     """2,000 children are read; 200,000 are refused."""
     for tag in ("Sequence", "Fallback", "JudgedParallel", "InterruptibleSequence"):
         text = short_xml(xml_of(f"<{tag}>{'<A/>' * 2000}</{tag}>"))
-        found = quick(main_tree, text, VOCABULARY)
-        assert isinstance(found, Node)
-        assert len(found.children) == 2000
+        node = quick(main_tree, text, VOCABULARY)
+        assert isinstance(node, Node)
+        assert len(node.children) == 2000
     text = short_xml(xml_of(f"<Sequence>{'<A/>' * 200_000}</Sequence>"))
     assert isinstance(quick(main_tree, text, VOCABULARY), LimitError)
 

@@ -29,21 +29,21 @@ SHORT = ("--set", "world.episode.length=20")
 
 def test_play(islandgp: Cli) -> None:
     """A row per world, the mean of each component, and how often each tier was reached."""
-    said = islandgp("play", GOOD, "--seeds", 3, *SHORT)
-    assert said.code == 0
-    rows = [line.split() for line in said.out.splitlines()]
+    result = islandgp("play", GOOD, "--seeds", 3, *SHORT)
+    assert result.code == 0
+    rows = [line.split() for line in result.out.splitlines()]
     assert [row[0] for row in rows[1:4]] == ["0", "1", "2"]
     names = [row[0] for row in rows if row]
     for component in ("garbage", "battery", "humanoid", "delivery", "leftover", "fitness"):
         assert component in names
-    assert "of 3 worlds: excellent" in said.out
+    assert "of 3 worlds: excellent" in result.out
 
 
 def test_a_number_for_a_group_is_refused(islandgp: Cli) -> None:
     """`--set` has the messages of a run."""
-    said = islandgp("play", GOOD, "--set", "gp=4")
-    assert said.code == 2
-    assert said.err.startswith("islandgp: gp=4: expected the name of an option, found 4;")
+    result = islandgp("play", GOOD, "--set", "gp=4")
+    assert result.code == 2
+    assert result.err.startswith("islandgp: gp=4: expected the name of an option, found 4;")
 
 
 def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
@@ -79,27 +79,27 @@ def test_play_at_another_stage(islandgp: Cli) -> None:
 @pytest.mark.parametrize("name", ["play", "trace", "replay"])
 def test_wrong_settings(islandgp: Cli, name: str, arguments: tuple[str, ...], message: str) -> None:
     """A wrong setting is one clear line and exit code 2."""
-    said = islandgp(name, GOOD, *arguments)
-    assert said.code == 2
-    assert message in said.err
-    assert "Traceback" not in said.err
+    result = islandgp(name, GOOD, *arguments)
+    assert result.code == 2
+    assert message in result.err
+    assert "Traceback" not in result.err
 
 
 def test_wrong_tree(islandgp: Cli) -> None:
-    """What is no tree is told as `check` tells it."""
-    said = islandgp("play", "-", stdin="selector { PatrolWaypont }")
-    assert said.code == 2
-    assert "Did you mean PatrolWaypoint?" in said.err
+    """What is no tree is reported as by `check`."""
+    result = islandgp("play", "-", stdin="selector { PatrolWaypont }")
+    assert result.code == 2
+    assert "Did you mean PatrolWaypoint?" in result.err
 
 
 def test_watch_without_a_terminal(islandgp: Cli) -> None:
-    """Where nobody can watch, a line every ten seconds tells the episode."""
-    said = islandgp("play", GOOD, "--watch", *SHORT)
-    assert [line.split()[0] for line in said.out.splitlines()] == ["0.0", "10.0", "19.9"]
+    """Without a terminal, a line every ten seconds shows the episode."""
+    result = islandgp("play", GOOD, "--watch", *SHORT)
+    assert [line.split()[0] for line in result.out.splitlines()] == ["0.0", "10.0", "19.9"]
 
 
 def test_watch_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a terminal it shows frames up to the end, and waits between them as told."""
+    """On a terminal it shows frames up to the end, and waits between them."""
     recording = record(parse(GOOD.read_text()), island(length=5), seed=0, stage=3)
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
     waits: list[float] = []
@@ -160,13 +160,13 @@ def test_play_fits_a_narrow_terminal(
 ) -> None:
     """All columns are printed, in parts, and nothing is cut off."""
     monkeypatch.setattr("islandgp.commands.tables.UNLIMITED_WIDTH", width)
-    said = islandgp("play", GOOD, "--seeds", 2, *SHORT)
-    assert said.code == 0
-    assert max(map(len, said.out.splitlines())) <= width
-    assert "\N{HORIZONTAL ELLIPSIS}" not in said.out
+    result = islandgp("play", GOOD, "--seeds", 2, *SHORT)
+    assert result.code == 0
+    assert max(map(len, result.out.splitlines())) <= width
+    assert "\N{HORIZONTAL ELLIPSIS}" not in result.out
     headings = ("pickups", "inactive", "battery", "laps", "ended by", "class", "best tier")
     for heading in (*headings, "most"):
-        assert heading in said.out
+        assert heading in result.out
 
 
 @pytest.mark.parametrize("width", [40, 80, 1000])
@@ -178,37 +178,37 @@ def test_play_of_several_fits_a_narrow_terminal(
     file.parent.mkdir()
     file.write_text("PatrolWaypoint", encoding="utf-8")
     monkeypatch.setattr("islandgp.commands.tables.UNLIMITED_WIDTH", width)
-    said = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
-    assert said.code == 0
-    assert max(map(len, said.out.splitlines())) <= width
-    assert "\N{HORIZONTAL ELLIPSIS}" not in said.out
+    result = islandgp("play", GOOD, file, "--seeds", 2, *SHORT)
+    assert result.code == 0
+    assert max(map(len, result.out.splitlines())) <= width
+    assert "\N{HORIZONTAL ELLIPSIS}" not in result.out
     if width == 1000:
-        assert str(file) in said.out
+        assert str(file) in result.out
     for heading in ("fitness (95 %)", "difference (95 %)", "better in"):
-        assert heading in said.out
-    assert "0 of 2" in said.out
+        assert heading in result.out
+    assert "0 of 2" in result.out
 
 
 def test_trace(islandgp: Cli) -> None:
     """The tree with what each node did, what was never reached, and the decisions in order."""
-    said = islandgp("trace", EXAMPLES / "poor.bt", *SHORT)
-    assert said.code == 0
+    result = islandgp("trace", EXAMPLES / "poor.bt", *SHORT)
+    assert result.code == 0
     tree = parse((EXAMPLES / "poor.bt").read_text())
     # The battery stays above 15 % all the time.
-    never = [line for line in said.out.splitlines() if "never reached" in line]
+    never = [line for line in result.out.splitlines() if "never reached" in line]
     assert [line.split()[-3] for line in never] == ["sequence", "SeekCharger", "ExecuteCharge"]
-    assert len(said.out.splitlines()) > size(tree) + 5
-    assert "DeliverToClearingPoint" in said.out
-    assert "batteryLevel" in said.out
+    assert len(result.out.splitlines()) > size(tree) + 5
+    assert "DeliverToClearingPoint" in result.out
+    assert "batteryLevel" in result.out
 
 
-def test_trace_tells_every_call() -> None:
+def test_trace_has_every_call() -> None:
     """The spans of the actions cover each tick in which an action was called, once."""
     recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
     for place, codes in enumerate(recording.statuses):
-        own = [s for s in action_spans(recording) if s.place == place]
-        called = sum(s.end - s.start + 1 for s in own)
-        if own:
+        spans = [s for s in action_spans(recording) if s.place == place]
+        called = sum(s.end - s.start + 1 for s in spans)
+        if spans:
             assert called == sum(code != IDLE for code in codes)
     won = sum(s.points for s in action_spans(recording))
     assert sum(s.points for s in merged(action_spans(recording))) == pytest.approx(won)
@@ -224,9 +224,9 @@ def test_trace_tells_every_call() -> None:
 
 def test_trace_between(islandgp: Cli) -> None:
     """--from and --to cut the timeline."""
-    said = islandgp("trace", GOOD, "--from", 15, "--to", 20, "--seed", 1, *SHORT)
+    result = islandgp("trace", GOOD, "--from", 15, "--to", 20, "--seed", 1, *SHORT)
     starts = [
-        float(line.split()[0]) for line in said.out.splitlines() if line.lstrip()[:1].isdigit()
+        float(line.split()[0]) for line in result.out.splitlines() if line.lstrip()[:1].isdigit()
     ]
     assert starts
     assert all(15 <= start <= 20 for start in starts)
@@ -245,9 +245,9 @@ def test_trace_between_times_that_make_no_sense(
     islandgp: Cli, times: tuple[object, ...], message: str
 ) -> None:
     """A usage error, not an empty timeline."""
-    said = islandgp("trace", GOOD, *times, *SHORT)
-    assert (said.code, said.out) == (2, "")
-    assert message in said.err
+    result = islandgp("trace", GOOD, *times, *SHORT)
+    assert (result.code, result.out) == (2, "")
+    assert message in result.err
 
 
 def test_replay(islandgp: Cli, tmp_path: Path) -> None:
@@ -268,14 +268,14 @@ def test_empty_island(islandgp: Cli, tmp_path: Path) -> None:
 
 
 def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
-    """The shorter tree is printed or written, and --explain tells why it is shorter."""
+    """The shorter tree is printed or written, and --explain gives the reasons."""
     text = "selector { sequence { MoveToGarbage } inverter { inverter { PatrolWaypoint } } }"
-    said = islandgp("simplify", "-", "--explain", stdin=text)
-    assert said.out == to_text(parse("selector { MoveToGarbage PatrolWaypoint }"))
-    assert "double inverter" in said.err
-    assert "6 nodes before, 3 after" in said.err
+    result = islandgp("simplify", "-", "--explain", stdin=text)
+    assert result.out == to_text(parse("selector { MoveToGarbage PatrolWaypoint }"))
+    assert "double inverter" in result.err
+    assert "6 nodes before, 3 after" in result.err
     islandgp("simplify", "-", "-o", tmp_path / "t.bt", stdin=text)
-    assert (tmp_path / "t.bt").read_text() == said.out
+    assert (tmp_path / "t.bt").read_text() == result.out
 
 
 def test_play_several(islandgp: Cli) -> None:
@@ -289,22 +289,26 @@ def test_play_several(islandgp: Cli) -> None:
     assert patrol["difference"] == pytest.approx(fmean(pairs))
     assert patrol["difference_high"] == pytest.approx(fmean(pairs) + half)
     assert (good["difference"], good["difference_low"]) == (0, 0)
-    said = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
-    assert [line.split()[0] for line in said.out.splitlines()[:3]] == ["tree", str(GOOD), "<stdin>"]
+    result = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
+    assert [line.split()[0] for line in result.out.splitlines()[:3]] == [
+        "tree",
+        str(GOOD),
+        "<stdin>",
+    ]
     assert islandgp("play", GOOD, GOOD, "--watch", *SHORT).code == 2
 
 
 def test_one_world_has_no_interval(islandgp: Cli) -> None:
     """Its ends are null in JSON, and a dash with a reason for people; so is the deviation."""
-    words = ("play", GOOD, GOOD, "--seeds", 1, *SHORT)
-    first, second = json.loads(islandgp(*words, "--json").out)
+    arguments = ("play", GOOD, GOOD, "--seeds", 1, *SHORT)
+    first, second = json.loads(islandgp(*arguments, "--json").out)
     assert (second["difference"], second["difference_low"], second["difference_high"]) == (
         *(0, None, None),
     )
     assert (first["fitness_low"], first["fitness_high"]) == (None, None)
-    said = islandgp(*words).out
-    assert f"{first['fitness']:,.0f} (-)" in said
-    assert "One world has no interval; --seeds N takes more." in said
+    output = islandgp(*arguments).out
+    assert f"{first['fitness']:,.0f} (-)" in output
+    assert "One world has no interval; --seeds N takes more." in output
     alone = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
     assert "One world has no standard deviation" in alone
     assert "Tiers, of 1 world:" in alone
@@ -314,13 +318,13 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
 
 
 def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its last line tells that there is more; a later part begins where it is asked to."""
+    """Its last line marks that there is more; a later part begins at the given tick."""
     recording = record(parse(GOOD.read_text()), island(length=60), seed=1, stage=3)
-    whole = [line.plain for line in timeline(recording)]
-    assert len(whole) > 8
+    lines = [line.plain for line in timeline(recording)]
+    assert len(lines) > 8
     monkeypatch.setattr("islandgp.viewer.trace.MAX_LINES", 5)
     cut = [line.plain for line in timeline(recording)]
-    assert cut[:-1] == whole[:6]
+    assert cut[:-1] == lines[:6]
     assert cut[-1].startswith("More than 5 lines")
     every = list(action_spans(recording))
     for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):

@@ -1,4 +1,4 @@
-"""`islandgp language-server`: what an editor is told about a tree while it is written."""
+"""`islandgp language-server`: what an editor gets about a tree while it is written."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ KEYS = {*VOCABULARY.keys}
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "completions"),
     [
         ("", {"domain", "include", "constant", "subtree"} | NODES | ACTIONS),
         ("domain ", {"island", "maze"}),
@@ -64,11 +64,11 @@ KEYS = {*VOCABULARY.keys}
         ("selector { PatrolWaypoint } ", set()),
     ],
 )
-def test_completion(text: str, words: set[str], tmp_path: Path) -> None:
-    """What could stand at the end of a text, and nothing else."""
-    found = offers(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
-    assert {offer.text for offer in found} == words
-    assert all(offer.detail for offer in found)
+def test_completion(text: str, completions: set[str], tmp_path: Path) -> None:
+    """What could continue a text at its end, and nothing else."""
+    all_offers = offers(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
+    assert {offer.text for offer in all_offers} == completions
+    assert all(offer.detail for offer in all_offers)
 
 
 def test_every_completed_action_parses() -> None:
@@ -80,7 +80,7 @@ def test_every_completed_action_parses() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "word", "told"),
+    ("text", "word", "part"),
     [
         ("PatrolWaypoint", "PatrolWaypoint", VOCABULARY.actions["PatrolWaypoint"].meaning),
         ("PatrolWaypoint", "PatrolWaypoint", "It returns SUCCESS, RUNNING."),
@@ -92,34 +92,34 @@ def test_every_completed_action_parses() -> None:
         ("constant low = 20 # percent\nwhen a < low { x }", "low", "`low = 20`"),
     ],
 )
-def test_meaning(text: str, word: str, told: str) -> None:
-    """Actions, keys, words, subtrees and constants tell what they are."""
-    found = meaning(text, text.rindex(word) + 1, VOCABULARY, Path())
-    assert found is not None
-    assert told.removeprefix("`") in found[0]
-    assert text[found[1].start : found[1].end] == word
+def test_meaning(text: str, word: str, part: str) -> None:
+    """Actions, keys, words, subtrees and constants have a description."""
+    description = meaning(text, text.rindex(word) + 1, VOCABULARY, Path())
+    assert description is not None
+    assert part.removeprefix("`") in description[0]
+    assert text[description[1].start : description[1].end] == word
 
 
 def test_no_meaning() -> None:
     """Comments, numbers and unknown names have none, wherever one points."""
     text = "# PatrolWaypoint\nwhen x < 20 { \N{ROBOT FACE} Unknown"
     for offset in range(len(text) + 1):
-        found = meaning(text, offset, VOCABULARY, Path())
-        assert found is None or found[1].text in ("when",)
+        description = meaning(text, offset, VOCABULARY, Path())
+        assert description is None or description[1].text in ("when",)
 
 
 def test_included_names(tmp_path: Path) -> None:
-    """Subtrees of included files are offered and told; circles and what is not there do no harm."""
+    """Subtrees of included files are offered and described; circles and missing files are harmless."""
     (tmp_path / "lib.bt").write_text('include "lib.bt"\nsubtree far = SeekCharger\nconstant n = 3')
     text = 'include "lib.bt"\ninclude "none.bt"\ninclude "../x.bt"\nsubtree near = use far\n'
     assert list(subtrees(text, tmp_path)) == ["far", "near"]
-    found = offers(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
-    assert [offer.text for offer in found] == ["n"]
+    all_offers = offers(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
+    assert [offer.text for offer in all_offers] == ["n"]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
 def test_an_included_pipe_is_not_waited_for(tmp_path: Path) -> None:
-    """An editor goes on, whatever a text includes."""
+    """An editor goes on, for any includes of a text."""
     os.mkfifo(tmp_path / "pipe.bt")
     assert subtrees('include "pipe.bt"\nsubtree near = SeekCharger', tmp_path).keys() == {"near"}
 
@@ -142,7 +142,7 @@ def test_rename() -> None:
 
 
 @pytest.mark.parametrize(
-    ("offset", "new", "told"),
+    ("offset", "new", "message"),
     [
         (TREE.index("go ="), "goes", "names a subtree"),
         (TREE.index("go ="), "when", "not a keyword of the language"),
@@ -151,9 +151,9 @@ def test_rename() -> None:
         (2, "run", "found none"),
     ],
 )
-def test_names_that_cannot_be(offset: int, new: str, told: str) -> None:
+def test_names_that_cannot_be(offset: int, new: str, message: str) -> None:
     """What would make another tree is refused."""
-    with pytest.raises(TreeError, match=told):
+    with pytest.raises(TreeError, match=message):
         renamed(TREE, offset, new, Path())
 
 
@@ -180,10 +180,10 @@ def test_references_go_by_scope(name: str, line: int, places: list[tuple[int, in
     begin = sum(map(len, NUMBERS.splitlines(keepends=True)[: line - 1]))
     word = re.compile(rf"\b{name}\b").search(NUMBERS, begin)
     assert word is not None
-    found = symbol_at(NUMBERS, word.start())
-    assert found is not None
-    words = references(NUMBERS, found.symbol)
-    starts = [NUMBERS[: each.start] for each in words]
+    reference = symbol_at(NUMBERS, word.start())
+    assert reference is not None
+    spans = references(NUMBERS, reference.symbol)
+    starts = [NUMBERS[: each.start] for each in spans]
     assert [(each.count("\n") + 1, len(each) - each.rfind("\n") - 1) for each in starts] == places
     text = NUMBERS
     for each in reversed(renamed(NUMBERS, word.start(), "other", Path())):
@@ -223,16 +223,16 @@ def test_parameters_of_any_kind_have_references(
     begin = sum(map(len, NAMES.splitlines(keepends=True)[: line - 1]))
     word = re.compile(rf"\b{name}\b").search(NAMES, begin)
     assert word is not None
-    found = symbol_at(NAMES, word.start())
-    assert found is not None
-    starts = [NAMES[: each.start] for each in references(NAMES, found.symbol)]
+    reference = symbol_at(NAMES, word.start())
+    assert reference is not None
+    starts = [NAMES[: each.start] for each in references(NAMES, reference.symbol)]
     assert [(each.count("\n") + 1, len(each) - each.rfind("\n") - 1) for each in starts] == columns
 
 
 def test_definitions_reach_to_their_end() -> None:
     """Of a subtree the body is part of it."""
-    whole = [each.whole for each in definitions(NUMBERS)]
-    assert [NUMBERS[w.start : w.end] for w in whole if w] == NUMBERS.splitlines()[:4]
+    spans = [each.whole for each in definitions(NUMBERS)]
+    assert [NUMBERS[w.start : w.end] for w in spans if w] == NUMBERS.splitlines()[:4]
 
 
 def test_any_text_has_names() -> None:
@@ -245,8 +245,8 @@ def test_any_text_has_names() -> None:
 @pytest.fixture(scope="module")
 def editor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Editor]:
     """One server for the tests of its requests."""
-    with Editor(tmp_path_factory.mktemp("editor")) as opened:
-        yield opened
+    with Editor(tmp_path_factory.mktemp("editor")) as session:
+        yield session
 
 
 def test_definition_and_references_across_files(editor: Editor) -> None:
@@ -254,8 +254,8 @@ def test_definition_and_references_across_files(editor: Editor) -> None:
     (editor.folder / "lib.bt").write_text("# \N{ROBOT FACE}\nsubtree far = SeekCharger\n")
     assert editor.open("top.bt", 'include "lib.bt"\nsequence { use far use far }\n') == []
     place = {"start": {"line": 1, "character": 8}, "end": {"line": 1, "character": 11}}
-    there = {"uri": editor.uri("lib.bt"), "range": place}
-    assert editor.at("definition", "top.bt", 1, 16) == there
+    location = {"uri": editor.uri("lib.bt"), "range": place}
+    assert editor.at("definition", "top.bt", 1, 16) == location
     every = editor.at("references", "top.bt", 1, 16, context={"includeDeclaration": True})
     assert [each["range"]["start"]["character"] for each in every] == [15, 23, 8]
     uses = editor.at("references", "top.bt", 1, 16, context={"includeDeclaration": False})
@@ -269,8 +269,8 @@ def test_symbols_of_a_file(editor: Editor) -> None:
     """Its subtrees and constants."""
     editor.open("numbers.bt", NUMBERS)
     document = {"uri": editor.uri("numbers.bt")}
-    found = editor.ask("textDocument/documentSymbol", textDocument=document)
-    kinds = [(each["name"], each["kind"]) for each in found]
+    symbols = editor.ask("textDocument/documentSymbol", textDocument=document)
+    kinds = [(each["name"], each["kind"]) for each in symbols]
     assert kinds == [("low", 14), ("least", 14), ("far", 12), ("go", 12)]
 
 
@@ -304,7 +304,7 @@ def test_a_suggestion_is_one_action_away(editor: Editor, text: str, changed: str
         texts.append(f"{text[:start]}{edit['newText']}{text[end:]}")
     assert texts == ([changed] if changed else [])
     editor.tell("textDocument/didClose", textDocument=document)
-    assert editor.found("slip.bt") == []
+    assert editor.diagnostics_of("slip.bt") == []
 
 
 def test_an_editor_session(tmp_path: Path) -> None:
@@ -326,8 +326,8 @@ def test_an_editor_session(tmp_path: Path) -> None:
         assert [item["label"] for item in editor.at("completion", "pole.bt", 0, 18)][
             -1
         ] == "PushRight"
-        told = editor.at("hover", "good.bt", 1, 15)
-        assert told["contents"]["value"].startswith("**SeekCharger**: drives")
+        hover = editor.at("hover", "good.bt", 1, 15)
+        assert hover["contents"]["value"].startswith("**SeekCharger**: drives")
         options = {"tabSize": 2, "insertSpaces": True}
         uri = {"uri": editor.uri("my tree.bt")}
         assert (
@@ -339,28 +339,28 @@ def test_an_editor_session(tmp_path: Path) -> None:
         change = {"text": "PatrolWaypoint"}
         document = {"uri": editor.uri("my tree.bt"), "version": 2}
         editor.tell("textDocument/didChange", textDocument=document, contentChanges=[change])
-        assert editor.found("my tree.bt") == []
+        assert editor.diagnostics_of("my tree.bt") == []
         position = {"start": {"line": 0, "character": 0}, "end": {"line": 0, "character": 6}}
         document = {"uri": editor.uri("my tree.bt"), "version": 3}
         change = {"range": position, "text": "Patrll"}
         editor.tell("textDocument/didChange", textDocument=document, contentChanges=[change])
-        assert editor.found("my tree.bt")[0]["code"] == "unknown-name"
+        assert editor.diagnostics_of("my tree.bt")[0]["code"] == "unknown-name"
 
 
 @pytest.mark.slow
-def test_included_files_and_other_words(tmp_path: Path) -> None:
-    """An error in an included file is told where the file is; words may be those of a file."""
-    words = {"domain": "far", "actions": {"Fly": {"meaning": "flies"}}}
-    (tmp_path / "my words.json").write_text(json.dumps(words))
+def test_included_files_and_another_vocabulary(tmp_path: Path) -> None:
+    """An error in an included file is reported where the file is; `--vocabulary` works."""
+    declaration = {"domain": "far", "actions": {"Fly": {"meaning": "flies"}}}
+    (tmp_path / "my words.json").write_text(json.dumps(declaration))
     (tmp_path / "lib.bt").write_text("subtree a = Swim\n")
     with Editor(tmp_path, "--vocabulary", "my words.json") as editor:
-        (found,) = editor.open("a.bt", 'domain far\ninclude "lib.bt"\nuse a\n')
-        assert found["range"]["start"] == {"line": 0, "character": 0}
-        assert "lib.bt:1:13: unknown action 'Swim'" in found["message"]
+        (diagnostic,) = editor.open("a.bt", 'domain far\ninclude "lib.bt"\nuse a\n')
+        assert diagnostic["range"]["start"] == {"line": 0, "character": 0}
+        assert "lib.bt:1:13: unknown action 'Swim'" in diagnostic["message"]
         assert editor.at("hover", "a.bt", 2, 4)["contents"]["value"] == "```\nsubtree a = Swim\n```"
         (tmp_path / "lib.bt").write_text("subtree a = Fly\n")
         editor.tell("textDocument/didSave", textDocument={"uri": editor.uri("a.bt")})
-        assert editor.found("a.bt") == []
+        assert editor.diagnostics_of("a.bt") == []
 
 
 @pytest.mark.slow
@@ -370,20 +370,23 @@ def test_neovim(tmp_path: Path) -> None:
     (tmp_path / "my tree.bt").write_text("selector {\n  PatrolWaypo\n}\n")
     script = Path(__file__).with_name("neovim.lua")
     command = ["nvim", "--headless", "-u", "NONE", "-c", f"luafile {script}", "-c", "qall!"]
-    own = {"HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
-    environment = {**os.environ, **own, "TRY_PYTHON": sys.executable, "TRY_CODE": CODE}
+    folders = {"HOME": str(tmp_path), "XDG_STATE_HOME": str(tmp_path)}
+    environment = {**os.environ, **folders, "TRY_PYTHON": sys.executable, "TRY_CODE": CODE}
     subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=100)
-    told = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
-    found = {what: [json.loads(value) for key, value in told if key == what] for what, _ in told}
-    ((line, column, sort, message),) = found["diagnostic"]
+    lines = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
+    answers = {
+        request: [json.loads(value) for key, value in lines if key == request]
+        for request, _ in lines
+    }
+    ((line, column, sort, message),) = answers["diagnostic"]
     assert (line, column, sort) == (1, 2, "unknown-name")
     assert "Did you mean PatrolWaypoint?" in message
-    assert ["PatrolWaypoint", VOCABULARY.actions["PatrolWaypoint"].meaning] in found["completion"]
-    assert found["left"] == [0]
-    assert found["hover"][0].startswith("**SeekCharger**")
-    (renamed_to,) = found["renamed"]
+    assert ["PatrolWaypoint", VOCABULARY.actions["PatrolWaypoint"].meaning] in answers["completion"]
+    assert answers["left"] == [0]
+    assert answers["hover"][0].startswith("**SeekCharger**")
+    (renamed_to,) = answers["renamed"]
     assert renamed_to == ["subtree run = SeekCharger", "sequence { use run PatrolWaypoint }"]
-    (formatted,) = found["formatted"]
+    (formatted,) = answers["formatted"]
     assert formatted == [renamed_to[0], "", renamed_to[1]]
 
 
@@ -407,34 +410,37 @@ def test_emacs(tmp_path: Path) -> None:
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     environment = {**os.environ, "HOME": str(tmp_path), "PATH": path}
     subprocess.run(command, cwd=tmp_path, env=environment, check=True, timeout=200)
-    told = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
-    found = {what: [json.loads(value) for key, value in told if key == what] for what, _ in told}
-    assert found["mode"] == ["islandgp-bt-mode"]
-    (message,) = found["diagnostic"]
+    output = [line.split(" ", 1) for line in (tmp_path / "out.txt").read_text().splitlines()]
+    answers = {
+        request: [json.loads(value) for key, value in output if key == request]
+        for request, _ in output
+    }
+    assert answers["mode"] == ["islandgp-bt-mode"]
+    (message,) = answers["diagnostic"]
     assert "[unknown-name]" in message
     assert "Did you mean PatrolWaypoint?" in message
-    assert found["completion"] == ["PatrolWaypoint"]
-    assert found["left"] == [0]
-    assert found["hover"][0].startswith("**SeekCharger**: drives")
-    assert found["renamed"] == [
+    assert answers["completion"] == ["PatrolWaypoint"]
+    assert answers["left"] == [0]
+    assert answers["hover"][0].startswith("**SeekCharger**: drives")
+    assert answers["renamed"] == [
         ["subtree run = SeekCharger", "sequence { use run PatrolWaypoint }"]
     ]
-    assert found["formatted"] == [[*found["renamed"][0][:1], "", found["renamed"][0][1], ""]]
+    assert answers["formatted"] == [[*answers["renamed"][0][:1], "", answers["renamed"][0][1], ""]]
 
 
 def test_without_pygls(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     """The extra that brings it is named."""
     monkeypatch.setattr("islandgp.commands.language_server_command.find_spec", lambda _: None)
-    said = islandgp("language-server")
-    assert said.code == 2
-    assert "pip install 'islandgp[lsp]'" in said.err
+    result = islandgp("language-server")
+    assert result.code == 2
+    assert "pip install 'islandgp[lsp]'" in result.err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")
 @pytest.mark.parametrize("closed", ["<&-", ">&-"])
 def test_without_an_editor(closed: str) -> None:
-    """Where nobody can speak to it, it says so."""
+    """Without an editor on its streams it ends with a message."""
     command = f"exec {shlex.quote(sys.executable)} -c '{CODE}' language-server {closed}"
-    done = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, check=False, timeout=60)
-    assert done.returncode == 2
-    assert b"Expected an editor at the standard input and output" in done.stderr
+    process = subprocess.run(["sh", "-c", command], stderr=subprocess.PIPE, check=False, timeout=60)
+    assert process.returncode == 2
+    assert b"Expected an editor at the standard input and output" in process.stderr

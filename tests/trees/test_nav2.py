@@ -24,7 +24,7 @@ from tests.running.commands import ROOT
 from tests.trees.nav2 import SHAPES, file_of
 from tests.trees.targets import Script, Trace, ours
 
-WORDS = Vocabulary(
+ROBOT = Vocabulary(
     "robot",
     {
         "Go": Action("goes", arguments={"goal": text("where to")}),
@@ -43,35 +43,37 @@ def read(shape: str) -> Imported:
 
 def inside(xml: str) -> Imported:
     """The tree of a file with that node."""
-    return read_tree(f'<root><BehaviorTree ID="M">{xml}</BehaviorTree></root>', WORDS)
+    return read_tree(f'<root><BehaviorTree ID="M">{xml}</BehaviorTree></root>', ROBOT)
 
 
-def table_of(found: Imported) -> str:
-    return ", ".join(sorted(d.loss.about for d in found.differences))
+def table_of(imported: Imported) -> str:
+    return ", ".join(sorted(d.loss.about for d in imported.differences))
 
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_published_trees(name: str) -> None:
     """Each is read with its ports, with the differences that docs/exports.md lists."""
-    found = read(SHAPES[name])
+    imported = read(SHAPES[name])
     xml = file_of(SHAPES[name])
-    ports = sum(len(node.args.values) for node in walk(found.tree) if node.action)  # type: ignore[union-attr]
+    ports = sum(len(node.args.values) for node in walk(imported.tree) if node.action)  # type: ignore[union-attr]
     hidden = re.findall(r'(?:number_of_retries|num_attempts|hz)="', xml)
     assert ports == len(re.findall(r'\w="', xml.split("<TreeNodesModel>")[0])) - 3 - len(hidden)
     rows = (ROOT / "docs" / "exports.md").read_text(encoding="utf-8")
-    assert f"| `{name}` | {table_of(found) or 'none'} |" in rows
-    words = declared(xml, xml, name="model.xml")
-    assert parse(found.text, words) == found.tree
-    assert from_json(to_json(found.tree), words) == found.tree
+    assert f"| `{name}` | {table_of(imported) or 'none'} |" in rows
+    vocabulary = declared(xml, xml, name="model.xml")
+    assert parse(imported.text, vocabulary) == imported.tree
+    assert from_json(to_json(imported.tree), vocabulary) == imported.tree
 
 
 @pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "Controller " not in s])
 def test_published_trees_come_back(name: str) -> None:
     """A plain file of such a tree, but for its decorators that are leaves here, comes back."""
-    found = read(SHAPES[name])
+    imported = read(SHAPES[name])
     xml = file_of(SHAPES[name])
-    words = declared(xml, xml, name="model.xml")
-    assert read_tree(to_xml(found.tree, words, plain=True), words).tree == found.tree
+    vocabulary = declared(xml, xml, name="model.xml")
+    assert (
+        read_tree(to_xml(imported.tree, vocabulary, plain=True), vocabulary).tree == imported.tree
+    )
 
 
 def ticks(tree: Node, count: int, **scripts: str) -> list[tuple[list[str], int]]:
@@ -83,27 +85,27 @@ def ticks(tree: Node, count: int, **scripts: str) -> list[tuple[list[str], int]]
     def leaf_of(args: ActionArgs) -> object:
         def act(fresh: bool) -> int:  # noqa: ARG001
             called.append(args.name)
-            left = coming.get(args.name, ["S"])
-            return letters[left.pop(0) if len(left) > 1 else left[0]]
+            remaining = coming.get(args.name, ["S"])
+            return letters[remaining.pop(0) if len(remaining) > 1 else remaining[0]]
 
         return act
 
     tick = compile_tree(tree, leaf_of, [], {}, step_s=0.5)  # type: ignore[arg-type]
-    found = []
+    rows = []
     for _ in range(count):
         status = tick()
-        found.append(([*called], status))
+        rows.append(([*called], status))
         called.clear()
-    return found
+    return rows
 
 
 def test_a_published_tree_runs() -> None:
     """Planning goes on once a second while the robot drives; a failure brings a recovery."""
     tree = read(SHAPES["navigate_to_pose_w_replanning_and_recovery"]).tree
-    found = ticks(tree, 5, FollowPath="R")
-    planned = ["ComputePathToPose" in calls for calls, _ in found]
+    rows = ticks(tree, 5, FollowPath="R")
+    planned = ["ComputePathToPose" in calls for calls, _ in rows]
     assert planned == [True, False, True, False, True]
-    assert all(status >= RUNNING for _, status in found)
+    assert all(status >= RUNNING for _, status in rows)
     ((calls, _),) = ticks(tree, 1, FollowPath="FR")
     assert calls[-4:] == [
         "FollowPath", "WouldAControllerRecoveryHelp", "ClearEntireCostmap", "FollowPath"
@@ -149,9 +151,9 @@ BRANCHES = {
 def test_branching_nodes(xml: str) -> None:
     """Branching nodes and preconditions become guards, with what is not quite the same."""
     tree, differences = BRANCHES[xml]
-    found = inside(xml)
-    assert (found.tree, table_of(found)) == (parse(tree, WORDS), differences)
-    assert parse(to_text(found.tree)) == found.tree  # without a vocabulary as well
+    imported = inside(xml)
+    assert (imported.tree, table_of(imported)) == (parse(tree, ROBOT), differences)
+    assert parse(to_text(imported.tree)) == imported.tree  # without a vocabulary as well
 
 
 def in_the_library(xml: str, boards: Sequence[Sequence[float]], results: Sequence[int]) -> Trace:
@@ -189,8 +191,8 @@ def test_branching_in_the_library(xml: str) -> None:
     for _ in range(30):
         results = [rng.choice([FAILURE, SUCCESS, RUNNING, RUNNING]) for _ in range(60)]
         boards = [[float(rng.randint(0, 1)), float(rng.randint(0, 3))] for _ in range(20)]
-        mine = ours(tree, boards, results, WORDS.places)
-        assert mine == in_the_library(text, boards, results)
+        trace = ours(tree, boards, results, ROBOT.places)
+        assert trace == in_the_library(text, boards, results)
 
 
 REFUSED = {
@@ -220,16 +222,16 @@ def test_ports_of_remapped_subtrees() -> None:
         '<root main_tree_to_execute="A"><BehaviorTree ID="A"><SubTree ID="B" goal="{dock}"/>'
         '</BehaviorTree><BehaviorTree ID="B"><Go goal="{goal}"/></BehaviorTree></root>'
     )
-    assert read_tree(xml, WORDS).tree == parse('Go(goal: "{dock}")', WORDS)
+    assert read_tree(xml, ROBOT).tree == parse('Go(goal: "{dock}")', ROBOT)
 
 
 @pytest.mark.parametrize("head", ["every 2", "pipeline", "round_robin", "recovery 2"])
 def test_nodes_of_nav2_go_out_plain_only(head: str) -> None:
-    """Only a plain XML file has them, and says that they are Nav2's."""
-    tree = parse(f"{head} {{ Go {'Stay' if head == 'recovery 2' else ''} }}", WORDS)
+    """Only a plain XML file has them, and marks them as Nav2's."""
+    tree = parse(f"{head} {{ Go {'Stay' if head == 'recovery 2' else ''} }}", ROBOT)
     with pytest.raises(DomainError, match="export it as plain XML"):
-        to_xml(tree, WORDS, step_s=0.1)
+        to_xml(tree, ROBOT, step_s=0.1)
     with pytest.raises(DomainError, match="in another form"):
-        py_trees.to_python(tree, WORDS, plain=True)
+        py_trees.to_python(tree, ROBOT, plain=True)
     assert "nav2" in {loss.about for loss in losses(tree)}
-    assert read_tree(to_xml(tree, WORDS, plain=True), WORDS).tree == tree
+    assert read_tree(to_xml(tree, ROBOT, plain=True), ROBOT).tree == tree

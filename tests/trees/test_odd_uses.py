@@ -61,8 +61,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def use(islandgp: Cli, command: str, file: str) -> tuple[int, str]:
     """The exit code of a command with a file, and all that it prints."""
-    said = islandgp(*(file if word == "@" else word for word in COMMANDS[command]))
-    return said.code, said.out + said.err
+    result = islandgp(*(file if word == "@" else word for word in COMMANDS[command]))
+    return result.code, result.out + result.err
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -72,9 +72,9 @@ def test_unreadable_files(islandgp: Cli, folder: Path, command: str, kind: str) 
     make, message = UNREADABLE[kind]
     make(folder / "odd.bt")
     files = {*folder.iterdir()}
-    code, printed = use(islandgp, command, "odd.bt")
-    assert (code, message in printed) == (2, True), printed
-    assert len(printed) < 400
+    code, output = use(islandgp, command, "odd.bt")
+    assert (code, message in output) == (2, True), output
+    assert len(output) < 400
     assert {*folder.iterdir()} == files
 
 
@@ -86,9 +86,9 @@ def test_wrong_texts(islandgp: Cli, folder: Path, command: str, kind: str) -> No
     file = folder / "odd.bt"
     file.write_bytes(data)
     files = {*folder.iterdir()}
-    code, printed = use(islandgp, command, "odd.bt")
-    assert (code, message in printed) == (1 if command == "check" else 2, True), printed
-    assert len(printed) < 800
+    code, output = use(islandgp, command, "odd.bt")
+    assert (code, message in output) == (1 if command == "check" else 2, True), output
+    assert len(output) < 800
     assert {*folder.iterdir()} == files
     assert file.read_bytes() == data
 
@@ -103,7 +103,7 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         (["diff", "-", "-"], "expected one `-`, the standard input, found more"),
         (["check", "-", "ok.bt", "-"], "expected one `-`, the standard input, found more"),
@@ -141,11 +141,11 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
     ],
     ids=lambda each: " ".join(each)[:40] if isinstance(each, list) else "",
 )
-def test_odd_options(islandgp: Cli, folder: Path, words: list[str], message: str) -> None:
-    """One line that says what is expected, and no file is written."""
-    said = islandgp(*words, stdin=OK)
-    assert (said.code, message in said.err) == (2, True), said.err
-    assert len(said.err) < 700
+def test_odd_options(islandgp: Cli, folder: Path, arguments: list[str], message: str) -> None:
+    """One line with what is expected, and no file is written."""
+    result = islandgp(*arguments, stdin=OK)
+    assert (result.code, message in result.err) == (2, True), result.err
+    assert len(result.err) < 700
     assert [*folder.iterdir()] == [folder / "ok.bt"]
     assert (folder / "ok.bt").read_text() == OK
 
@@ -155,9 +155,9 @@ def test_a_file_without_permission(
 ) -> None:
     """It is not reported as missing."""
     monkeypatch.setattr("os.access", lambda *_: False)  # root can read every file
-    said = islandgp("fmt", folder / "ok.bt")
-    assert said.code == 2
-    assert "expected a File that is readable, found" in said.err
+    result = islandgp("fmt", folder / "ok.bt")
+    assert result.code == 2
+    assert "expected a File that is readable, found" in result.err
 
 
 @pytest.mark.usefixtures("folder")
@@ -165,7 +165,7 @@ def test_a_full_disk(islandgp: Cli) -> None:
     """A device that takes nothing is reported as such."""
     if not Path("/dev/full").exists():
         pytest.skip("needs /dev/full")
-    for words in (["export", "ok.bt", "--to", "json"], ["simplify", "ok.bt"]):
-        said = islandgp(*words, "-o", "/dev/full")
-        assert said.code == 2
-        assert "Expected to write /dev/full: " in said.err
+    for arguments in (["export", "ok.bt", "--to", "json"], ["simplify", "ok.bt"]):
+        result = islandgp(*arguments, "-o", "/dev/full")
+        assert result.code == 2
+        assert "Expected to write /dev/full: " in result.err

@@ -18,10 +18,12 @@ TREE = ROOT / "grammar/examples/all_rounder.bt"
 RUN = ("run", "experiment=smoke", "tracking=off", "--cfg", "job")
 
 
-def command(*words: object, stdout: Any, **environment: str) -> subprocess.CompletedProcess[bytes]:
-    """Runs `islandgp WORDS` with that standard output."""
+def command(
+    *arguments: object, stdout: Any, **environment: str
+) -> subprocess.CompletedProcess[bytes]:
+    """Runs `islandgp ARGUMENTS` with that standard output."""
     return subprocess.run(
-        [sys.executable, "-c", "from islandgp.cli import main; main()", *map(str, words)],
+        [sys.executable, "-c", "from islandgp.cli import main; main()", *map(str, arguments)],
         env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
         stdout=stdout,
         stderr=subprocess.PIPE,
@@ -31,7 +33,7 @@ def command(*words: object, stdout: Any, **environment: str) -> subprocess.Compl
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         pytest.param(("show", TREE), id="show"),
         pytest.param(RUN, id="run"),
@@ -39,58 +41,58 @@ def command(*words: object, stdout: Any, **environment: str) -> subprocess.Compl
         pytest.param(("check", TREE), id="check", marks=pytest.mark.slow),
     ],
 )
-def test_a_full_output_is_one_message(words: tuple[object, ...]) -> None:
+def test_a_full_output_is_one_message(arguments: tuple[object, ...]) -> None:
     """Exit code 2, no traceback, also where the text fits into the interpreter's buffer."""
     with Path("/dev/full").open("wb") as full:
-        done = command(*words, stdout=full)
-    assert done.returncode == 2
-    assert done.stderr.decode() == (
+        process = command(*arguments, stdout=full)
+    assert process.returncode == 2
+    assert process.stderr.decode() == (
         "islandgp: Expected to write to the standard output, found: No space left on device;"
         " make room, or send it elsewhere.\n"
     )
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         pytest.param(("show", TREE), id="show"),
         pytest.param(("simplify", TREE), id="simplify", marks=pytest.mark.slow),
     ],
 )
-def test_an_output_that_nobody_reads_ends_the_command(words: tuple[object, ...]) -> None:
+def test_an_output_that_nobody_reads_ends_the_command(arguments: tuple[object, ...]) -> None:
     """As behind `| head`: silently."""
     reader, writer = os.pipe()
     os.close(reader)
     try:
-        done = command(*words, stdout=writer)
+        process = command(*arguments, stdout=writer)
     finally:
         os.close(writer)
-    assert (done.returncode, done.stderr) == (1, b"")
+    assert (process.returncode, process.stderr) == (1, b"")
 
 
 def test_pictures_lose_characters_that_the_output_lacks(tmp_path: Path) -> None:
     """In a terminal of ASCII a tree is drawn all the same."""
-    done = command("show", TREE, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert b"PatrolWaypoint" in done.stdout
+    process = command("show", TREE, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
+    assert (process.returncode, process.stderr) == (0, b"")
+    assert b"PatrolWaypoint" in process.stdout
     diff = tmp_path / "x.bt"
     diff.write_text("PatrolWaypoint   # \N{GREEK SMALL LETTER ALPHA}\n", encoding="utf-8")
-    done = command("fmt", "--diff", diff, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
-    assert (done.returncode, done.stderr) == (0, b"")
+    process = command("fmt", "--diff", diff, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
+    assert (process.returncode, process.stderr) == (0, b"")
 
 
-def test_trees_are_utf8_whatever_the_output(tmp_path: Path) -> None:
+def test_trees_are_utf8_for_any_output(tmp_path: Path) -> None:
     """What goes to the standard output is what would go into a file."""
     text = "PatrolWaypoint  # \N{GREEK SMALL LETTER ALPHA}\n"
     with (tmp_path / "tree").open("w+", encoding="utf-8") as file:
         file.write(text)
         file.seek(0)
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-c", "from islandgp.cli import main; main()", "fmt", "-"],
             env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"},
             stdin=file,
             capture_output=True,
             check=False,
         )
-    assert (done.returncode, done.stderr) == (0, b"")
-    assert done.stdout.decode("utf-8").split() == text.split()
+    assert (process.returncode, process.stderr) == (0, b"")
+    assert process.stdout.decode("utf-8").split() == text.split()

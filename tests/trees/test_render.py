@@ -28,8 +28,8 @@ def test_every_node_is_in_every_picture(tree: Node) -> None:
     for line, text in zip(to_lines(tree), labels, strict=True):
         assert line.endswith(text)
     svg = ET.fromstring(to_svg(tree))
-    drawn = [e.text for e in svg.iter() if e.tag.endswith("text")]
-    assert drawn == labels
+    texts = [e.text for e in svg.iter() if e.tag.endswith("text")]
+    assert texts == labels
     assert len(re.findall(r"^  n\d+[\[({]", to_mermaid(tree), re.MULTILINE)) == size(tree)
     assert to_mermaid(tree).count(" --- ") == size(tree) - 1
     assert to_dot(tree).count("[label=") == size(tree)
@@ -88,15 +88,15 @@ def test_command_knows_the_form_by_its_ending(
 
 def test_command_refuses_an_ending_that_it_does_not_know(islandgp: Cli, tmp_path: Path) -> None:
     """Text in a .png helps nobody, but it can be had."""
-    said = islandgp("show", POOR, "-o", tmp_path / "a.png")
-    assert said.code == 2
-    assert "one of .txt, .svg, .mmd, .mermaid, .dot, .gv, found .png" in said.err
+    result = islandgp("show", POOR, "-o", tmp_path / "a.png")
+    assert result.code == 2
+    assert "one of .txt, .svg, .mmd, .mermaid, .dot, .gv, found .png" in result.err
     assert not (tmp_path / "a.png").exists()
     assert islandgp("show", POOR, "-o", tmp_path / "a.png", "--format", "text").code == 0
 
 
 def test_command_draws_in_the_terminal(islandgp: Cli) -> None:
     """Without more, `show` prints the drawing."""
-    said = islandgp("show", POOR)
-    assert said.out.startswith("? selector\n")
-    assert len(said.out.splitlines()) == size(parse(POOR.read_text()))
+    result = islandgp("show", POOR)
+    assert result.out.startswith("? selector\n")
+    assert len(result.out.splitlines()) == size(parse(POOR.read_text()))

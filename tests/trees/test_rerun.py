@@ -23,18 +23,18 @@ def save(file: Path, text: str) -> None:
 
 def looks(monkeypatch: pytest.MonkeyPatch, *steps: Callable[[], object]) -> None:
     """Between looks at the files one step after the other happens; then Ctrl-C."""
-    left = list(steps)
+    remaining = list(steps)
 
     def sleep(_: float) -> None:
-        if not left:
+        if not remaining:
             raise KeyboardInterrupt
-        left.pop(0)()
+        remaining.pop(0)()
 
     monkeypatch.setattr(rerun.time, "sleep", sleep)
 
 
 def test_check_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """At each change of the file or of what it includes, whatever is wrong with them."""
+    """At each change of the file or of what it includes, with any errors in them."""
     file, library = tmp_path / "my tree.bt", tmp_path / "lib.bt"
     file.write_text(GOOD)
     looks(
@@ -47,9 +47,9 @@ def test_check_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mon
         lambda: save(file, GOOD * 2),
         lambda: save(file, GOOD),
     )
-    said = islandgp("check", "--rerun", file)
-    assert said.code == 130
-    parts = [part.strip().split("\n", 1)[-1] for part in said.out.split("\n\n")]
+    result = islandgp("check", "--rerun", file)
+    assert result.code == 130
+    parts = [part.strip().split("\n", 1)[-1] for part in result.out.split("\n\n")]
     assert "2 nodes, depth 2, no warnings" in parts[0]
     assert "Did you mean PatrolWaypoint?" in parts[1]
     assert "there is no file 'lib.bt'" in parts[2]
@@ -60,18 +60,18 @@ def test_check_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_play_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An error is told, and the next change runs it again."""
+    """An error is reported, and the next change runs it again."""
     file = tmp_path / "tree.bt"
     file.write_text(GOOD)
     looks(monkeypatch, lambda: save(file, "sequence {"), lambda: save(file, "SeekCharger"))
-    said = islandgp("play", "--rerun", file, "--seeds", 1, "--set", "world.episode.length=5")
-    assert said.code == 130
-    assert said.out.count("of 1 world:") == 2
-    assert "the text ends too early" in said.err
+    result = islandgp("play", "--rerun", file, "--seeds", 1, "--set", "world.episode.length=5")
+    assert result.code == 130
+    assert result.out.count("of 1 world:") == 2
+    assert "the text ends too early" in result.err
 
 
 def test_only_files(islandgp: Cli) -> None:
     """The standard input does not change."""
-    said = islandgp("check", "--rerun", "-", stdin=GOOD)
-    assert said.code == 2
-    assert "expected files for --rerun" in said.err
+    result = islandgp("check", "--rerun", "-", stdin=GOOD)
+    assert result.code == 2
+    assert "expected files for --rerun" in result.err

@@ -35,15 +35,15 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     leaves = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
     calls: list[tuple[str, bool, int]] = []
     aborted: list[str] = []
-    taken = 0
+    used = 0
 
     def action(name: str) -> Callable[[bool], int]:
         can = VOCABULARY.action(name).statuses
 
         def act(fresh: bool) -> int:
-            nonlocal taken
-            status = results[taken % len(results)]
-            taken += 1
+            nonlocal used
+            status = results[used % len(results)]
+            used += 1
             if status not in can:
                 status = RUNNING if RUNNING in can else SUCCESS
             calls.append((name, fresh, status))
@@ -61,7 +61,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     for values in boards:
         board[:] = values
         status = min(tick(), RUNNING)  # AGAIN is RUNNING
-        # Aborts of one tick come in document order per subtree, so their order is not told.
+        # Aborts of one tick come in document order per subtree, so their order is not compared.
         ticks.append((tuple(calls), tuple(sorted(aborted)), status))
         calls.clear()
         aborted.clear()
@@ -88,9 +88,9 @@ def test_simplifying_twice_changes_nothing(tree: Node) -> None:
 
 
 def _length(tree: Node) -> int:
-    """Nodes, and what is asked in guards."""
-    asked = [guard_of(node).condition for node in walk(tree) if node.guard]
-    return size(tree) + sum(len(condition_text(each).split()) for each in asked)
+    """The number of nodes, and of words in guards."""
+    conditions = [guard_of(node).condition for node in walk(tree) if node.guard]
+    return size(tree) + sum(len(condition_text(each).split()) for each in conditions)
 
 
 RULES = {
@@ -172,7 +172,7 @@ RULES = {
 
 @pytest.mark.parametrize("name", RULES)
 def test_rule(name: str) -> None:
-    """Each rule rewrites its example as told, and stays away where the meaning would change."""
+    """Each rule rewrites its example as documented, and not where the meaning would change."""
     before, after = RULES[name]
     assert simplify(short_tree(before), VOCABULARY).tree == short_tree(after)
 

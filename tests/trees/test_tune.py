@@ -41,9 +41,9 @@ class Awake(Serial):
 
 def threshold(tree: str) -> float:
     """Of its only condition."""
-    found = re.search(r"batteryLevel < ([\d.]+)", tree)
-    assert found is not None
-    return float(found[1])
+    match = re.search(r"batteryLevel < ([\d.]+)", tree)
+    assert match is not None
+    return float(match[1])
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def awake(monkeypatch: pytest.MonkeyPatch) -> type[Awake]:
 
 def test_tune(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:
     """One number changes, all else stays to the letter; before, after and cost are reported."""
-    file, made = tmp_path / "my tree.bt", tmp_path / "tuned.bt"
+    file, tuned = tmp_path / "my tree.bt", tmp_path / "tuned.bt"
     file.write_text(TREE)
     first = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT)
     assert first.code == 0
@@ -78,8 +78,8 @@ def test_tune(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:
     total, search, race = (int(word.replace(",", "")) for word in cost.groups())
     assert total == len(awake.jobs) == search + race + 120 <= 1_200
 
-    again = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT, "-o", made)
-    assert (again.out, made.read_text()) == ("", first.out)
+    again = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT, "-o", tuned)
+    assert (again.out, tuned.read_text()) == ("", first.out)
 
 
 def test_the_file_itself_is_tuned(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
@@ -94,9 +94,9 @@ def test_the_file_itself_is_tuned(islandgp: Cli, tmp_path: Path, awake: type[Awa
 @pytest.mark.slow
 def test_in_the_simulator(islandgp: Cli) -> None:
     """The bytes do not depend on the number of workers."""
-    words = ("--episodes", 400, "--worlds", 4, "--set", "world.episode.length=10")
-    one = islandgp("tune", "-", *words, "--set", "evaluator=serial", stdin=NEAR)
-    two = islandgp("tune", "-", *words, "--set", "evaluator.policy.workers=2", stdin=NEAR)
+    options = ("--episodes", 400, "--worlds", 4, "--set", "world.episode.length=10")
+    one = islandgp("tune", "-", *options, "--set", "evaluator=serial", stdin=NEAR)
+    two = islandgp("tune", "-", *options, "--set", "evaluator.policy.workers=2", stdin=NEAR)
     assert one.code == two.code == 0
     assert one.out == two.out
     assert one.out != NEAR  # the battery has more when it starts
@@ -106,10 +106,10 @@ def test_in_the_simulator(islandgp: Cli) -> None:
 def test_nothing_better(islandgp: Cli, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
     """The text comes out as it was, to the byte."""
     text = "when  batteryLevel<63.40 { MoveToGarbage }\r\n"
-    said = islandgp("tune", "-", "--episodes", 400, *SHORT, stdin=text)
-    assert (said.code, said.out) == (0, text)
-    assert "line 1: batteryLevel < 63.4 stays" in said.err
-    assert "Nothing better was found" in said.err
+    result = islandgp("tune", "-", "--episodes", 400, *SHORT, stdin=text)
+    assert (result.code, result.out) == (0, text)
+    assert "line 1: batteryLevel < 63.4 stays" in result.err
+    assert "Nothing better was found" in result.err
 
 
 def test_ctrl_c_writes_nothing(
@@ -118,21 +118,21 @@ def test_ctrl_c_writes_nothing(
     """In the search, the race or the comparison: the file stays, the exit code is 130."""
     file = tmp_path / "a.bt"
     file.write_text(TREE)
-    words = ("tune", file, "--worlds", 4, "--episodes", 600, *SHORT)
-    assert islandgp(*words).code == 0
+    arguments = ("tune", file, "--worlds", 4, "--episodes", 600, *SHORT)
+    assert islandgp(*arguments).code == 0
     episodes = len(awake.jobs)  # 60 of them compare
     for ends in (10, episodes - 61, episodes - 1):
         awake.jobs.clear()
         monkeypatch.setattr(Serial, "ends", ends)
-        said = islandgp(*words, "-o", file)
-        assert (said.code, said.out) == (130, "")
-        assert "islandgp: stopped" in said.err
+        result = islandgp(*arguments, "-o", file)
+        assert (result.code, result.out) == (130, "")
+        assert "islandgp: stopped" in result.err
         assert len(awake.jobs) > ends
         assert (list(tmp_path.iterdir()), file.read_text()) == ([file], TREE)
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("options", "message"),
     [
         (("--episodes", 239), "Expected at least 240 episodes: a generation is 12 trees in 16"),
         (("--episodes", 31, "--worlds", 2), "Expected at least 32 episodes"),
@@ -143,13 +143,13 @@ def test_ctrl_c_writes_nothing(
     ],
 )
 def test_budgets_that_are_too_small(
-    islandgp: Cli, tmp_path: Path, words: tuple[object, ...], message: str
+    islandgp: Cli, tmp_path: Path, options: tuple[object, ...], message: str
 ) -> None:
     """One error, before any episode, and no file."""
-    said = islandgp("tune", "-", *words, "-o", tmp_path / "new.bt", stdin=TREE)
-    assert (said.code, said.out) == (2, "")
-    assert message in said.err
-    assert "Traceback" not in said.err
+    result = islandgp("tune", "-", *options, "-o", tmp_path / "new.bt", stdin=TREE)
+    assert (result.code, result.out) == (2, "")
+    assert message in result.err
+    assert "Traceback" not in result.err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -172,9 +172,9 @@ def test_budgets_that_are_too_small(
     ],
 )
 def test_what_cannot_be_tuned(islandgp: Cli, text: str, code: int, message: str) -> None:
-    """It is told in one message; a tree without numbers comes out as it is."""
-    said = islandgp("tune", "-", *FEW, *SHORT, stdin=text)
-    assert said.code == code
-    assert message in said.err
-    assert "Traceback" not in said.err
-    assert said.out == (text if code == 0 else "")
+    """One message; a tree without numbers comes out as it is."""
+    result = islandgp("tune", "-", *FEW, *SHORT, stdin=text)
+    assert result.code == code
+    assert message in result.err
+    assert "Traceback" not in result.err
+    assert result.out == (text if code == 0 else "")

@@ -31,11 +31,11 @@ def test_the_package_holds_all_files(tmp_path: Path) -> None:
     assert packed[0].read_bytes() == packed[1].read_bytes()
     with ZipFile(packed[0]) as archive:
         about = json.loads(archive.read("extension/package.json"))
-        made = about["contributes"]
+        contributions = about["contributes"]
         inside = (
             about["main"],
-            made["languages"][0]["configuration"],
-            made["grammars"][0]["path"],
+            contributions["languages"][0]["configuration"],
+            contributions["grammars"][0]["path"],
             "./connection.js",
         )
         assert {f"extension/{file.removeprefix('./')}" for file in inside} <= {*archive.namelist()}
@@ -56,7 +56,7 @@ def test_a_folder_cannot_choose_the_command() -> None:
 
 def client(folder: Path, *command: str) -> dict[str, list[Any]]:
     """What the extension gives VS Code, by request."""
-    done = subprocess.run(
+    process = subprocess.run(
         ["node", str(HARNESS), str(FOLDER), *command],
         cwd=folder,
         capture_output=True,
@@ -64,11 +64,11 @@ def client(folder: Path, *command: str) -> dict[str, list[Any]]:
         encoding="utf-8",
         timeout=100,
     )
-    found: dict[str, list[Any]] = {}
-    for line in done.stdout.splitlines():
-        what, value = json.loads(line)
-        found.setdefault(what, []).append(value)
-    return found
+    answers: dict[str, list[Any]] = {}
+    for line in process.stdout.splitlines():
+        request, value = json.loads(line)
+        answers.setdefault(request, []).append(value)
+    return answers
 
 
 @pytest.mark.slow
@@ -76,26 +76,26 @@ def client(folder: Path, *command: str) -> dict[str, list[Any]]:
 @pytest.mark.process
 def test_the_client_asks_the_server(tmp_path: Path) -> None:
     """Each provider gives VS Code what the server answers."""
-    found = client(tmp_path, sys.executable, "-c", CODE, "language-server")
-    wrong, right = found["diagnostics"]
+    answers = client(tmp_path, sys.executable, "-c", CODE, "language-server")
+    wrong, right = answers["diagnostics"]
     assert "Did you mean PatrolWaypoint?" in wrong[0]
     assert right == []
-    assert found["actions"] == [["Replace by PatrolWaypoint"]]
-    assert found["definition"] == [{"line": 0, "character": 8}]
-    assert found["references"] == [2]
-    assert found["symbols"] == [[["go", 11]]]  # VS Code's number of a function
-    assert found["hover"][0].startswith("**SeekCharger**")
-    assert found["completion"] == [["go"]]
-    assert found["prepare"] == [{"line": 1, "character": 15}]
-    assert found["rename"] == [2]
-    assert "not a keyword of the language" in found["refused"][0]
-    assert found["format"][0].startswith("subtree go = SeekCharger\n\nsequence")
-    assert found["errors"] == [[]]
+    assert answers["actions"] == [["Replace by PatrolWaypoint"]]
+    assert answers["definition"] == [{"line": 0, "character": 8}]
+    assert answers["references"] == [2]
+    assert answers["symbols"] == [[["go", 11]]]  # VS Code's number of a function
+    assert answers["hover"][0].startswith("**SeekCharger**")
+    assert answers["completion"] == [["go"]]
+    assert answers["prepare"] == [{"line": 1, "character": 15}]
+    assert answers["rename"] == [2]
+    assert "not a keyword of the language" in answers["refused"][0]
+    assert answers["format"][0].startswith("subtree go = SeekCharger\n\nsequence")
+    assert answers["errors"] == [[]]
 
 
 @needs_node
 @pytest.mark.process
 def test_a_server_that_cannot_start_is_named(tmp_path: Path) -> None:
     """The message has the command."""
-    (told,) = client(tmp_path, str(tmp_path / "islandgp"), "language-server")["error"]
-    assert "islandgp language-server ended: spawn" in told[0]
+    (message,) = client(tmp_path, str(tmp_path / "islandgp"), "language-server")["error"]
+    assert "islandgp language-server ended: spawn" in message[0]

@@ -36,7 +36,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [
         ["fmt", "mine.bt"],
         ["simplify", "mine.bt", "-o", "mine.bt"],
@@ -44,17 +44,17 @@ def tree(tmp_path: Path) -> Path:
         ["export", "-", "--to", "json", "-o", "mine.bt"],
         ["replay", "-", "-o", "mine.bt", "--set", "world.episode.length=5"],
     ],
-    ids=lambda words: words[0],
+    ids=lambda arguments: arguments[0],
 )
 def test_a_full_disk_leaves_the_file_as_it_was(
-    words: list[str], tree: Path, islandgp: Cli, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], tree: Path, islandgp: Cli, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One message, exit code 2, the old text, and no temporary file."""
     monkeypatch.chdir(tree.parent)
     with full_disk():
-        said = islandgp(*words, stdin=TREE)
-    assert said.code == 2
-    assert said.err == "islandgp: Expected to write mine.bt: File too large.\n"
+        result = islandgp(*arguments, stdin=TREE)
+    assert result.code == 2
+    assert result.err == "islandgp: Expected to write mine.bt: File too large.\n"
     assert tree.read_text() == TREE
     assert list(tree.parent.iterdir()) == [tree]
 
@@ -84,9 +84,9 @@ def test_links_and_permissions_stay(tree: Path, islandgp: Cli) -> None:
 def test_a_file_that_may_not_be_written_is_refused(tree: Path, islandgp: Cli) -> None:
     """A new file does not take its place."""
     tree.chmod(0o440)
-    said = islandgp("fmt", tree)
-    assert (said.code, tree.read_text()) == (2, TREE)
-    assert "Permission denied" in said.err
+    result = islandgp("fmt", tree)
+    assert (result.code, tree.read_text()) == (2, TREE)
+    assert "Permission denied" in result.err
 
 
 def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
@@ -103,7 +103,7 @@ def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
 
 
 @pytest.mark.parametrize(
-    ("output", "found"),
+    ("output", "message"),
     [
         ("no dir/x", "no folder no dir"),
         ("mine.bt/x", "the file mine.bt"),
@@ -111,21 +111,21 @@ def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
     ],
 )
 @pytest.mark.parametrize("command", [["simplify"], ["replay"], ["best"], ["tune"]])
-def test_a_place_that_takes_no_file_is_told_before_any_work(
+def test_a_place_that_takes_no_file_is_reported_before_any_work(
     command: list[str],
     output: str,
-    found: str,
+    message: str,
     tree: Path,
     islandgp: Cli,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Also where what is to be worked on is not there."""
     monkeypatch.chdir(tree.parent)
-    said = islandgp(*command, tree.name, "-o", output)
-    assert (said.code, said.out) == (2, "")
-    assert said.err.startswith(f"islandgp: Expected a place for the file {output}, found: ")
-    assert found in said.err
-    assert said.err.count("\n") == 1
+    result = islandgp(*command, tree.name, "-o", output)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith(f"islandgp: Expected a place for the file {output}, found: ")
+    assert message in result.err
+    assert result.err.count("\n") == 1
     assert list(tree.parent.iterdir()) == [tree]
 
 

@@ -28,7 +28,7 @@ Event: TypeAlias = tuple[int, str, str, float]  # tick, event, component, points
 
 
 class Follower:
-    """An observer that keeps what a domain tells it, tick by tick."""
+    """An observer that keeps the reports of a domain, tick by tick."""
 
     def __init__(self, tree: Node) -> None:
         self.leaves = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
@@ -39,14 +39,14 @@ class Follower:
 
     def node(self, place: int, status: int) -> None:
         if place in self.leaves:
-            told = self._aborted if status == ABORTED else self._called
-            told.append((self.leaves[place], status))
+            changes = self._aborted if status == ABORTED else self._called
+            changes.append((self.leaves[place], status))
 
     def credit(self, component: str, points: float, event: str, _: str) -> None:
         self.events.append((len(self.ticks), event, component, points))
 
     def tick(self, *_: object) -> None:
-        # Aborts of one tick come in document order per subtree, so their order is not told.
+        # Aborts of one tick come in document order per subtree, so their order is not compared.
         self.ticks.append([*self._called, *sorted(self._aborted)])
         self._called.clear()
         self._aborted.clear()

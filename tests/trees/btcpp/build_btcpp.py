@@ -22,7 +22,7 @@ OFF = ("SHARED_LIBS", "BUILD_TOOLS", "EXAMPLES", "GROOT_INTERFACE", "SQLITE_LOGG
 def build(folder: Path) -> None:
     """Leaves the headers in folder/include and the static libraries in folder/lib."""
     with tempfile.TemporaryDirectory() as place:
-        there = Path(place)
+        download_folder = Path(place)
         pip = [
             sys.executable,
             "-m",
@@ -33,16 +33,16 @@ def build(folder: Path) -> None:
             "behaviortreepy",
         ]
         subprocess.run([*pip, "-d", place, PACKAGE], check=True)
-        with tarfile.open(next(there.glob("*.tar.gz"))) as archive:
-            archive.extractall(there, filter="data")
-        sources = next(there.glob("*/BehaviorTree.CPP"))
+        with tarfile.open(next(download_folder.glob("*.tar.gz"))) as archive:
+            archive.extractall(download_folder, filter="data")
+        sources = next(download_folder.glob("*/BehaviorTree.CPP"))
         options = [*(f"-DBTCPP_{name}=OFF" for name in OFF), "-DBUILD_TESTING=OFF"]
-        made = there / "made"
+        build_folder = download_folder / "made"
         options += ["-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_CXX_FLAGS=-O0 -g0"]
-        subprocess.run(["cmake", "-S", sources, "-B", made, *options], check=True)
-        subprocess.run(["cmake", "--build", made, "--parallel", "2"], check=True)
+        subprocess.run(["cmake", "-S", sources, "-B", build_folder, *options], check=True)
+        subprocess.run(["cmake", "--build", build_folder, "--parallel", "2"], check=True)
         (folder / "lib").mkdir(parents=True, exist_ok=True)
-        for library in made.rglob("*.a"):
+        for library in build_folder.rglob("*.a"):
             shutil.copy(library, folder / "lib")
         shutil.copytree(sources / "include", folder / "include", dirs_exist_ok=True)
 
