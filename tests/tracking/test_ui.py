@@ -364,7 +364,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         validation = Validation((7,), 100.0 + seed, 100.0 + seed, 100.0 + seed, {})
         written(home / f"runs/a/{arm}", home, seed=seed, validation=validation)
         jobs.append(job(arm, f"supervisor={arm}", supervisor=arm, seed=seed))
-    send(opened(home / "runs/a", *jobs), store)
+    send(started_sweep(home / "runs/a", *jobs), store)
     port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)

@@ -109,7 +109,7 @@ def test_no_meaning() -> None:
 
 
 def test_included_names(tmp_path: Path) -> None:
-    """Subtrees of included files are offered and described; circles and missing files are harmless."""
+    """Subtrees of included files are offered; circles and missing files do no harm."""
     (tmp_path / "lib.bt").write_text('include "lib.bt"\nsubtree far = SeekCharger\nconstant n = 3')
     text = 'include "lib.bt"\ninclude "none.bt"\ninclude "../x.bt"\nsubtree near = use far\n'
     assert list(subtrees(text, tmp_path)) == ["far", "near"]
