@@ -31,7 +31,8 @@ def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
     """Also the path of a folder whose name is no text. Further fields are kept."""
     values = {"name": text, "n": 1, "more": text}
     document = json.dumps(values)
-    assert validate_json(Named, document.encode() if as_bytes else document) == values
+    expected = json.loads(document)  # JSON joins a first half and a second half that meet
+    assert validate_json(Named, document.encode() if as_bytes else document) == expected
 
 
 def test_nan_is_null_at_every_depth() -> None:
