@@ -21,7 +21,9 @@ RENAMED: Final = {
     "gp.common_world": "gp.shared_seed",
     "gp.new_worlds": "gp.reseed_every",
     "gp.tournament": "gp.tournament_size",
+    "library.shown": "library.examples",
     "library.yardsticks": "library.reference_trees",
+    "supervisor.policy.several": "supervisor.policy.multiple",
 }
 """Former names of configuration keys, with the present ones."""
 
@@ -31,18 +33,19 @@ CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # valid names in MLflow
 
 
-def with_present_names(config: Mapping[str, Any]) -> dict[str, Any]:
-    """A recorded configuration with the present names of the keys in RENAMED."""
+def with_present_names(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """A recorded configuration with the present names of the keys in RENAMED.
 
-    def name(path: str) -> str:
-        return RENAMED.get(path, path).rpartition(".")[2]
-
-    return {
-        group: {name(f"{group}.{key}"): value for key, value in part.items()}
-        if isinstance(part, Mapping)
-        else part
-        for group, part in config.items()
-    }
+    Args:
+        config: the configuration, or the part of it at `path`.
+        path: the dotted key of `config`; "" for the whole.
+    """
+    present = {}
+    for key, value in config.items():
+        dotted = f"{path}.{key}" if path else str(key)
+        name = RENAMED[dotted].rpartition(".")[2] if dotted in RENAMED else key
+        present[name] = with_present_names(value, dotted) if isinstance(value, Mapping) else value
+    return present
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain
@@ -35,7 +37,7 @@ def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
 
     {} if the run had no folder, or if the folder no longer exists.
     """
-    settings, domain = LibrarySettings.model_validate(config["library"]), domain_of(config)
+    settings, domain = _settings(config), domain_of(config)
     if settings.folder is None or domain is None:
         return {}
     try:
@@ -59,13 +61,27 @@ def _names(folder: Path, vocabulary: Vocabulary) -> Mapping[str, str]:
 
 def trees_for_targets(config: Mapping[str, Any]) -> dict[str, str]:
     """The canonical texts of the library's trees for targets, by name; {} as above."""
-    targets = LibrarySettings.model_validate(config["library"]).trees
+    targets = _settings(config).trees
     return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))
 
 
 def reference_trees(config: Mapping[str, Any]) -> dict[str, str]:
     """Canonical texts of the library's reference trees, by name; without those not found."""
-    return _texts(config, LibrarySettings.model_validate(config["library"]).reference_trees)
+    return _texts(config, _settings(config).reference_trees)
+
+
+def _settings(config: Mapping[str, Any]) -> LibrarySettings:
+    """The recorded settings of the library. Raises RunError if this version cannot read them."""
+    try:
+        return LibrarySettings.model_validate(config["library"])
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, ("library", *first["loc"])))
+        raise RunError(
+            f"Expected settings of this version in a run's configuration, found {key}:"
+            f" {first['msg'].lower()}; look at the run with the version that its about.json names,"
+            " or run its command again."
+        ) from None
 
 
 def _texts(config: Mapping[str, Any], wanted: Iterable[str]) -> dict[str, str]:

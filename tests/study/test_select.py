@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from islandgp.errors import RunError, StudyError
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import flatten
+from islandgp.records.parameters import RENAMED, flatten, with_present_names
 from islandgp.results import load
+from islandgp.study.library import reference_trees
 from islandgp.study.select import (
     RunEntry,
     find,
@@ -224,3 +226,23 @@ def test_configurations_of_version_0_2_are_read_with_present_names(tmp_path: Pat
         "allocation": {"tournament_children": [18, 25]},
         "seed": 1,
     }
+
+
+def test_every_renamed_key_has_its_present_name() -> None:
+    """At any depth; other keys are unchanged, also those with the name of a renamed one."""
+    for old, new in RENAMED.items():
+        *path, last = old.split(".")
+        config: dict[str, Any] = {last: 1, "other": 2}
+        for key in reversed(path):
+            config = {key: config}
+        present = flatten(with_present_names(config))
+        assert present == {new: 1, f"{'.'.join(path)}.other": 2}
+    assert with_present_names({"shown": {"tournament": 1}}) == {"shown": {"tournament": 1}}
+
+
+def test_a_library_of_another_version_is_one_clear_error() -> None:
+    """Expected, found and the remedy."""
+    with pytest.raises(
+        RunError, match=r"found library\.colour: .*; look at the run with the version"
+    ):
+        reference_trees({"library": {"folder": None, "colour": "red"}})
