@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import BaseModel
 
 from islandgp.domain import Outcome
+from islandgp.domains.island.domain import Island
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem
 from tests.evolution.fake import Fake, outcome_of
@@ -35,6 +37,30 @@ class Instant(Fake):
         """See `Evaluator`."""
         self.simulated += len(jobs)
         return [outcome_of(job) for job in jobs]
+
+
+class Lasting(Fake):
+    """Made-up outcomes times an episode's length, so that longer episodes are better."""
+
+    Settings = NoSettings
+
+    @classmethod
+    def make(cls, settings: NoSettings, problem: Problem) -> Lasting:  # noqa: ARG003 -- the protocol's
+        """See `Evaluator`."""
+        assert isinstance(problem.domain, Island)
+        return cls(problem.domain.world.episode.length)
+
+    def __init__(self, length: float) -> None:
+        super().__init__()
+        self.length = length  # s
+
+    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        return [self._scaled(outcome) for outcome in super().evaluate(jobs)]
+
+    def _scaled(self, outcome: Outcome) -> Outcome:
+        points = {name: self.length * value for name, value in outcome.components.items()}
+        return replace(outcome, components=points)
 
 
 class BreaksSettings(BaseModel, frozen=True, extra="forbid"):

@@ -373,9 +373,8 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         colours = {arm: colour for colour, arm in re.findall(r"(#\w{6})\s+Group: (\w+)", text)}
         assert colours.keys() == {"baseline", "expert"}
         assert len(set(colours.values())) == 2
-        curves = "[...document.querySelectorAll('.js-line')].map(line => line.style.stroke)"
-        drawn = {f"rgb({r}, {g}, {b})" for r, g, b in map(rgb, colours.values())}
-        assert drawn <= set(browser.run(curves))
+        curves = "[...document.querySelectorAll('.js-line')].map(line => line.style.stroke).join()"
+        browser.wait_for(*map(rgb, colours.values()), script=curves)
         browser.open(pages.runs)
         browser.wait_for("seed", "run/validation_mean", "101")
         with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served
@@ -384,6 +383,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         urlopen(f"http://127.0.0.1:{port}/health", timeout=1)
 
 
-def rgb(colour: str) -> tuple[int, ...]:
-    """Red, green and blue of a colour as #rrggbb."""
-    return tuple(bytes.fromhex(colour.removeprefix("#")))
+def rgb(colour: str) -> str:
+    """A colour of the form #rrggbb as a style has it."""
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return f"rgb({red}, {green}, {blue})"

@@ -93,15 +93,17 @@ class Browser:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def wait_for(self, *texts: str, seconds: float = 240.0) -> str:
-        """The text of the page once it has all of `texts`; an error that names the others."""
+    def wait_for(
+        self, *texts: str, script: str = "document.body.innerText", seconds: float = 240.0
+    ) -> str:
+        """The value of a script, a text, once it has all of `texts`; an error names the others."""
         end = monotonic() + seconds
         while True:
-            page = str(self.run("document.body.innerText"))
-            missing = [text for text in texts if text not in page]
+            value = str(self.run(script))
+            missing = [text for text in texts if text not in value]
             if not missing:
-                return page
-            assert monotonic() < end, f"{missing} after {seconds:g} s in the page {page!r}"
+                return value
+            assert monotonic() < end, f"{missing} after {seconds:g} s in {value!r}"
             sleep(0.2)
 
     def press(self, key: str) -> None:
