@@ -45,7 +45,7 @@ def full_disk(lab: Lab) -> None:
         home = lab.folder()
         with disk(home, 4 + (needed - 8) * n // (POINTS - 1)):
             ending = lab.run(home, *QUICK)
-            assert_refused(ending, "No space left on device", "give the command again")
+            assert_refused(ending, "No space left on device", "repeat the command")
             enlarge(home)
             lab.assert_finishes(home, QUICK)
 

@@ -91,7 +91,7 @@ def test_files_that_may_not_grow(tmp_path: Path) -> None:
     lab = Lab(tmp_path)
     home = lab.folder()
     ending = lab.run(home, *QUICK, prefix=limited("ulimit -f 16"))
-    assert_refused(ending, "File too large", "give the command again")
+    assert_refused(ending, "File too large", "repeat the command")
     lab.assert_finishes(home, QUICK)
 
 
