@@ -23,7 +23,7 @@ SHORTER: Final = {Effort.TINY: SHORT, Effort.QUICK: ("gp.generations=11",), Effo
 class Run(NamedTuple):
     """Where the seconds of one run went."""
 
-    whole: float  # from the first line of the run's folder to the end of the process
+    total: float  # from the first line of the run's folder to the end of the process
     episodes: float  # in which episodes ran
     operators: float  # selection, variation and book-keeping in the loop
     supervision: float  # waiting for advice
@@ -32,7 +32,7 @@ class Run(NamedTuple):
     @property
     def rest(self) -> float:
         """Records, checkpoints, tracking, and the end of the process."""
-        return self.whole - self.episodes - self.operators - self.supervision
+        return self.total - self.episodes - self.operators - self.supervision
 
 
 def measure(effort: Effort) -> list[Figure]:
@@ -58,7 +58,7 @@ def measure(effort: Effort) -> list[Figure]:
         ),
         Figure(
             "mlflow_share",
-            median(100 * (1 - pair[0].whole / pair[1].whole) for pair in pairs),
+            median(100 * (1 - pair[0].total / pair[1].total) for pair in pairs),
             "%",
             "what tracking=mlflow takes of a default run, its validation included; median of seeds",
             share_goal,
@@ -69,11 +69,11 @@ def measure(effort: Effort) -> list[Figure]:
         Figure("rest_s", off.rest, "s", "checkpoints, files, end of the process"),
         Figure(
             "run_s_off",
-            off.whole,
+            off.total,
             "s",
             "all of these: the run without validation, tracking=off",
         ),
-        Figure("run_s_mlflow", mlflow.whole, "s", "the same, tracking=mlflow"),
+        Figure("run_s_mlflow", mlflow.total, "s", "the same, tracking=mlflow"),
         Figure(
             "new_store_s",
             first.rest,
@@ -95,12 +95,12 @@ def measure(effort: Effort) -> list[Figure]:
             "the same, tracking=mlflow",
             mlflow_goal,
         ),
-        Figure("paper_ratio", PAPER_S / off.whole, "", "the paper's 36,000 s a run / run_s_off"),
+        Figure("paper_ratio", PAPER_S / off.total, "", "the paper's 36,000 s a run / run_s_off"),
     ]
 
 
 def _share(name: str, run: Run, episodes: float, condition: str, goal: Goal | None) -> Figure:
-    value = 100 * (1 - episodes / run.whole)
+    value = 100 * (1 - episodes / run.total)
     return Figure(
         name, value, "%", f"everything but episodes, in percent of a run, {condition}", goal
     )

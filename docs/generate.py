@@ -258,12 +258,12 @@ def textmate() -> str:
     return json.dumps(grammar, indent=2) + "\n"
 
 
-def _any_of(words: Any) -> str:
-    return rf"\b({'|'.join(words)})\b"
+def _any_of(alternatives: Any) -> str:
+    return rf"\b({'|'.join(alternatives)})\b"
 
 
-def _codes(words: Any) -> str:
-    return " ".join(f"`{word}`" for word in words)
+def _codes(names: Any) -> str:
+    return " ".join(f"`{word}`" for word in names)
 
 
 def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

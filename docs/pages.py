@@ -74,7 +74,7 @@ def rewritten(text: str, source: str, places: dict[str, str]) -> str:
     joined = "".join(f"\0{i}\0" if i % 2 else part for i, part in enumerate(parts))
     linked = _LINK.sub(link, joined)
     code = [_FENCE.sub(_titled, part) for part in parts]
-    return re.sub(r"\0(\d+)\0", lambda found: code[int(found[1])], linked)
+    return re.sub(r"\0(\d+)\0", lambda match: code[int(match[1])], linked)
 
 
 def _titled(fence: re.Match[str]) -> str:

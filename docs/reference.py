@@ -245,8 +245,10 @@ def _type(kind: Any) -> str:
             return f"list of {_type(parts[0])}"
         return f"[{', '.join(_type(part) for part in parts)}]"
     if isinstance(kind, type):
-        words = {SecretStr: "secret", bool: "bool", int: "int", float: "float", str: "text"}
-        return words.get(kind, "mapping" if issubclass(kind, BaseModel | dict) else kind.__name__)
+        type_names = {SecretStr: "secret", bool: "bool", int: "int", float: "float", str: "text"}
+        return type_names.get(
+            kind, "mapping" if issubclass(kind, BaseModel | dict) else kind.__name__
+        )
     return "class" if "ImportString" in repr(kind) else "any"
 
 

@@ -99,19 +99,19 @@ class ExecuteCharge(Action):
 class MoveToHumanoid(Action):
     """Drives to the nearest humanoid that asks, and takes over its garbage."""
 
-    whom: int | None
+    target: int | None
     aim: Vec2d  # where it was last seen
 
     def initialise(self) -> None:
         """Chooses the humanoid."""
         island = self.island
         asking = [h for h in range(len(island.people)) if island.asking[h]]
-        self.whom = min(asking, key=lambda h: float(island.apart[h]), default=None)
+        self.target = min(asking, key=lambda h: float(island.apart[h]), default=None)
         self.aim_end = 0
 
     def update(self) -> Status:
         """RUNNING on the way, SUCCESS when garbage was handed over."""
-        island, h = self.island, self.whom
+        island, h = self.island, self.target
         room = island.world.robot.capacity - island.load
         if h is None or room <= 0 or island.carried[h] < island.world.humanoids.ask_from:
             return Status.FAILURE

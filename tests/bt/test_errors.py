@@ -132,7 +132,7 @@ def test_long_line() -> None:
 
 
 def test_kinds_of_errors() -> None:
-    """Names that don't exist and trees that are too large have classes of their own."""
+    """Names that don't exist and trees that are too large have their own error classes."""
     with pytest.raises(UnknownNameError):
         parse("use nothing", VOCABULARY)
     with pytest.raises(LimitError):

@@ -101,12 +101,12 @@ def test_an_odd_action_is_rejected(actions: Any, message: str) -> None:
         Vocabulary("maze", actions, {"wall": flag("")})
 
 
-@pytest.mark.parametrize("words", ["idle", None, 3])
-def test_words_are_a_list(words: Any) -> None:
+@pytest.mark.parametrize("values", ["idle", None, 3])
+def test_words_are_a_list(values: Any) -> None:
     """A text is not taken for a list of its letters."""
     for declare in (enumeration, one_of):
         with pytest.raises(DomainError, match="Expected a list of words"):
-            declare("mode of the robot", words)
+            declare("mode of the robot", values)
 
 
 @pytest.mark.parametrize("before", ["Fly", "Step", "wall"])

@@ -258,7 +258,7 @@ def test_small_vocabularies(case: Case, vocabulary: Vocabulary, overrides: tuple
 
 
 def test_advice_is_obeyed_or_refused(case: Case) -> None:
-    """A tree is in the next generation, a rate is that of the next one, or the record says why."""
+    """A tree is in the next generation and a rate applies to it, or the record has the reason."""
     uses = case.settings().search.factory.uses
     steps = case.run("supervisor.inject=true", supervisor=Constant(0.9, CHARGER))
     for before, after in itertools.pairwise(steps):
@@ -306,7 +306,7 @@ class Edits(Constant):
     ids=" ".join,
 )
 def test_edits_are_obeyed_or_refused(case: Case, overrides: tuple[str, ...]) -> None:
-    """An edited tree is in the next generation as it is, with its parent, or the record says why.
+    """An edited tree is in the next generation, with its parent, or the record has the reason.
 
     There are as many as there are slots, where enough edits can be made.
     """

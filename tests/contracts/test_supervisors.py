@@ -54,7 +54,7 @@ class Recorder:
     name = "replay"
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """What the replay says to a state that a live supervisor has answered."""
+        """The replay's answer to a state that a live supervisor has answered."""
         live = llm()
         live.advise(state, deepcopy(rng))
         return Replay(live.adviser, live._open().transcript).advise(state, rng)

@@ -14,7 +14,7 @@ from islandgp.tracking.base import Tracker
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.off import Off
 from islandgp.tracking.store import MLflowSettings, Store
-from tests.tracking.folders import begun, place, steps, written
+from tests.tracking.folders import begun, closed_run, place, steps
 
 pytestmark = pytest.mark.process
 
@@ -120,7 +120,7 @@ def test_a_tracker_takes_any_end(make: Make, status: Status, home: Path) -> None
 @ALL
 def test_a_tracker_can_be_given_a_run_that_is_over(make: Make, home: Path) -> None:
     """A command for a finished run sends what is missing, and nothing twice."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     messages = []
     for _ in range(2):
         tracker = make(home)

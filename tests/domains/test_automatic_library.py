@@ -40,9 +40,9 @@ def stages(*worlds: str) -> str:
     return f"curriculum.stages=[{','.join(entries)}]"
 
 
-def library(here: Path) -> dict[str, str]:
+def library(folder: Path) -> dict[str, str]:
     """The trees of the only library that is kept."""
-    (file,) = (here / "runs/.libraries").glob("*.json")
+    (file,) = (folder / "runs/.libraries").glob("*.json")
     trees: dict[str, str] = json.loads(file.read_text())["trees"]
     return trees
 

@@ -274,7 +274,7 @@ def test_it_watches_only() -> None:
 
 
 def test_worlds_and_costs_of_challenges() -> None:
-    """Challenges are held in worlds of their own stream, and count as the generation's episodes."""
+    """Worlds of challenges have a separate stream; they count as the generation's episodes."""
     evaluator = Fake()
     run_plan = plan("archive.reevaluations=2", "archive.cells={pickups:[0,1]}")
     steps = run(run_plan, evaluator=evaluator)

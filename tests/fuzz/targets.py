@@ -55,7 +55,7 @@ from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.made import DECISION as DECIDED
 from tests.llm.made import PROPOSAL, advise, answering, context, supervisor
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 from tests.viewer.episodes import small
 
 EXAMPLES: Final = sorted((resource("grammar") / "examples").glob("*.bt"))
@@ -216,8 +216,8 @@ def place() -> Path:
 @cache
 def runs() -> tuple[Path, Path]:
     """A finished run's folder, and one of a run that was stopped."""
-    complete = written(place() / "made/whole", place()).path
-    stopped = written(place() / "made/stopped", place(), 3).path
+    complete = closed_run(place() / "made/whole", place()).path
+    stopped = closed_run(place() / "made/stopped", place(), 3).path
     leaf = {"answer": 0.4, "cases": 3}
     rate = {"feature": "generation", "at_most": 3.0, "yes": leaf, "no": leaf}
     report = {"cases": 3.0}

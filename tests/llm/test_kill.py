@@ -88,9 +88,9 @@ def test_kill_9_and_resume(tmp_path: Path, override: str) -> None:
 class NeverAnswers(Killing):
     """A server that answers the probe, and nothing after it."""
 
-    def __init__(self, answered: int = 1) -> None:
+    def __init__(self, answers: int = 1) -> None:
         super().__init__(set())
-        self.script = lambda n: Fault.SILENCE if n >= answered else None
+        self.script = lambda n: Fault.SILENCE if n >= answers else None
 
 
 @pytest.mark.slow

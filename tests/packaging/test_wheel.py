@@ -122,7 +122,9 @@ def test_a_user_s_domain(python: Path, tmp_path: Path) -> None:
     env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
     def place(folder: Path) -> Command:
-        return lambda *words: call(python.with_name("islandgp"), *words, cwd=folder, env=env)
+        return lambda *arguments: call(
+            python.with_name("islandgp"), *arguments, cwd=folder, env=env
+        )
 
     assert "First Placed One Robot" in follow(tmp_path, place)
 

@@ -21,7 +21,7 @@ from islandgp.records.manifest import NAME, UNLISTED, damaged_files, read_manife
 from islandgp.running.app import main
 from islandgp.tracking.place import place_from
 from islandgp.tracking.sync import sync
-from tests.tracking.folders import begun, finished, steps, written
+from tests.tracking.folders import begun, closed_run, finished, steps
 
 TINY = (
     *("supervisor=baseline", "gp.population=4", "gp.generations=2", "gp.validation=0"),
@@ -210,7 +210,7 @@ def test_records_that_change_under_a_run_end_it(damage: str, last: bool, tmp_pat
     """At the next generation, or at the end: nothing is written over them."""
     folder = begun(tmp_path / "one", tmp_path)
     all_steps = steps()
-    end = finished(written(tmp_path / "two", tmp_path), all_steps[-1].champion)
+    end = finished(closed_run(tmp_path / "two", tmp_path), all_steps[-1].champion)
     for step in all_steps if last else all_steps[:3]:
         folder.append(step)
     file = folder.path / "generations.jsonl"
@@ -241,7 +241,7 @@ def test_a_run_whose_file_was_only_touched_goes_on(tmp_path: Path) -> None:
 
 def test_a_manifest_of_an_end_that_did_not_come_is_removed(tmp_path: Path) -> None:
     """It is written before the summary; a run killed in between goes on."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     (folder.path / NAME).write_text(json.dumps({"files": {}}))
     begun(folder.path, tmp_path).close()
     assert not (folder.path / NAME).exists()

@@ -22,7 +22,7 @@ from islandgp.tracking.place import place_from
 from islandgp.tracking.sync import sync
 from islandgp.trust import code_in, is_trusted, must_trust_code, trust, trust_folder, trusting
 from tests.composed import plain
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 
 EVIL = "from pathlib import Path\nPath('it ran').touch()\nclass Domain: ...\nDomain.Fn = print\n"
 KEYS = {
@@ -52,7 +52,7 @@ def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run."""
     home = tmp_path_factory.mktemp("made")
-    return written(home / "run", home).path
+    return closed_run(home / "run", home).path
 
 
 def stranger(original: Path, folder: Path, part: str = "domain", name: str = "evil:Domain") -> Path:

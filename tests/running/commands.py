@@ -36,18 +36,18 @@ def fake(kind: str, **policy: object) -> list[str]:
 def in_process(cwd: Path) -> Command:
     """Runs `islandgp` in this process, in the folder `cwd`; returns what it printed."""
 
-    def command(*words: str) -> str:
+    def command(*arguments: str) -> str:
         before = set(sys.modules)
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as out:
             patch.chdir(cwd)
-            patch.setattr(sys, "argv", ["islandgp", *words])
+            patch.setattr(sys, "argv", ["islandgp", *arguments])
             patch.setattr(sys, "path", sys.path.copy())
             code: object = 0
             try:
                 main()
             except SystemExit as stop:
                 code = stop.code
-        assert not code, f"{shlex.join(words)}\n{out.getvalue()}"
+        assert not code, f"{shlex.join(arguments)}\n{out.getvalue()}"
         for name in set(sys.modules) - before:
             if str(getattr(sys.modules[name], "__file__", "")).startswith(str(cwd)):
                 del sys.modules[name]

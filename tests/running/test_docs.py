@@ -151,10 +151,12 @@ def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
     """In a separate process, as a user gives them."""
     if find_spec(MODULES[kind]) is None:
         pytest.skip(f"{MODULES[kind]} is not installed")
-    page_commands = [words for words in commands(kind) if kind or "hydra/launcher=local" in words]
+    page_commands = [
+        command for command in commands(kind) if kind or "hydra/launcher=local" in command
+    ]
     assert page_commands
-    for words in page_commands:
-        code, output = finish(start(tmp_path, *small(words[3:]), "tracking=off"), 300)
+    for command in page_commands:
+        code, output = finish(start(tmp_path, *small(command[3:]), "tracking=off"), 300)
         assert code == 0, output
 
 

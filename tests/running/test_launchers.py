@@ -62,7 +62,7 @@ def test_joblib_gives_the_same_records(tmp_path: Path, monkeypatch: pytest.Monke
     assert records(tmp_path / "joblib") == records(tmp_path / "basic")
     assert len(records(tmp_path / "basic")) == 2
     assert "2 of 2 done, 0 running, 0 failed" in output
-    assert "generation       best" not in output  # no job shows a table of its own
+    assert "generation       best" not in output  # no job shows its own table
 
 
 @pytest.mark.slow

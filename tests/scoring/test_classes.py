@@ -224,7 +224,7 @@ def colour_outcome(
 
 @pytest.mark.parametrize(("reds", "expected"), [(0, "lazy"), (0.5, "red"), (9, "red")])
 def test_one_behaviour_alone(reds: float, expected: str) -> None:
-    """Where nothing competes, whoever does it at all is its specialist; nobody is mixed."""
+    """With one behaviour, each robot that shows it is its specialist; none is mixed."""
     labels = classify(colour_outcome(reds=reds, greens=9), colours("red"))
     assert labels.specialist == expected
     assert labels.working == (expected == "red")

@@ -14,9 +14,9 @@ from islandgp.study.measures import SPANS, main_family
 from islandgp.study.paper import read_paper
 from tests.study.test_statistics import _samples_with
 
-found = read_paper(Path(island.__file__).parent / "paper.yaml")
-assert found is not None
-PAPER = found
+_paper = read_paper(Path(island.__file__).parent / "paper.yaml")
+assert _paper is not None
+PAPER = _paper
 FAMILY = main_family(tuple(PAPER.emergence))
 
 U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
@@ -99,8 +99,8 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
         stages = [getattr(row, arm)[0] for key, row in PAPER.fitness.items() if "stage" in key]
         mean = getattr(PAPER.fitness["mean_max"], arm)[0]
 
-        def off(weights: list[int], stages: list[float] = stages, whole: float = mean) -> float:
-            return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / whole - 1)
+        def off(weights: list[int], stages: list[float] = stages, mean_max: float = mean) -> float:
+            return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / mean_max - 1)
 
         assert off(sizes) < 0.0012
         assert off([10, 15, 16]) > 0.004

@@ -70,7 +70,7 @@ def test_p_values_are_adjusted_over_all_tests() -> None:
     assert tuple(row.p_bh for row in rows) == benjamini_hochberg(p)
 
 
-def test_reference_and_pairs_are_as_asked() -> None:
+def test_reference_and_pairs_can_be_chosen() -> None:
     """The reference may be any arm; with pairs intervals and tests are those of pairs."""
     scores = _scores(worlds=1)
     rows = summarise(scores, reference="arm 2", paired=True)

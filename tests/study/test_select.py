@@ -26,7 +26,7 @@ from islandgp.study.select import (
     select,
 )
 from tests.study.made_runs import config, fake_run, individual, write_run
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 
 
 def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunEntry:
@@ -172,7 +172,7 @@ def test_a_configuration_without_end_is_damaged(tmp_path: Path) -> None:
 
 def test_edited_records_are_refused(tmp_path: Path) -> None:
     """Digits that were changed by hand, a line too many, a line too few: one line each."""
-    folder = written(tmp_path / "one", tmp_path)
+    folder = closed_run(tmp_path / "one", tmp_path)
     (entry,) = find(tmp_path)
     assert len(read(entry).records) == 5
     file = folder.path / "generations.jsonl"

@@ -113,7 +113,7 @@ def test_a_tree_of_another_domain_ends_a_run() -> None:
         run(plan(), Answers(answer))
 
 
-def test_a_fallback_is_asked_alike() -> None:
+def test_a_fallback_is_checked_alike() -> None:
     """The expert of a language model may be another class, which is checked as any other."""
     llm, _ = supervisor(answering(rate="", tree=""))
     llm.adviser.fallback = Answers(None)

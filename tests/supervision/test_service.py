@@ -67,7 +67,7 @@ def test_a_run_closes_its_service_once() -> None:
 
 
 @pytest.mark.parametrize("lag", [0, 1, 3])
-def test_nothing_is_asked_that_nobody_waits_for(lag: int) -> None:
+def test_no_question_without_a_generation_for_its_answer(lag: int) -> None:
     """An answer that would take effect after the last generation is not asked for."""
     supervisor = Constant()
     steps = run(plan(f"supervisor.lag={lag}"), supervisor)

@@ -165,6 +165,6 @@ def process_limit(lab: Lab) -> None:
         home = lab.folder()
         ending = lab.run(home, *REAL, prefix=(*nobody, *limited(f"ulimit -u {number}")))
         if ending.code:
-            assert ending.code == 2, ending  # a child process may show a traceback of its own
+            assert ending.code == 2, ending  # a child process may show its own traceback
             assert "islandgp: Expected" in ending.output, ending.output
         lab.assert_finishes(home, REAL)

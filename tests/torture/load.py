@@ -29,7 +29,7 @@ class Sample:
 
     mib: float  # resident
     files: int  # open
-    done: int  # generations, or runs, so far
+    progress: int  # generations, or runs, so far
 
 
 def watched(
@@ -57,8 +57,8 @@ def level(samples: Sequence[Sample], total: int) -> str:
     Compared are the second quarter and the last one of the `whole`. At a run's end there is
     more: its best robot is chosen, and statistics are loaded.
     """
-    early = [s for s in samples if total / 4 <= s.done < total / 2]
-    late = [s for s in samples if 3 * total / 4 <= s.done < total]
+    early = [s for s in samples if total / 4 <= s.progress < total / 2]
+    late = [s for s in samples if 3 * total / 4 <= s.progress < total]
     assert early, "no sample of the second quarter"
     assert late, "no sample of the last quarter"
     before, after, most = (max(s.mib for s in part) for part in (early, late, samples))

@@ -56,7 +56,7 @@ def begun(path: Path, home: Path, *, seed: int = 1, **changes: str) -> RunFolder
     return folder
 
 
-def written(
+def closed_run(
     path: Path,
     home: Path,
     generations: int = 5,

@@ -12,7 +12,7 @@ from islandgp.gp.record import record_values
 from islandgp.records.folder import Status
 from islandgp.tracking.artifacts import TABLE, artifacts, table
 from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
-from tests.tracking.folders import begun, steps, written
+from tests.tracking.folders import begun, closed_run, steps
 
 GENERATIONS = 20
 COMMENT = 10_000  # characters of each tree
@@ -40,7 +40,7 @@ def test_the_table_needs_no_individuals(tmp_path: Path) -> None:
 
 def test_the_table_is_that_of_whole_records(tmp_path: Path) -> None:
     """Nothing of a record is missing that it shows."""
-    folder = written(tmp_path / "run", tmp_path)
+    folder = closed_run(tmp_path / "run", tmp_path)
     contents = {a.name: a.content for a in artifacts(folder)}
     all_records = list(folder.records())
     assert contents[TABLE]() == json.dumps(table(all_records))  # type: ignore[operator] # a text is made
@@ -48,7 +48,7 @@ def test_the_table_is_that_of_whole_records(tmp_path: Path) -> None:
 
 def test_the_replay_is_that_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its episode is not recorded again, unless the page has none."""
-    folder = written(tmp_path / "run", tmp_path)
+    folder = closed_run(tmp_path / "run", tmp_path)
     monkeypatch.setattr("islandgp.tracking.artifacts.champion_replay", lambda _: "new")
 
     def replay() -> str:

@@ -29,7 +29,7 @@ from tests.running.commands import TINY, fake, finish, group_members, start
 from tests.running.histories import store as open_store
 from tests.running.histories import tracked
 from tests.tracking import servers
-from tests.tracking.folders import SMALL, begun, finished, history, place, steps, written
+from tests.tracking.folders import SMALL, begun, closed_run, finished, history, place, steps
 from tests.trees.shell import Cli
 
 
@@ -94,7 +94,7 @@ def test_a_store_deleted_under_way_is_made_again(
 
 def test_a_finished_run_is_sent_again_where_the_store_is_gone(home: Path) -> None:
     """It is not announced as being there."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     for _ in range(2):
         follows = tracker(home, "sqlite:///mlflow.db", 30)
         follows.start(folder)
@@ -107,12 +107,12 @@ def test_a_finished_run_is_sent_again_where_the_store_is_gone(home: Path) -> Non
 
 def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     """Each once; runs without tracking are counted and left alone; one bad folder stops nothing."""
-    written(home / "runs/a/one", home)
-    written(home / "runs/a/two", home, 2)
-    off = written(home / "runs/a/off", home, 1)
+    closed_run(home / "runs/a/one", home)
+    closed_run(home / "runs/a/two", home, 2)
+    off = closed_run(home / "runs/a/off", home, 1)
     config = (off.config() or "").replace("islandgp.tracking.mlflow:MLflow", "x:Off")
     (off.path / "config.yaml").write_text(config)
-    bad = written(home / "runs/a/bad", home, 2)
+    bad = closed_run(home / "runs/a/bad", home, 2)
     (bad.path / "generations.jsonl").write_text("nonsense\n")
     report = sync(home / "runs")
     assert [path.name for path in report.sent] == ["one", "two"]
@@ -141,10 +141,10 @@ def test_a_damaged_folder_is_reported_and_stops_no_other(
     file: str, text: str, home: Path, store: Store
 ) -> None:
     """Its neighbours are sent, whichever of its files cannot be read."""
-    bad = written(home / "runs/a/bad", home)
+    bad = closed_run(home / "runs/a/bad", home)
     sync(home / "runs")
     (bad.path / file).write_text(text)
-    written(home / "runs/a/one", home)
+    closed_run(home / "runs/a/one", home)
     report = sync(home / "runs")
     assert home / "runs/a/one" in report.sent
     assert [*report.failed] == ([] if file == "tracking.json" else [bad.path])
@@ -153,7 +153,7 @@ def test_a_damaged_folder_is_reported_and_stops_no_other(
 
 def test_a_run_of_version_0_1_is_one_line(home: Path, store: Store) -> None:
     """It names no domain, and its records hold other things than the store is sent."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     text = plain(*SMALL)
     del text["domain"]
     (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
@@ -164,19 +164,19 @@ def test_a_run_of_version_0_1_is_one_line(home: Path, store: Store) -> None:
 
 def test_a_damaged_sweep_is_reported_and_stops_no_other(home: Path) -> None:
     """The runs in it, which cannot find their parent, wait as well; those of another are sent."""
-    written(home / "runs/a/one", home)
+    closed_run(home / "runs/a/one", home)
     (home / "runs/a/sweep.json").write_text("{}")
     report = sync(home / "runs")
     assert set(report.failed) == {home / "runs/a", home / "runs/a/one"}
-    written(home / "runs/b/two", home)
+    closed_run(home / "runs/b/two", home)
     assert [path.name for path in sync(home / "runs").sent] == ["two"]
 
 
 def test_the_command_reports_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
     """With its file and the remedy, and exit code 2; the folders after it are sent."""
-    bad = written(home / "runs/a/bad", home)
+    bad = closed_run(home / "runs/a/bad", home)
     (bad.path / "about.json").write_text("{}")
-    written(home / "others/one", home)
+    closed_run(home / "others/one", home)
     result = islandgp("sync", home / "runs", home / "others")
     assert result.code == 2
     assert "1 sent, 0 were there already" in result.out

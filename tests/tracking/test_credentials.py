@@ -22,7 +22,7 @@ from islandgp.trust import trust_folder, trusting
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 
 PASSWORD = "s3cret-w%40rd"
 PIECE = "s3cret"
@@ -92,7 +92,7 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
     """
     for name in ("USERNAME", "PASSWORD"):
         monkeypatch.setenv(f"MLFLOW_TRACKING_{name}", "")
-    folder = written(tmp_path / "sweep/one", tmp_path)
+    folder = closed_run(tmp_path / "sweep/one", tmp_path)
     credentials: list[str] = []
     with servers.broken(credentials) as address:
         hidden = address.replace("://", "://***@")
@@ -123,7 +123,7 @@ def test_a_server_that_only_a_folder_names_is_not_asked(
 ) -> None:
     """Neither by `sync` nor by `ui`; the variables, the command or a file can name it."""
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "me")
-    folder = written(tmp_path / "one", tmp_path)
+    folder = closed_run(tmp_path / "one", tmp_path)
     config = folder.configuration()
     credentials: list[str] = []
     with servers.broken(credentials) as address, trusting():

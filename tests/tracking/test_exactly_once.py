@@ -14,7 +14,7 @@ from islandgp.tracking.artifacts import Artifact
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync import sync
 from tests.tracking.faults import Fault, Faulty, Killed, Stage, live, picture, stages
-from tests.tracking.folders import place, written
+from tests.tracking.folders import closed_run, place
 from tests.tracking.test_sweep_folder import job, send, started_sweep
 
 NEVER = 10**9
@@ -29,8 +29,8 @@ def run_stages(tmp_path_factory: pytest.TempPathFactory) -> list[Stage]:
 class Lives:
     """Lives of that run, each with its own folder and store."""
 
-    def __init__(self, grown: list[Stage], template: Path, home: Path) -> None:
-        self.run_stages, self.template, self.home, self.lived = grown, template, home, 0
+    def __init__(self, run_stages: list[Stage], template: Path, home: Path) -> None:
+        self.run_stages, self.template, self.home, self.lived = run_stages, template, home, 0
 
     def undisturbed(self) -> tuple[object, list[str]]:
         """As `after`."""
@@ -106,7 +106,7 @@ def test_any_request_of_a_sweep_may_fail(fault: Fault, template: Path, tmp_path:
     """Two jobs and their parent: one parent, with each point of its curves once."""
     jobs = [job("one-seed0"), job("one-seed1", seed=1)]
     for entry in jobs:
-        written(tmp_path / "runs/a" / entry.folder, tmp_path, seed=entry.seed)
+        closed_run(tmp_path / "runs/a" / entry.folder, tmp_path, seed=entry.seed)
     started_sweep(tmp_path / "runs/a", *jobs)
 
     def after(at: int) -> tuple[object, list[str]]:

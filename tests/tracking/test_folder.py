@@ -11,7 +11,7 @@ from islandgp.errors import EvaluationError, RunError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked
 from tests.profiles import sweep
-from tests.tracking.folders import about, begun, steps, written
+from tests.tracking.folders import about, begun, closed_run, steps
 
 
 def test_status_is_read_from_the_folder(tmp_path: Path) -> None:
@@ -22,7 +22,7 @@ def test_status_is_read_from_the_folder(tmp_path: Path) -> None:
     assert folder.status() is Status.KILLED
     folder.fail(EvaluationError("trouble"))
     assert folder.status() is Status.FAILED
-    assert written(tmp_path / "two", tmp_path).status() is Status.FINISHED
+    assert closed_run(tmp_path / "two", tmp_path).status() is Status.FINISHED
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def test_one_process_writes_at_a_time(tmp_path: Path) -> None:
 
 def test_an_error_is_forgotten_when_the_run_goes_on(tmp_path: Path) -> None:
     """`error.txt` has the reason why a run is stopped, not an earlier one."""
-    folder = written(tmp_path / "one", tmp_path, 2)
+    folder = closed_run(tmp_path / "one", tmp_path, 2)
     folder.fail(EvaluationError("trouble"))
     begun(folder.path, tmp_path).close()
     assert folder.error() == ""
@@ -64,7 +64,7 @@ def test_a_fault_of_the_program_is_reported_by_its_last_line(tmp_path: Path) -> 
 @pytest.mark.parametrize("torn", [b"", b'{"half":', b'{"a whole":"line"}\n{"half'])
 def test_what_was_written_after_the_checkpoint_is_cut_off(tmp_path: Path, torn: bytes) -> None:
     """However a process died, the next one starts from whole lines up to the checkpoint."""
-    folder = written(tmp_path / "one", tmp_path, 3)
+    folder = closed_run(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
     content = file.read_bytes()
     file.write_bytes(content + torn)
@@ -76,7 +76,7 @@ def test_what_was_written_after_the_checkpoint_is_cut_off(tmp_path: Path, torn: 
 
 def test_a_finished_run_is_not_cut(tmp_path: Path) -> None:
     """It has no checkpoint, so that a resumption would keep none of its records."""
-    folder = written(tmp_path / "one", tmp_path)
+    folder = closed_run(tmp_path / "one", tmp_path)
     before = (folder.path / "generations.jsonl").read_bytes()
     with pytest.raises(RunError, match=r"found it finished; use resume=never"):
         folder.resume()
@@ -85,7 +85,7 @@ def test_a_finished_run_is_not_cut(tmp_path: Path) -> None:
 
 def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Path) -> None:
     """Going on would leave a gap in the records, so it is refused."""
-    folder = written(tmp_path / "one", tmp_path, 3)
+    folder = closed_run(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
     file.write_bytes(file.read_bytes().splitlines(keepends=True)[0])
     with pytest.raises(RunError, match="Expected 3 generations"):
@@ -95,7 +95,7 @@ def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Pa
 @pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
 def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line: bytes) -> None:
     """The run's history is read from its records, so they are checked like the checkpoint."""
-    folder = written(tmp_path / "one", tmp_path, 3)
+    folder = closed_run(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
     first, _, third = file.read_bytes().splitlines()
     file.write_bytes(b"\n".join((first, line, third)) + b"\n")
@@ -110,12 +110,12 @@ def test_settled_generations_follow_the_checkpoint(tmp_path: Path) -> None:
     folder.append(steps()[0])
     assert folder.completed_generations() == 1
     folder.close()
-    assert written(tmp_path / "two", tmp_path).completed_generations() == 5
+    assert closed_run(tmp_path / "two", tmp_path).completed_generations() == 5
 
 
 def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
     """A reader beside the run sees whole lines only."""
-    folder = written(tmp_path / "one", tmp_path, 2)
+    folder = closed_run(tmp_path / "one", tmp_path, 2)
     with (folder.path / "generations.jsonl").open("ab") as file:
         file.write(b'{"snap')
     assert len(list(folder.records())) == 2
@@ -130,7 +130,7 @@ def resumed_from(folder: RunFolder) -> tuple[int, list[str]]:
 
 def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
     """The one before it is taken, with a message; then the records are the same again."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     records = (folder.path / "generations.jsonl").read_bytes()
     (folder.path / "checkpoint.json").write_text("{")
     generation, (line,) = resumed_from(folder)
@@ -143,7 +143,7 @@ def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
 
 def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path) -> None:
     """As a damaged one, and settled generations are counted by the one before it."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     (folder.path / "checkpoint.json").unlink()
     assert folder.completed_generations() == 3
     generation, (line,) = resumed_from(folder)
@@ -153,7 +153,7 @@ def test_a_newest_checkpoint_that_is_missing_costs_one_generation(tmp_path: Path
 
 def test_two_damaged_checkpoints_are_an_error(tmp_path: Path) -> None:
     """Nothing is cut."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     records = (folder.path / "generations.jsonl").read_bytes()
     for name in ("checkpoint.json", "checkpoint.previous.json"):
         (folder.path / name).write_text("{")
@@ -164,7 +164,7 @@ def test_two_damaged_checkpoints_are_an_error(tmp_path: Path) -> None:
 
 def test_generations_without_a_checkpoint_are_not_thrown_away(tmp_path: Path) -> None:
     """Beginning again would cut them off; so it is refused, with a remedy."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     records = (folder.path / "generations.jsonl").read_bytes()
     for name in ("checkpoint.json", "checkpoint.previous.json"):
         (folder.path / name).unlink()
@@ -175,7 +175,7 @@ def test_generations_without_a_checkpoint_are_not_thrown_away(tmp_path: Path) ->
 
 def test_a_run_that_begins_again_reports_it(tmp_path: Path) -> None:
     """A process may die between the first record and the first checkpoint."""
-    folder = written(tmp_path / "one", tmp_path, 1)
+    folder = closed_run(tmp_path / "one", tmp_path, 1)
     (folder.path / "checkpoint.json").unlink()
     generation, (line,) = resumed_from(folder)
     assert generation == 0
@@ -184,7 +184,7 @@ def test_a_run_that_begins_again_reports_it(tmp_path: Path) -> None:
 
 def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:
     """The last line without its end is not taken for a record."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.jsonl"
     content = file.read_bytes()
     for end in (-1, -200):
@@ -199,7 +199,7 @@ def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:
 @sweep("generation", (0, 1, 3, 2), quick=2)
 def test_every_edited_digit_of_a_record_is_noticed(generation: int, tmp_path: Path) -> None:
     """One in the last record costs a generation; one before that is an error which names it."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.jsonl"
     records = file.read_bytes().splitlines(keepends=True)
     digits = [at for at, byte in enumerate(records[generation]) if byte in b"0123456789"]
@@ -218,7 +218,7 @@ def test_every_edited_digit_of_a_record_is_noticed(generation: int, tmp_path: Pa
 
 def test_records_in_another_order_are_noticed(tmp_path: Path) -> None:
     """Each checksum vouches for the records before it as well."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
     for order in ((1, 0, 2, 3), (0, 0, 2, 3), (0, 2, 1, 3)):
@@ -229,7 +229,7 @@ def test_records_in_another_order_are_noticed(tmp_path: Path) -> None:
 
 def test_the_checksums_are_made_again_where_they_are_missing(tmp_path: Path) -> None:
     """The checkpoint vouches for the records; the file beside them only locates a wrong one."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     file = folder.path / "generations.sha256"
     before = file.read_bytes()
     for damage in (b"", b"0 abc\n", before[:100]):
@@ -240,8 +240,8 @@ def test_the_checksums_are_made_again_where_they_are_missing(tmp_path: Path) -> 
 
 def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
     """Where it is missing or another one: in an unfinished run and in a finished one."""
-    unfinished = written(tmp_path / "one", tmp_path, 4)
-    finished = written(tmp_path / "two", tmp_path)
+    unfinished = closed_run(tmp_path / "one", tmp_path, 4)
+    finished = closed_run(tmp_path / "two", tmp_path)
     for folder, again in ((unfinished, unfinished.resume), (finished, finished.restore)):
         best = folder.path / "best.bt"
         before = best.read_bytes()
@@ -258,7 +258,7 @@ def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff", None])
 def test_damaged_costs_do_not_stop_a_sound_run(tmp_path: Path, line: bytes | None) -> None:
     """Seconds are lost, with a message; the episodes are those of the checkpoint."""
-    folder = written(tmp_path / "one", tmp_path, 4)
+    folder = closed_run(tmp_path / "one", tmp_path, 4)
     file = folder.path / "costs.jsonl"
     episodes = sum(cost["episodes"] for cost in folder.costs())
     first, _, *others = file.read_bytes().splitlines()
@@ -275,7 +275,7 @@ def test_damaged_costs_do_not_stop_a_sound_run(tmp_path: Path, line: bytes | Non
 
 def test_what_a_stopped_machine_left_is_cleared_away(tmp_path: Path) -> None:
     """Temporary files of the run's own, when the run goes on; not those of another process."""
-    folder = written(tmp_path / "one", tmp_path, 2)
+    folder = closed_run(tmp_path / "one", tmp_path, 2)
     for name in (".checkpoint.json.17.tmp", ".generations.sha256.18.tmp", ".tracking.json.19.tmp"):
         (folder.path / name).write_text("half")
     begun(folder.path, tmp_path).close()

@@ -18,7 +18,7 @@ from islandgp.tracking import mlflow
 from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.mlflow import MLflow, SyncClient, SyncProcess
 from islandgp.tracking.store import Place, Store
-from tests.tracking.folders import begun, history, place, steps, written
+from tests.tracking.folders import begun, closed_run, history, place, steps
 
 ONE = SyncRequest("runs/a", (Place("sqlite:///x", None, "e"),), Status.FINISHED)
 SENT, DONE = SyncEvent(EventKind.PROGRESS), SyncEvent(EventKind.DONE, "", ONE.folder)
@@ -133,16 +133,16 @@ def test_a_store_that_is_slow_to_be_made_is_waited_for(
 
     monkeypatch.setattr(mlflow, "monotonic", lambda: monotonic() + 300 * len(messages))
 
-    def store(where: Any, preparing: Any) -> Store:
+    def store(store_place: Any, preparing: Any) -> Store:
         preparing("making the store")
         with condition:
             assert condition.wait_for(lambda: bool(messages), 60)
-        return Store(where, preparing)
+        return Store(store_place, preparing)
 
     monkeypatch.setattr("islandgp.tracking.follow.Store", store)
     monkeypatch.setattr("builtins.print", five_minutes_pass)
     monkeypatch.setattr(mlflow, "MESSAGE_DELAY", 0.2)
-    folder = written(tmp_path / "runs/a/one", tmp_path)
+    folder = closed_run(tmp_path / "runs/a/one", tmp_path)
     follows = MLflow(place(tmp_path), 60)
     follows.start(folder)
     assert follows.finish(Status.FINISHED).endswith("ui shows it")

@@ -26,7 +26,7 @@ def test_values_by_dotted_key() -> None:
     assert [key for key, _ in flat(config)] == list(flatten(config))
 
 
-def test_secrets_are_hidden_wherever_they_stand() -> None:
+def test_secrets_are_hidden_at_any_depth() -> None:
     """Values of keys that name a secret go; a missing one stays missing."""
     config = {"supervisor": {"policy": {"api_key": "sk-1", "max_tokens": 8}}, "api_key": None}
     assert redacted(config) == {

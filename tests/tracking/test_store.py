@@ -77,7 +77,7 @@ def test_a_server_has_its_artifacts(tmp_path: Path) -> None:
     assert Place.of(settings, tmp_path) == Place("http://host:5000", None, "e")
 
 
-def test_artifacts_stand_beside_the_store(store: Store, home: Path) -> None:
+def test_artifacts_are_beside_the_store(store: Store, home: Path) -> None:
     """The experiment's artifact location is explicit and absolute."""
     experiment = store.client.get_experiment(store.experiment)
     assert experiment.artifact_location == str(home / "mlartifacts")

@@ -16,7 +16,7 @@ from islandgp.tracking.store import Store
 from islandgp.tracking.summary import arm_table, arms
 from islandgp.tracking.sync_state import read_state
 from islandgp.tracking.upload import RunUploader
-from tests.tracking.folders import begun, written
+from tests.tracking.folders import begun, closed_run
 
 
 def job(
@@ -120,11 +120,11 @@ def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
 def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:
     """A stopped job counts for more than a failed one, and that for more than finished ones."""
     sweep = started_sweep(tmp_path / "s", job("one"), job("two"))
-    written(tmp_path / "s/one", tmp_path)
+    closed_run(tmp_path / "s/one", tmp_path)
     assert sweep.status(file_of(sweep)) is Status.KILLED
-    written(tmp_path / "s/two", tmp_path, 2).fail(ValueError("x"))
+    closed_run(tmp_path / "s/two", tmp_path, 2).fail(ValueError("x"))
     assert sweep.status(file_of(sweep)) is Status.FAILED
-    written(tmp_path / "s/two", tmp_path)
+    closed_run(tmp_path / "s/two", tmp_path)
     assert sweep.status(file_of(sweep)) is Status.FINISHED
 
 
@@ -143,7 +143,7 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     """Table and commands as Markdown, curves over seeds as metrics, children nested."""
     sweep = started_sweep(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
     for seed in (1, 2):
-        written(home / f"runs/s/b-seed{seed}", home, seed=seed)
+        closed_run(home / f"runs/s/b-seed{seed}", home, seed=seed)
     parent = send(sweep, store)
     run = store.client.get_run(parent)
     assert run.info.status == "FINISHED"
@@ -168,13 +168,13 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
 def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None:
     """Stopped it is KILLED, and what is missing is named; then FINISHED, under the same id."""
     sweep = started_sweep(home / "runs/s", job("one"), job("two"))
-    written(home / "runs/s/one", home)
-    written(home / "runs/s/two", home, 2)
+    closed_run(home / "runs/s/one", home)
+    closed_run(home / "runs/s/two", home, 2)
     parent = send(sweep, store)
     run = store.client.get_run(parent)
     assert run.info.status == "KILLED"
     assert "- two (killed): `python -m islandgp two`" in run.data.tags["mlflow.note.content"]
-    written(home / "runs/s/two", home)
+    closed_run(home / "runs/s/two", home)
     assert send(sweep, store) == parent
     assert store.client.get_run(parent).info.status == "FINISHED"
 
@@ -182,7 +182,7 @@ def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None
 def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
     """The first job of a resumed sweep takes the parent out of its old status."""
     sweep = started_sweep(home / "runs/s", job("one"))
-    written(home / "runs/s/one", home, 2)
+    closed_run(home / "runs/s/one", home, 2)
     parent = send(sweep, store)
     sweep.open("c", [job("one")])
     folder = begun(home / "runs/s/one", home)
@@ -195,12 +195,12 @@ def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
 def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
     """Points cannot be taken back, so the curves of more runs are in a new run, alone."""
     sweep = started_sweep(home / "runs/s", job("one"))
-    written(home / "runs/s/one", home)
+    closed_run(home / "runs/s/one", home)
     first = send(sweep, store)
     deviation = "sweep/baseline diversity sd"
     assert store.client.get_metric_history(first, deviation) == []  # one run has none
     started_sweep(home / "runs/s", job("two", seed=1))
-    written(home / "runs/s/two", home, seed=2)
+    closed_run(home / "runs/s/two", home, seed=2)
     second = send(sweep, store)
     assert second != first
     assert store.client.get_run(first).info.lifecycle_stage == "deleted"
@@ -220,7 +220,7 @@ def test_the_table_shows_how_many_answers_were_the_fallbacks(tmp_path: Path) -> 
     """In a separate column, over an arm's finished runs, and only where any were."""
     sweep = started_sweep(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
     for name in ("one", "two"):
-        written(tmp_path / "s" / name, tmp_path)
+        closed_run(tmp_path / "s" / name, tmp_path)
     assert "fallback" not in arm_table(arms(sweep, file_of(sweep)))
     folder = sweep.run(job("one"))
     assert folder.summary()["answers"] == {"total": 4, "fallback": 0, "in_part": 0}
@@ -246,7 +246,7 @@ def test_the_table_s_median_is_over_all_runs(
     jobs = [job(f"run{k}", seed=k) for k in range(len(firsts))]
     sweep = started_sweep(tmp_path / "s", *jobs, job("open", seed=9))
     for k, first in enumerate(firsts):
-        folder = written(tmp_path / "s" / f"run{k}", tmp_path)
+        folder = closed_run(tmp_path / "s" / f"run{k}", tmp_path)
         summary = folder.summary()
         summary["first"]["complete"] = first
         folder.finish(summary)
@@ -259,7 +259,7 @@ def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Pa
     """Where a sweep has several domains, nobody could reach the others' milestones."""
     sweep = started_sweep(tmp_path / "s", job("here"), job("there", "domain=there"))
     for name in ("here", "there"):
-        written(tmp_path / "s" / name, tmp_path)
+        closed_run(tmp_path / "s" / name, tmp_path)
     folder = sweep.run(job("there", "domain=there"))
     with_summary(folder, first={"solved": 3})
     rows = arm_table(arms(sweep, file_of(sweep))).splitlines()

@@ -10,14 +10,14 @@ import pytest
 from islandgp.errors import EvaluationError
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 
 
 @pytest.mark.parametrize("ahead", [-3600, 0, 3600])
 def test_a_clock_that_differs_from_the_file_systems(ahead: int, tmp_path: Path) -> None:
     """A failure is this sweep's if its file is another one than at the start."""
-    folder = written(tmp_path / "one", tmp_path, 2)
-    other = written(tmp_path / "two", tmp_path, 2)
+    folder = closed_run(tmp_path / "one", tmp_path, 2)
+    other = closed_run(tmp_path / "two", tmp_path, 2)
     folder.fail(EvaluationError("before"))
     jobs = {
         run.path: SweepJob(run.path.name, run.path.name, "baseline", 1, (), 5, "")

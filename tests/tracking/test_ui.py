@@ -33,7 +33,7 @@ from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_views
 from islandgp.tracking.upload import RunUploader
 from tests.running.commands import ROOT
-from tests.tracking.folders import history, place, written
+from tests.tracking.folders import closed_run, history, place
 from tests.tracking.test_sweep_folder import job, send, started_sweep
 from tests.trees.shell import shell
 from tests.viewer.browser import Browser, chromium
@@ -59,7 +59,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
 
 def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
     """And a column, for any names of the domain's tiers."""
-    RunUploader(written(home / "runs/a/one", home), store).send(Status.FINISHED)
+    RunUploader(closed_run(home / "runs/a/one", home), store).send(Status.FINISHED)
     share_views(store)
     text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
     state = json.loads(text)
@@ -74,7 +74,7 @@ def test_the_arms_are_those_of_the_latest_sweep(home: Path, store: Store) -> Non
     """Runs of other sweeps are in the table only, below their own sweep."""
     parents = []
     for name in ("first", "second"):
-        written(home / f"runs/{name}/one", home)
+        closed_run(home / f"runs/{name}/one", home)
         parents.append(send(started_sweep(home / f"runs/{name}", job("one")), store))
     assert share_views(store) == "second"
     tags = store.client.get_experiment(store.experiment).tags
@@ -146,7 +146,7 @@ def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_the_last_runs_store_is_meant(tmp_path: Path) -> None:
     """Without `--uri` the pages are those of the run that was started last."""
-    written(tmp_path / "runs/a/one", tmp_path, 1)
+    closed_run(tmp_path / "runs/a/one", tmp_path, 1)
     assert place_of_latest(tmp_path / "runs") == place(tmp_path)
 
 
@@ -237,8 +237,8 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
         process.kill()
         process.communicate()
     with socket.socket() as probe:
-        answered = probe.connect_ex(("127.0.0.1", port)) == 0
-    assert not answered
+        is_listening = probe.connect_ex(("127.0.0.1", port)) == 0
+    assert not is_listening
     assert (process.returncode, rest) == (0, "stopped\n")
 
 
@@ -291,7 +291,7 @@ def test_commands_refuse_a_uri_of_another_kind(
 def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sent once, then known; a folder that is not there is an error of use."""
     monkeypatch.chdir(home)
-    written(home / "runs/a/one", home, 2)
+    closed_run(home / "runs/a/one", home, 2)
     first = CliRunner().invoke(islandgp, ["sync"])
     assert "1 sent, 0 were there already, 0 without tracking, 0 not sent" in first.output
     second = CliRunner().invoke(islandgp, ["sync", "runs/a"])
@@ -305,7 +305,7 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
 @pytest.mark.slow
 def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> None:
     """A store that was deleted, and one that was replaced by an empty one, get every record."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     command = [sys.executable, "-c", "from islandgp.cli import main; main()", "sync"]
     # In a separate process: MLflow holds a file open, and would not see that it is gone.
     subprocess.run(command, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
@@ -321,10 +321,10 @@ def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> N
 
 def test_sync_completes_an_older_copy_of_a_store(home: Path) -> None:
     """Points, description and artifacts that were sent after the copy was made are sent again."""
-    written(home / "runs/a/one", home, 2)
+    closed_run(home / "runs/a/one", home, 2)
     sync(home)
     shutil.copy(home / "mlflow.db", home / "copy.db")
-    written(home / "runs/a/one", home)
+    closed_run(home / "runs/a/one", home)
     sync(home)
     shutil.copy(home / "copy.db", home / "mlflow.db")
     shutil.rmtree(home / "mlartifacts")
@@ -341,7 +341,7 @@ def test_sync_reports_nothing_as_stored_if_the_store_is_away(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What was sent to it once is `not sent`, as it cannot be checked."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     sync(home)
 
     def away(place: Place) -> Store:
@@ -362,7 +362,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     jobs = []
     for seed, arm in enumerate(("baseline", "expert")):
         validation = Validation((7,), 100.0 + seed, 100.0 + seed, 100.0 + seed, {})
-        written(home / f"runs/a/{arm}", home, seed=seed, validation=validation)
+        closed_run(home / f"runs/a/{arm}", home, seed=seed, validation=validation)
         jobs.append(job(arm, f"supervisor={arm}", supervisor=arm, seed=seed))
     send(started_sweep(home / "runs/a", *jobs), store)
     port = free_port()

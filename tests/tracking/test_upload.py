@@ -13,7 +13,7 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync_state import read_state, write_state
 from islandgp.tracking.upload import RunUploader
-from tests.tracking.folders import begun, history, place, steps, written
+from tests.tracking.folders import begun, closed_run, history, place, steps
 
 
 def maxima(generations: int) -> list[tuple[int, float]]:
@@ -55,7 +55,7 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
 
 def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store: Store) -> None:
     """Without tracking.json, or with one that knows too little, the store itself is asked."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     run = RunUploader(folder, store).send(Status.FINISHED)
     sent = read_state(folder.path)
     assert sent is not None
@@ -71,7 +71,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A store that takes points and fails before its answer gets no point twice."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     uploader, log_batch = RunUploader(folder, store), store.client.log_batch
 
     def fails_after(run: str, **batch: object) -> None:
@@ -90,7 +90,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
 @pytest.mark.replay
 def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: Store) -> None:
     """Name, parameters, tags, description, previews, and the end's time from the records."""
-    folder = written(home / "runs/a/baseline-seed1", home)
+    folder = closed_run(home / "runs/a/baseline-seed1", home)
     run = RunUploader(folder, store).send(Status.FINISHED)
     stored = store.client.get_run(run)
     assert stored.info.run_name == "baseline-seed1"
@@ -118,7 +118,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
 
 def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     """Stopped after two generations it is KILLED, then RUNNING, then FINISHED, under one id."""
-    folder = written(home / "runs/a/one", home, 2)
+    folder = closed_run(home / "runs/a/one", home, 2)
     run = RunUploader(folder, store).send(folder.status())
     assert run_of(store, folder).info.status == "KILLED"
     again = RunFolder(folder.path)
@@ -138,7 +138,7 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
     home: Path, store: Store
 ) -> None:
     """`resume=force`: parameters of an MLflow run cannot change, so there is a new one."""
-    folder = written(home / "runs/a/one", home, 2)
+    folder = closed_run(home / "runs/a/one", home, 2)
     first = RunUploader(folder, store).send(Status.KILLED)
     changed = begun(folder.path, home, identity="i2")
     second = RunUploader(changed, store).send(Status.RUNNING)
@@ -149,7 +149,7 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
 
 def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
     """A place that has not got the run gets everything, independent of other places."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     RunUploader(folder, store).send(Status.FINISHED)
     elsewhere = Store(place(home, "elsewhere"))
     run = RunUploader(folder, elsewhere).send(Status.FINISHED)
@@ -158,7 +158,7 @@ def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
 
 def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
     """Somebody who deletes a run in the UI and sends it again gets it again."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     first = RunUploader(folder, store).send(Status.FINISHED)
     store.client.delete_run(first)
     second = RunUploader(folder, store).send(Status.FINISHED)
@@ -168,7 +168,7 @@ def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
 
 def test_what_was_sent_is_not_sent_again(home: Path) -> None:
     """A second uploader finds nothing to send; another place lacks all of it."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     sent = []
     for name in ("islandgp", "islandgp", "elsewhere"):
         uploader = RunUploader(folder, Store(place(home, name)))
@@ -179,7 +179,7 @@ def test_what_was_sent_is_not_sent_again(home: Path) -> None:
 
 def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store) -> None:
     """What `redacted` hid on disk is hidden in MLflow."""
-    folder = written(home / "runs/a/one", home)
+    folder = closed_run(home / "runs/a/one", home)
     config = (folder.config() or "") + "\nsupervisor_api_key: '***'\n"
     (folder.path / "config.yaml").write_text(config)
     add_to_manifest(folder.path, "config.yaml")

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
-from tests.tracking.folders import written
+from tests.tracking.folders import closed_run
 
 
 def verified(*paths: Path) -> tuple[int, str]:
@@ -34,7 +34,7 @@ def edit(file: str, old: bytes, new: bytes) -> Callable[[Path], None]:
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished run."""
     home = tmp_path_factory.mktemp("made")
-    return written(home / "one", home).path
+    return closed_run(home / "one", home).path
 
 
 @pytest.fixture
@@ -45,8 +45,8 @@ def one(original: Path, tmp_path: Path) -> Path:
 
 def test_runs_as_they_were_written(tmp_path: Path) -> None:
     """Finished and unfinished ones, below any folder."""
-    written(tmp_path / "runs/a/one", tmp_path)
-    written(tmp_path / "runs/b/two", tmp_path, 3)
+    closed_run(tmp_path / "runs/a/one", tmp_path)
+    closed_run(tmp_path / "runs/b/two", tmp_path, 3)
     code, output = verified(tmp_path / "runs")
     assert code == 0
     assert output.splitlines() == [
@@ -154,7 +154,7 @@ def test_damage_in_a_finished_run_without_a_manifest(
 
 def test_records_in_another_order_are_reported(tmp_path: Path) -> None:
     """The number of the first record out of place."""
-    folder = written(tmp_path / "one", tmp_path, 3)
+    folder = closed_run(tmp_path / "one", tmp_path, 3)
     file = folder.path / "generations.jsonl"
     lines = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(b"".join((lines[1], lines[0], lines[2])))

@@ -194,10 +194,10 @@ def test_other_encodings(islandgp: Cli, tmp_path: Path) -> None:
 class Facts:
     """An observer that compares the vocabulary's facts about actions with their results."""
 
-    def __init__(self, tree: Node, seen: Counter[tuple[str, int]]) -> None:
+    def __init__(self, tree: Node, counts: Counter[tuple[str, int]]) -> None:
         self.names = [n.action for n in walk(tree)]
         self.results: list[tuple[str, int]] = []
-        self.counts = seen
+        self.counts = counts
 
     def node(self, place: int, status: int) -> None:
         if self.names[place] and status in (FAILURE, SUCCESS, RUNNING):

@@ -115,7 +115,7 @@ def test_highlighting(file: Path) -> None:
 
 
 def test_highlighting_of_arguments() -> None:
-    """What is passed to a subtree has the colours of its own place."""
+    """Arguments of a subtree have the colours of their places."""
     rules = json.loads(generate.textmate())["patterns"]
     scope_of = dict(scopes("use go(use far(near), Go(to: dock), 3) use it(a, b)", rules))
     assert (scope_of["go"], scope_of["far"]) == ("entity.name.function", "entity.name.function")

@@ -264,9 +264,9 @@ def test_plain_behaviortree_cpp(
     assert cpp.trace(tree, boards, results, plain=True) == expected
 
 
-# What the outside check of a plain file shows: the tree, what is on the board in each tick (p:
-# foundGarbage, q: isHumanoidWantToClear), what the leaves return one after the other, and what is
-# told to whom: here, and there.
+# Examples by loss: the tree, the true flags in each tick (p: foundGarbage, q:
+# isHumanoidWantToClear), the results of the leaves one after the other, and the expected calls of
+# leaves: of our engine, and of the libraries with a plain file.
 EXAMPLES_OF_LOSSES = {
     "level": (
         "selector { when p { A } B }", ["p", "p", "p"], "FRRRRR",
@@ -356,7 +356,7 @@ def test_equal_within_a_little(cpp: BehaviorTreeCpp) -> None:
     assert short_trace(cpp.trace(tree, boards, [RUNNING]), tree) == [""]
 
 
-# Which function is one tick: a Repeat of the library, told by tickExactlyOnce and by tickOnce.
+# Which function is one tick: a Repeat of the library under tickExactlyOnce and tickOnce.
 REPEATS = {
     # The leaf ends in its first tick. Repeat gives way to others, with a wake-up signal: until the
     # next call of tickExactlyOnce; not at all under tickOnce, which obeys the signal.

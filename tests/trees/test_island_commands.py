@@ -332,7 +332,7 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_line_has_few_guards() -> None:
-    """However many guards an action is under, the innermost ones are told, and that there are
+    """Of many guards of an action the innermost ones are shown, with a mark for the
     others."""
     for levels in (8, 9, 30):
         guards = [f"way < {100 + level}" for level in range(levels)]

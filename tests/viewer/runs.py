@@ -49,7 +49,7 @@ def about(home: Path, **changes: Any) -> RunMetadata:
     return RunMetadata(**{**fields, **changes})
 
 
-def written(
+def closed_run(
     path: Path,
     *,
     steps: list[Step] | None = None,

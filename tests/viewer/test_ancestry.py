@@ -14,7 +14,7 @@ from islandgp.records.lines import dump
 from islandgp.viewer import ancestry
 from islandgp.viewer.ancestry import lineage, tree_changes
 from tests.study.made_runs import config, fake_run, guidance, individual
-from tests.viewer.runs import written
+from tests.viewer.runs import closed_run
 
 A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage PickupGarbage }\n"
 
@@ -33,7 +33,7 @@ def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: 
 
 def test_the_chain_of_a_run(tmp_path: Path) -> None:
     """It ends with the individual, begins without parents, and each tree is made of the last."""
-    folder = written(tmp_path / "run")
+    folder = closed_run(tmp_path / "run")
     records = list(folder.records())
     everyone = {i["id"]: i for record in records for i in record["individuals"]}
     best = folder.summary()["champion"]["record"]

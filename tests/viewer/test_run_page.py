@@ -21,7 +21,7 @@ from islandgp.viewer.history import RunCurves, read_history, thinned
 from islandgp.viewer.run_page import embedded_replay, run_page
 from tests.evolution.runs import run
 from tests.viewer.browser import Browser
-from tests.viewer.runs import changed_record, supervised, written
+from tests.viewer.runs import changed_record, closed_run, supervised
 from tests.viewer.test_access import faint
 
 EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>"&'
@@ -74,7 +74,7 @@ class Parsed(HTMLParser):
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     """A finished run's folder; nobody changes it."""
-    return written(tmp_path_factory.mktemp("runs") / "run")
+    return closed_run(tmp_path_factory.mktemp("runs") / "run")
 
 
 @pytest.fixture(scope="module")
@@ -155,9 +155,9 @@ def test_it_needs_nothing_else(page: Parsed) -> None:
 @pytest.mark.parametrize("status", list(Status))
 def test_it_loads_itself_again_while_the_run_goes_on(tmp_path: Path, status: Status) -> None:
     """Without JavaScript too; and its body has the status."""
-    folder = written(tmp_path / "run", steps=run()[:3], complete=False)
+    folder = closed_run(tmp_path / "run", steps=run()[:3], complete=False)
     if status is Status.FINISHED:
-        folder = written(tmp_path / "other")
+        folder = closed_run(tmp_path / "other")
     parsed = Parsed(run_page(folder, status))
     again = ("meta", {"http-equiv": "refresh", "content": "5"}) in parsed.elements
     assert again is (status is Status.RUNNING)
@@ -168,7 +168,7 @@ def test_a_run_that_goes_on(tmp_path: Path) -> None:
     """It has the progress of the run, and the archive of its last generation."""
     steps = run()[:3]
     parsed = Parsed(
-        run_page(written(tmp_path / "run", steps=steps, complete=False), Status.RUNNING)
+        run_page(closed_run(tmp_path / "run", steps=steps, complete=False), Status.RUNNING)
     )
     assert "After 3 of 8 generations, 36 episodes, the fittest individual of this" in parsed.text
     expected = sorted(e.cell for e in steps[-1].archive)
@@ -177,7 +177,7 @@ def test_a_run_that_goes_on(tmp_path: Path) -> None:
 
 def test_a_run_that_has_just_begun(tmp_path: Path) -> None:
     """Before the first generation there is a page, too."""
-    folder = written(tmp_path / "run", steps=[], complete=False)
+    folder = closed_run(tmp_path / "run", steps=[], complete=False)
     parsed = Parsed(run_page(folder, Status.RUNNING))
     assert "its first generation is not evaluated yet" in parsed.text
     assert parsed.data["curves"]["episodes"] == []
@@ -185,7 +185,7 @@ def test_a_run_that_has_just_begun(tmp_path: Path) -> None:
 
 def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
     """The reason, or that its command goes on."""
-    folder = written(tmp_path / "run", steps=run()[:2], complete=False)
+    folder = closed_run(tmp_path / "run", steps=run()[:2], complete=False)
     assert "was stopped after 2 generations" in Parsed(run_page(folder, Status.KILLED)).text
     folder.fail(ValueError(EVIL))
     parsed = Parsed(run_page(folder, Status.FAILED))
@@ -195,7 +195,7 @@ def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
 
 def test_a_run_of_an_older_version(tmp_path: Path) -> None:
     """Without archives in its records, costs of another form, or an archive's file."""
-    folder = written(tmp_path / "run")
+    folder = closed_run(tmp_path / "run")
     for generation in range(8):
         changed_record(folder, generation, lambda record: record.pop("archive"))
     parsed = Parsed(run_page(folder, Status.FINISHED))
@@ -206,7 +206,7 @@ def test_a_run_of_an_older_version(tmp_path: Path) -> None:
 @pytest.mark.parametrize("damage", ["missing", "damaged"])
 def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
     """The page reports it, and has all the rest."""
-    folder = written(tmp_path / "run")
+    folder = closed_run(tmp_path / "run")
     file = folder.path / NAME
     if damage == "missing":
         file.unlink()
@@ -218,7 +218,7 @@ def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
 
 def test_hostile_text_stays_text(tmp_path: Path) -> None:
     """Names, reasons and files with markup never become elements."""
-    folder = written(
+    folder = closed_run(
         tmp_path / "run",
         fields={"title": EVIL, "command": f"python -m islandgp {EVIL} 'world={EVIL}'",
               "tags": {"domain": EVIL, "code": EVIL}},
@@ -255,7 +255,7 @@ def test_hostile_text_stays_text(tmp_path: Path) -> None:
 
 def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) -> None:
     """Curves are thinned, trees beyond the room are left out, a large replay as well."""
-    history = read_history(written(tmp_path / "run"))
+    history = read_history(closed_run(tmp_path / "run"))
     cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
     record = next(RunFolder(tmp_path / "run").records())
     for _ in range(2_000):
@@ -264,7 +264,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     assert {len(curves[name]) for name in ("episodes", "best", "top", "mean", "coverage")} == {300}
     assert curves["episodes"][-1] == 96 + 2_000
     assert max(curves["best"]) == max(history.best)
-    folder = written(tmp_path / "many")
+    folder = closed_run(tmp_path / "many")
     trees = ["PatrolWaypoint\n" + "# " + "x" * 500 for _ in range(6**4)]
     elites = tuple(
         Elite((k // 216, k // 36 % 6, k // 6 % 6, k % 6), f"0.{k}", tree, 0, 1, float(k), 1)
@@ -276,18 +276,16 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
     assert embedded_replay(text) == ""
     parsed = Parsed(text)
-    elites_shown = parsed.data["archive"]["elites"]
+    elite_rows = parsed.data["archive"]["elites"]
     assert len(text.encode()) < 2_000_000
-    assert len(elites_shown) == 6**4
-    assert [e["tree"] is None for e in elites_shown] == sorted(
-        e["tree"] is None for e in elites_shown
-    )
-    assert elites_shown[0]["tree"] is not None
-    assert elites_shown[-1]["tree"] is None
+    assert len(elite_rows) == 6**4
+    assert [e["tree"] is None for e in elite_rows] == sorted(e["tree"] is None for e in elite_rows)
+    assert elite_rows[0]["tree"] is not None
+    assert elite_rows[-1]["tree"] is None
     assert json.loads(dict(parsed.scripts)["replay"]) == ""
     assert not any(a.get("id") == "show-replay" for _, a in parsed.elements)
     monkeypatch.setattr(lineage_section, "STEPS", (1, 1))
-    long = written(tmp_path / "long", steps=supervised(1.0))
+    long = closed_run(tmp_path / "long", steps=supervised(1.0))
     parsed = Parsed(run_page(long, Status.FINISHED))
     steps = sum(tag == "li" for tag, _ in parsed.elements)
     assert steps == 3 or "not shown" not in parsed.text
@@ -406,7 +404,7 @@ def test_every_text_can_be_read(tab: Browser, file: Path, theme: str) -> None:
 
 def test_a_running_page_can_be_stopped(browser: Browser, tmp_path: Path) -> None:
     """It offers to pause its updates, and keeps the cell that was chosen."""
-    folder = written(tmp_path / "run", steps=run()[:4], complete=False)
+    folder = closed_run(tmp_path / "run", steps=run()[:4], complete=False)
     file = tmp_path / "run.html"
     file.write_text(run_page(folder, Status.RUNNING, now=1))
     browser.open(f"file://{file}")

@@ -25,7 +25,7 @@ def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
         turns: Sequence[Turn] = (),
         obstacles: Sequence[Circle] = (),
     ) -> None:
-        """`garbage` lies at x + iy, `humanoids` stand at (x, y)."""
+        """`garbage` lies at x + iy, `humanoids` are at (x, y)."""
         schedule = Schedule(
             obstacles=tuple(obstacles),
             garbage=tuple(garbage),

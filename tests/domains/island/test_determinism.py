@@ -198,8 +198,8 @@ LITTER = {"initial": 40, "every": 1000, "most": 100}
 GRID = [[x, y] for x in range(10, 120, 10) for y in range(10, 120, 10) if (x, y) != (60, 60)]
 BENDS = [[20, 20], [100, 60], [60, 100], [22, 70], [90, 20], [25, 100]]
 
-FOUND_WORLDS = {
-    # what a search found once, or reasoning did: tree, world
+RARE_CASES = {
+    # cases that a search or reasoning found once: tree, world
     "leaves share an item": (
         "parallel { MoveToGarbage sequence { SeekCharger MoveToGarbage } }", busy()),
     "leaves share a charger": (
@@ -227,10 +227,10 @@ FOUND_WORLDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FOUND_WORLDS)
+@pytest.mark.parametrize("name", RARE_CASES)
 def test_stepwise_is_the_same_where_it_once_was_not(name: str) -> None:
     """Each of these differed, or failed one way only, before the island knew of it."""
-    text, island = FOUND_WORLDS[name]
+    text, island = RARE_CASES[name]
     for seed in range(6):
         quick, slow = both_ways(parse(text), island, seed)
         assert quick == slow, seed

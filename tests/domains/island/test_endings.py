@@ -11,7 +11,7 @@ from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world
 
-PATROL, STAND = "PatrolWaypoint", "PickupGarbage"
+PATROL, STANDING = "PatrolWaypoint", "PickupGarbage"
 
 
 def run(tree: str, island: IslandWorld) -> Episode:
@@ -23,7 +23,7 @@ def test_time(lay: Lay) -> None:
     """An episode that goes well lasts 420 s."""
     spawns = [(step, 150.0, 150.0) for step in range(500, 4200, 500)]
     lay(spawns=spawns)
-    episode = run(STAND, world(robot={"drain_standing": 0.01}))
+    episode = run(STANDING, world(robot={"drain_standing": 0.01}))
     assert (episode.ending, episode.steps) == (Ending.TIME, 4200)
 
 
@@ -48,7 +48,7 @@ def test_stagnation(lay: Lay, battery: float, seconds: int) -> None:
 def test_stagnation_counts_from_the_best(lay: Lay) -> None:
     """The clock starts again with each better fitness, and not with one that only recovers."""
     lay(spawns=[(300, 150.0, 150.0)])
-    episode = run(STAND, world(robot={"drain_standing": 0.01}))
+    episode = run(STANDING, world(robot={"drain_standing": 0.01}))
     assert (episode.ending, episode.steps) == (Ending.STAGNATION, 300 + 1200)
 
 
@@ -66,7 +66,7 @@ def test_charging_above_40_shortens_the_patience_again(lay: Lay) -> None:
 def test_negative(lay: Lay) -> None:
     """Idleness costs from second 21 on: fitness is negative, and 60 s later it is over."""
     lay()
-    episode = run(STAND, world())
+    episode = run(STANDING, world())
     assert (episode.ending, episode.steps) == (Ending.NEGATIVE, 210 + 600)
     assert episode.fitness == -10 * 61
 
@@ -74,7 +74,7 @@ def test_negative(lay: Lay) -> None:
 def test_negative_ends_with_a_gain(lay: Lay) -> None:
     """A gain that brings the fitness back above 0 stops that clock."""
     lay(spawns=[(800, 150.0, 150.0)])
-    episode = run(STAND, world(robot={"drain_standing": 0.01}))
+    episode = run(STANDING, world(robot={"drain_standing": 0.01}))
     # -10 a second from 21 to 80 are -600; the pickup adds 600. That is 0, neither negative nor
     # a better best. The next idle second, one after 20 more, makes it negative again.
     assert (episode.ending, episode.steps) == (Ending.STAGNATION, 1200)
@@ -99,7 +99,7 @@ def test_shutdown(lay: Lay) -> None:
 def test_leftover_is_counted_at_the_end(lay: Lay) -> None:
     """Each episode's last event is the garbage that still lies there."""
     lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], spawns=[(5, 280.0, 280.0)])
-    trace = day(STAND, world(episode={"length": 2}))
+    trace = day(STANDING, world(episode={"length": 2}))
     assert trace.episode.events[-1] == (20, IslandEvent.LEFTOVER, 3)
     assert trace.amounts(IslandEvent.LEFTOVER) == [3]
 
