@@ -125,7 +125,7 @@ def _run(home: Path, *overrides: str, fixed: tuple[str, ...] = EPISODES) -> Run:
     about, costs = folder.about(), list(folder.costs())
     assert about is not None
     return Run(
-        whole=ended - about.started / 1000,
+        total=ended - about.started / 1000,
         episodes=sum(cost["evaluation"] for cost in costs),
         operators=sum(cost["operators"] for cost in costs),
         supervision=sum(cost["supervision"] for cost in costs),

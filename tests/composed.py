@@ -20,7 +20,7 @@ from omegaconf import DictConfig, OmegaConf
 from islandgp.config.settings import Settings, read_settings
 from islandgp.gp.plan import Plan
 from islandgp.resources import resource
-from tests.once import cached
+from tests.caches import cached
 
 
 def plain(*overrides: str) -> dict[str, Any]:

@@ -16,14 +16,14 @@ import pytest
 from islandgp.running import page_writer
 from islandgp.tracking import artifacts, mlflow
 from islandgp.tracking.follow import Follower, OnEvent, SyncRequest
-from tests import once, profiles  # noqa: F401 (it registers the profiles)
+from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
 
 # Processes that tests start write .pyc files, as an installed package does.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-once.install()
+caches.install()
 os.fsync = lambda _: None  # files of tests need not survive a power cut
 
 gc.disable()  # while tests are collected: millions of objects, none of them garbage

@@ -12,7 +12,7 @@ from islandgp.bt.export.plan import EXPORTED, NAV2
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
-from tests.made import CLASSES, state
+from tests.samples import CLASSES, state
 
 _KEYS = VOCABULARY.keys
 _EXACT = EXPORTED - NAV2  # kinds with an exact export

@@ -29,7 +29,7 @@ from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
 from islandgp.supervision.yoked import Yoked
 from tests.composed import composed
-from tests.llm import made
+from tests.llm import samples
 from tests.profiles import examples
 from tests.strategies import population_states
 
@@ -41,11 +41,11 @@ def by_configuration(name: str) -> Callable[[], Supervisor]:
 
 
 def llm() -> LLM:
-    return made.supervisor(made.answering())[0]
+    return samples.supervisor(samples.answering())[0]
 
 
 def failing_llm() -> LLM:
-    return made.supervisor(lambda request, n: made.failed(FailureKind.OVERLOADED))[0]  # noqa: ARG005
+    return samples.supervisor(lambda request, n: samples.failed(FailureKind.OVERLOADED))[0]  # noqa: ARG005
 
 
 class Recorder:
@@ -80,7 +80,7 @@ def distilled() -> Distilled:
     )
     expert = make_supervisor(composed("supervisor=expert"), None)
     assert isinstance(expert, Expert)
-    return Distilled(policy, expert, made.context().crisis)
+    return Distilled(policy, expert, samples.context().crisis)
 
 
 MAKERS: dict[str, Callable[[], Supervisor]] = {
@@ -143,7 +143,7 @@ def test_it_has_a_name(name: str) -> None:
 @every_supervisor
 def test_order_does_not_matter(name: str) -> None:
     """What was asked before changes no answer: a resumed run starts in the middle."""
-    states = [made.state(g) for g in (3, 9, 5)]
+    states = [samples.state(g) for g in (3, 9, 5)]
     straight = MAKERS[name]()
     for state in states:
         straight.advise(state, np.random.default_rng(1))

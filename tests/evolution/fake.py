@@ -9,7 +9,7 @@ import numpy as np
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from tests.made import outcome
+from tests.samples import outcome
 
 
 def outcome_of(job: Job) -> Outcome:

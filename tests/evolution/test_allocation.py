@@ -28,8 +28,8 @@ from islandgp.gp.selection import pick_parent, tournament
 from islandgp.scoring.generation_stats import diversity
 from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan
-from tests.made import CLASSES, evaluated, outcome
 from tests.profiles import examples
+from tests.samples import CLASSES, evaluated, outcome
 from tests.strategies import nodes
 
 BEHAVIOURS = CLASSES.kept

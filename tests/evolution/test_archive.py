@@ -29,8 +29,8 @@ from islandgp.seeding import Stream, seed_of
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake
 from tests.evolution.runs import SMALL, Constant, lines, plan, records, run
-from tests.made import CLASSES, evaluated, outcome
 from tests.profiles import sweep
+from tests.samples import CLASSES, evaluated, outcome
 
 GRID = ArchiveSettings(cells={"pickups": (0, 1, 3)})
 TREES = ("PatrolWaypoint", "SeekCharger", "PickupGarbage", "MoveToGarbage")

@@ -25,8 +25,8 @@ from tests.evolution.fake import Fake
 from tests.evolution.runs import Constant, lines, plan, records, run
 from tests.flatten import version_1
 from tests.goldens import FOLDER, check_golden
-from tests.made import outcome
 from tests.profiles import examples, sweep
+from tests.samples import outcome
 
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
 

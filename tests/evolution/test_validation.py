@@ -27,7 +27,7 @@ from islandgp.evolution.validation import (
 )
 from islandgp.seeding import Stream, seed_of
 from tests.composed import composed
-from tests.made import outcome
+from tests.samples import outcome
 
 CLASSES = composed().classes
 

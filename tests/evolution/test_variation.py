@@ -37,8 +37,8 @@ from islandgp.gp.random_trees import (
 from islandgp.gp.selection import tournament
 from islandgp.gp.variation import CROSSOVERS, MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
-from tests.made import evaluated, outcome
 from tests.profiles import examples
+from tests.samples import evaluated, outcome
 from tests.strategies import nodes
 
 LIMITS = Limits(max_depth=8, max_nodes=50)

@@ -53,8 +53,8 @@ from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.tracking.sync_state import read_state
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
-from tests.llm.made import DECISION as DECIDED
-from tests.llm.made import PROPOSAL, advise, answering, context, supervisor
+from tests.llm.samples import DECISION as DECIDED
+from tests.llm.samples import PROPOSAL, advise, answering, context, supervisor
 from tests.tracking.folders import closed_run
 from tests.viewer.episodes import small
 

@@ -23,7 +23,7 @@ from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Call, Sent, Transcript
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
-from tests.llm.made import (
+from tests.llm.samples import (
     DECISION,
     FakeClient,
     advise,

@@ -20,10 +20,10 @@ from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
 from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.server import MessagesServer
-from tests.llm.made import advise, answering, context, reply_of, settings, state, supervisor
+from tests.llm.samples import advise, answering, context, reply_of, settings, state, supervisor
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import lines, live, replayed
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 
 PATROL, CHARGE, PICK = "PatrolWaypoint\n", "ExecuteCharge\n", "PickupGarbage\n"
 OUTCOMES = {

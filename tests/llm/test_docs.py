@@ -20,7 +20,7 @@ from islandgp.supervision.llm.prompts import PROMPT_SETS, render
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.demo import demo
 from tests.composed import composed
-from tests.llm.made import advise, answering, context, settings, supervisor
+from tests.llm.samples import advise, answering, context, settings, supervisor
 from tests.profiles import sweep
 
 DOCS = resource("conf").parent / "docs"

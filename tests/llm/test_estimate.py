@@ -25,7 +25,7 @@ from islandgp.resources import resource
 from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.transcript import Transcript
-from tests.llm.made import advise, answering, context, settings, state, supervisor
+from tests.llm.samples import advise, answering, context, settings, state, supervisor
 
 
 def output_of(*arguments: str) -> str:

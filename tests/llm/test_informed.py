@@ -30,11 +30,11 @@ from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.goldens import check_golden
-from tests.llm.made import settings, state
+from tests.llm.samples import settings, state
 from tests.llm.test_prompts import CAPABILITIES, prompt_text
 from tests.llm.test_whole_run import lines, live, replayed
-from tests.made import CLASSES
 from tests.profiles import sweep
+from tests.samples import CLASSES
 
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=40")
 INFORMED = "supervisor.policy.prompts=informed"

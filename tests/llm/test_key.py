@@ -18,7 +18,7 @@ from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.testing.faults import Fault, every
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed, plain
-from tests.llm.made import settings
+from tests.llm.samples import settings
 
 pytestmark = pytest.mark.process
 

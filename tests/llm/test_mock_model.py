@@ -14,7 +14,7 @@ from islandgp.supervision.llm.answers import Accepted, check_decision, check_pro
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.mock_model import MockModel
-from tests.llm.made import context, reply_of, settings, state
+from tests.llm.samples import context, reply_of, settings, state
 from tests.llm.test_informed import adviser, small_run
 from tests.llm.test_prompts import CAPABILITIES
 

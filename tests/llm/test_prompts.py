@@ -27,8 +27,8 @@ from islandgp.supervision.llm.prompts import Prompt, language, load_prompt, rend
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
-from tests.llm.made import context, settings, state
-from tests.made import CLASSES
+from tests.llm.samples import context, settings, state
+from tests.samples import CLASSES
 
 CAPABILITIES = ServerCapabilities(True, 0.7, "")
 

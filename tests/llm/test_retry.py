@@ -12,7 +12,7 @@ from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, RetrySettings
 from islandgp.supervision.llm.transcript import Call, Transcript
-from tests.llm.made import FakeClient, failed, reply_of
+from tests.llm.samples import FakeClient, failed, reply_of
 
 RETRIES = RetrySettings(attempts=3, deadline=30, first_wait=1, longest_wait=20, retry_after_most=30)
 ASK = Request("m", "s", ("u",), 100)

@@ -11,7 +11,7 @@ from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.prompts import run_facts
 from islandgp.supervision.llm.questions import Questions
 from islandgp.text import in_points, rounded
-from tests.llm.made import context, settings, state
+from tests.llm.samples import context, settings, state
 from tests.llm.test_prompts import CAPABILITIES
 
 

@@ -14,8 +14,8 @@ from islandgp.resources import resource
 from islandgp.scoring.state import Crisis
 from islandgp.supervision.state_json import field_meanings, state_json, state_text
 from islandgp.text import title
-from tests.llm.made import state
-from tests.made import CLASSES
+from tests.llm.samples import state
+from tests.samples import CLASSES
 from tests.strategies import population_states
 
 FIELDS = field_meanings(SCHEMA, CLASSES)

@@ -21,7 +21,7 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay
-from tests.llm.made import (
+from tests.llm.samples import (
     DECISION,
     PROPOSAL,
     FakeClient,

@@ -12,7 +12,7 @@ import pytest
 from islandgp.supervision.llm.ledger import Bill, SweepLedger
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.settings import SweepCaps
-from tests.llm.made import USAGE, advise, answering, context, failed, state, supervisor
+from tests.llm.samples import USAGE, advise, answering, context, failed, state, supervisor
 
 CAP = "sweep_caps.requests=5"
 

@@ -30,10 +30,10 @@ from islandgp.supervision.llm.answers import (
 )
 from islandgp.supervision.llm.message import MAX_ANSWER, Reply
 from islandgp.supervision.llm.settings import RateSettings
-from tests.llm.made import DECISION as GOOD
-from tests.llm.made import PROPOSAL as GOOD_TREE
-from tests.llm.made import USAGE, reply_of
-from tests.made import CLASSES
+from tests.llm.samples import DECISION as GOOD
+from tests.llm.samples import PROPOSAL as GOOD_TREE
+from tests.llm.samples import USAGE, reply_of
+from tests.samples import CLASSES
 from tests.strategies import nodes
 
 RATES = RateSettings(least=0.1, most=0.5, outside="repair")

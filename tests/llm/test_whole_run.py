@@ -31,7 +31,7 @@ from islandgp.testing.mock_model import MockModel
 from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
-from tests.llm.made import settings as llm_settings
+from tests.llm.samples import settings as llm_settings
 from tests.profiles import sweep
 
 NIGHTLY = pytest.mark.slow

@@ -23,8 +23,8 @@ from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
 from islandgp.tracking.sync_state import FILE
-from tests.made import CLASSES
 from tests.running.commands import ROOT, finish, start
+from tests.samples import CLASSES
 from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST
 

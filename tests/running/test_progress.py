@@ -15,7 +15,7 @@ from islandgp.resources import program
 from islandgp.running.progress import Progress, columns, duration, fitting, row
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start, sweep_line
-from tests.made import CLASSES
+from tests.samples import CLASSES
 from tests.tracking.folders import steps
 
 MILESTONES = CLASSES.milestones

@@ -11,7 +11,7 @@ from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domain import Counter, Event, Outcome, Schema
 from islandgp.scoring.classes import AIMS, Classes, classify, specialist, tiers
 from tests.composed import composed
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 
 EXCELLENT = {
     "pickups": 4, "interactions": 2, "deliveries": 2, "charges": 1, "gathered": 6, "fitness": 30001,

@@ -24,7 +24,7 @@ from islandgp.scoring.constraints import (
     violation,
 )
 from tests.composed import composed, plain
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 
 LIMITS = {"charges": Bound(at_least=4), "pickups": Bound(at_most=2)}

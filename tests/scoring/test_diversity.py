@@ -8,7 +8,7 @@ from islandgp.domain import Outcome
 from islandgp.scoring.classes import classify
 from islandgp.scoring.generation_stats import diversity, generation_stats
 from tests.composed import composed
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 
 PATROL, PICKUP, HUMANOID, BALANCED = CLASSES.specialist_names
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from islandgp.evolution.generation import mean_outcome
-from tests.made import NOTHING, outcome
+from tests.samples import NOTHING, outcome
 
 
 def test_fitness_is_the_sum_of_the_components() -> None:

@@ -8,7 +8,7 @@ from islandgp.scoring.classes import classify
 from islandgp.scoring.generation_stats import generation_stats
 from islandgp.scoring.state import stagnant, trend
 from tests.composed import composed
-from tests.made import CLASSES, outcome, snapshot, state
+from tests.samples import CLASSES, outcome, snapshot, state
 
 
 @pytest.mark.parametrize(

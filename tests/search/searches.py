@@ -16,7 +16,7 @@ from islandgp.search.base import SearchState
 from islandgp.seeding import Streams
 from tests.composed import composed
 from tests.evolution.fake import Fake
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 
 SMALL = ("supervisor=baseline", "gp.population=12", "gp.generations=7")
 NAMES = sorted(path.stem for path in (resource("conf") / "search").glob("*.yaml"))

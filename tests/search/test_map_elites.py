@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from islandgp.search.descriptor import Dimension, cell, dimension, dimensions, point
 from islandgp.seeding import Streams
-from tests.made import CLASSES, outcome
+from tests.samples import CLASSES, outcome
 from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
 TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "MoveToHumanoid")

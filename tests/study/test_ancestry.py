@@ -21,7 +21,7 @@ from islandgp.study.lineage import (
     provenance,
 )
 from islandgp.study.tables.origins import champion_sources_table, edits_table, sources_table
-from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance, individual
+from tests.study.fake_runs import TREE, config, fake_arm, fake_run, guidance, individual
 
 OTHER = "PatrolWaypoint\n"
 (POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]

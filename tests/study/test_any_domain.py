@@ -19,8 +19,8 @@ from islandgp.study.library import library_names
 from islandgp.study.report import ComparisonReport, build
 from islandgp.study.writing import runs_csv, to_markdown, to_page
 from islandgp.trust import trust, trusting
-from tests.made import CLASSES
-from tests.study.made_runs import config, fake_arm, fake_run, guidance, individual
+from tests.samples import CLASSES
+from tests.study.fake_runs import config, fake_arm, fake_run, guidance, individual
 
 TIERS = ("begun", "halfway", "nearly", "arrived")
 

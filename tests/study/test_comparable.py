@@ -15,7 +15,7 @@ from islandgp.study.emergence import first
 from islandgp.study.findings import examine_all
 from islandgp.study.measures import TABLE_9, emergence
 from islandgp.study.plan import DEFAULT_PLAN, families
-from tests.study.made_runs import fake_arm, fake_run
+from tests.study.fake_runs import fake_arm, fake_run
 
 
 def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:

@@ -11,8 +11,8 @@ from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import best_of, controls
 from islandgp.study.library import trees_for_targets
 from islandgp.study.tables.champions import controls_table
-from tests.made import outcome
-from tests.study.made_runs import config, fake_arm, fake_run
+from tests.samples import outcome
+from tests.study.fake_runs import config, fake_arm, fake_run
 
 TREES = trees_for_targets(config())
 

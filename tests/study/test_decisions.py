@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from islandgp.study.comparable import compare_arms
 from islandgp.study.tables.supervision import decisions_table
-from tests.study.made_runs import fake_arm, fake_run, guidance
+from tests.study.fake_runs import fake_arm, fake_run, guidance
 
 
 def test_shares_are_of_all_decisions() -> None:

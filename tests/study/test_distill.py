@@ -26,7 +26,7 @@ from islandgp.supervision.distilled import (
     rules,
 )
 from tests.composed import composed
-from tests.llm.made import context, state
+from tests.llm.samples import context, state
 
 CRISIS = context().crisis
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=20", "evaluator=serial")

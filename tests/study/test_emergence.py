@@ -18,7 +18,7 @@ from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
 from islandgp.study.tables.comparisons import when
-from tests.study.made_runs import fake_run
+from tests.study.fake_runs import fake_run
 
 
 def test_first_is_a_generation_or_never() -> None:

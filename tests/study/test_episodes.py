@@ -20,7 +20,7 @@ from islandgp.study.episodes import (
 )
 from islandgp.study.figures.episodes import at_episodes, by_episodes
 from islandgp.study.tables.supervision import episodes_table
-from tests.study.made_runs import TREE, fake_arm, fake_run, guidance
+from tests.study.fake_runs import TREE, fake_arm, fake_run, guidance
 
 best = attrgetter("best")
 

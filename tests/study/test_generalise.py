@@ -16,8 +16,8 @@ from islandgp.study.generalise import Generalisation, generalise, reference_tree
 from islandgp.study.library import library_names
 from islandgp.study.select import parse_arm
 from islandgp.study.tables.champions import generalisation_table
-from tests.made import outcome
-from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance
+from tests.samples import outcome
+from tests.study.fake_runs import TREE, config, fake_arm, fake_run, guidance
 
 HALF = {"complete": 0.5, "excellent": 0.5}
 

@@ -15,7 +15,7 @@ from islandgp.study.lineage import (
     median_life,
     newcomers,
 )
-from tests.study.made_runs import fake_run, individual
+from tests.study.fake_runs import fake_run, individual
 
 # 0.0 and 0.1 are the initial population. 1.1 is injected, 2.1 random.
 # 2.0 descends from 1.1, and 3.0 from 2.0; 2.1 has no children.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from islandgp.study.measures import SPANS, TABLE_9, TABLE_10, main_family
-from tests.study.made_runs import fake_run
+from tests.study.fake_runs import fake_run
 
 
 def test_table_9_by_hand() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from islandgp.study.comparable import compare_arms
 from islandgp.study.tables.supervision import overhead_table
-from tests.study.made_runs import fake_arm, fake_run
+from tests.study.fake_runs import fake_arm, fake_run
 
 
 def test_time_to_the_first_complete_robot_is_a_median_over_all_runs() -> None:

@@ -24,7 +24,7 @@ from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
 from tests.profiles import sweep
-from tests.study.made_runs import fake_arm, fake_run
+from tests.study.fake_runs import fake_arm, fake_run
 
 DASH = "\N{EN DASH}"
 

@@ -30,7 +30,7 @@ from islandgp.study.table import Table
 from islandgp.study.tables.scores import champion_rows, champion_scores
 from islandgp.study.texts import title_and_caption
 from islandgp.study.writing import to_page, write
-from tests.study.made_runs import TREE, config, fake_arm, fake_run, guidance, individual
+from tests.study.fake_runs import TREE, config, fake_arm, fake_run, guidance, individual
 
 
 def _study(*names: str, force: bool = False) -> Comparison:

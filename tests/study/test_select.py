@@ -25,7 +25,7 @@ from islandgp.study.select import (
     read,
     select,
 )
-from tests.study.made_runs import config, fake_run, individual, write_run
+from tests.study.fake_runs import config, fake_run, individual, write_run
 from tests.tracking.folders import closed_run
 
 

@@ -22,9 +22,9 @@ from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run
-from tests.llm.made import context, state
-from tests.made import CLASSES
+from tests.llm.samples import context, state
 from tests.running.commands import fake
+from tests.samples import CLASSES
 
 QUICK = (
     "gp.generations=2",

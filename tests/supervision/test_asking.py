@@ -16,11 +16,11 @@ from islandgp.running.app import main
 from islandgp.supervision.base import Guidance, Phase
 from islandgp.supervision.guidance import ask
 from tests.evolution.runs import plan, run
-from tests.llm.made import answering, supervisor
-from tests.made import snapshot, state
+from tests.llm.samples import answering, supervisor
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake
 from tests.running.supervisors import Answers
+from tests.samples import snapshot, state
 
 TREE = parse("PatrolWaypoint")
 MINE = "Expected tests.running.supervisors:Answers.advise to return"

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from islandgp.supervision.base import Guidance
 from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.supervision.fixed import Fixed, FixedSettings
-from tests.made import snapshot, state
+from tests.samples import snapshot, state
 
 SETTINGS = BaselineSettings(patience=2, up=1.15, down=0.9, rates=(0.1, 0.5))
 

@@ -22,7 +22,7 @@ from islandgp.supervision.editor_controls import EditorYoked
 from islandgp.supervision.guard_width import guard_width, place_for, widened
 from tests.composed import composed
 from tests.evolution.runs import run
-from tests.made import snapshot, state
+from tests.samples import snapshot, state
 
 PATROL = "PatrolWaypoint"
 COLLECT = (

@@ -26,7 +26,7 @@ from islandgp.supervision.expert import (
 )
 from islandgp.supervision.library import Library
 from tests.composed import composed, plain
-from tests.made import CLASSES, QUIET, snapshot, state
+from tests.samples import CLASSES, QUIET, snapshot, state
 
 TABLE_8 = {
     Phase.EARLY_EXPLORATION: (0.40, 0.50),

@@ -16,7 +16,7 @@ from islandgp.supervision.base import Guidance, Supervisor
 from islandgp.supervision.guidance import SupervisorQueue
 from tests.evolution.fake import Fake
 from tests.evolution.runs import lines, plan, records, run
-from tests.made import snapshot, state
+from tests.samples import snapshot, state
 
 PATIENCE = 30  # s after which a test gives up
 

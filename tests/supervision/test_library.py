@@ -20,8 +20,8 @@ from islandgp.supervision.library import (
     read_library,
 )
 from tests.composed import composed
-from tests.made import CLASSES
 from tests.running.commands import fake
+from tests.samples import CLASSES
 
 EACH = dict.fromkeys(CLASSES.behaviours, ("work",))
 

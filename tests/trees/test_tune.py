@@ -12,7 +12,7 @@ import pytest
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.serial import Serial
-from tests.made import outcome
+from tests.samples import outcome
 from tests.trees.shell import Cli
 
 SHORT = ("--set", "world.episode.length=10", "--set", "evaluator=serial")

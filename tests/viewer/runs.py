@@ -20,7 +20,7 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import summary
 from tests.composed import plain
 from tests.evolution.runs import SMALL, Constant, plan, run
-from tests.made import CLASSES
+from tests.samples import CLASSES
 
 VALIDATION = Validation(
     worlds=(1, 2, 3),

@@ -1,4 +1,4 @@
-"""Finished runs made by hand, as values and as folders on disk."""
+"""Fake finished runs, as values and as folders on disk."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from islandgp.records.lines import digests, generation_lines
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
 from tests.composed import plain
-from tests.made import ANY, NOTHING, snapshot
+from tests.samples import ANY, NOTHING, snapshot
 
 TREE = "selector {\n  MoveToGarbage\n  PatrolWaypoint\n}\n"
 

@@ -1,4 +1,4 @@
-"""Outcomes, statistics and states of the island with default values, some of which tests change."""
+"""Sample outcomes, statistics and states of the island; tests change single values."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from islandgp.supervision.llm.questions import heading
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
-from tests.made import CLASSES, EARLY
+from tests.samples import CLASSES, EARLY
 
 DECISION = {
     "mutation_rate": 0.42,
