@@ -16,7 +16,7 @@ from PIL import Image  # matplotlib brings it
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.commands.options import Chosen  # noqa: E402 -- from this checkout
+from islandgp.commands.options import DomainOptions  # noqa: E402 -- from this checkout
 from islandgp.commands.setting import tree_in_domain  # noqa: E402 -- from this checkout
 from islandgp.viewer.page import page  # noqa: E402
 from islandgp.viewer.recording import record  # noqa: E402
@@ -32,7 +32,7 @@ FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 64
 
 def replay_of(file: Path, target: Path, title: str) -> None:
     """Writes the replay page of a tree's episode."""
-    tree, _, setting = tree_in_domain(str(file), Chosen((), None))
+    tree, _, setting = tree_in_domain(str(file), DomainOptions((), None))
     target.write_text(page(record(tree, setting, seed=WORLD, stage=STAGE), title=title))
 
 

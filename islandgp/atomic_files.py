@@ -60,17 +60,22 @@ def remove_leftovers(folder: Path, pattern: str = "*") -> None:
 
 
 @contextmanager
-def reading(what: str, file: Path) -> Iterator[None]:
-    """Context in which errors of reading `file` become RunError; `what` is its expected content."""
+def reading(description: str, file: Path) -> Iterator[None]:
+    """Context in which errors of reading a file become RunError.
+
+    Args:
+        description: the expected content, for the message.
+        file: the file.
+    """
     try:
         yield
     except (*DECODE_ERRORS, TreeError) as error:
-        raise damaged(what, file, brief(error)) from error
+        raise damaged(description, file, brief(error)) from error
 
 
-def damaged(what: str, file: Path, reason: str) -> RunError:
-    """The error for a damaged file with the expected content `what`."""
+def damaged(description: str, file: Path, reason: str) -> RunError:
+    """The error for a damaged file with the expected content `description`."""
     return RunError(
-        f"Expected {what} in {file}, found a damaged file ({reason});"
+        f"Expected {description} in {file}, found a damaged file ({reason});"
         " delete the run's folder or use resume=never."
     )

@@ -120,19 +120,20 @@ class Tree:
 
     def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
         """A line for each name that is not in the vocabulary."""
-        words = self.vocabulary
-        if words is None:
+        vocabulary = self.vocabulary
+        if vocabulary is None:
             return
-        declared = {"action": {*words.actions}, "key": {*words.keys}}
+        declared = {"action": {*vocabulary.actions}, "key": {*vocabulary.keys}}
         if sources["action"] is sources["key"]:
-            declared["action"] = declared["key"] = {*words.actions, *words.keys}
+            declared["action"] = declared["key"] = {*vocabulary.actions, *vocabulary.keys}
         distinct = {id(source): (source, kind) for kind, source in sources.items()}
         for source, kind in distinct.values():
             for name in source if isinstance(source, Mapping) else ():
                 if name not in declared[kind]:
                     near = closest(str(name), declared[kind])
                     hint = f"; perhaps {near} is meant" if near else ""
-                    yield f"{short_repr(name)}, which is not in the domain {words.domain}{hint}"
+                    domain = vocabulary.domain
+                    yield f"{short_repr(name)}, which is not in the domain {domain}{hint}"
 
 
 class RobotTree:
@@ -203,8 +204,8 @@ class RobotTree:
                     if leaf.running:
                         stops.callback(leaf.stop)
         finally:
-            ended = {NodeStatus.RUNNING: NodeStatus.ABORTED}
-            self.statuses = [ended.get(s, s) if s is not None else None for s in self.statuses]
+            final = {NodeStatus.RUNNING: NodeStatus.ABORTED}
+            self.statuses = [final.get(s, s) if s is not None else None for s in self.statuses]
             self._start()
 
     def __enter__(self) -> Self:
@@ -219,8 +220,8 @@ class RobotTree:
 
         def leaf_of(args: ActionArgs) -> _RunningLeaf:
             arguments = _arguments(args, self.tree.vocabulary)
-            words = self.tree.vocabulary
-            asks = words is not None and words.action(args.name).condition
+            vocabulary = self.tree.vocabulary
+            asks = vocabulary is not None and vocabulary.action(args.name).condition
             leaf = self._leaves[args.name]
             leaves.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
             return leaves[-1]
@@ -286,8 +287,10 @@ def load_tree(
     """
     path = Path(file)
     text = read_text_file(path)
-    words = _vocabulary_of(text, path, vocabulary)
-    return Tree(parse(text, words, name=str(path), folder=path.parent), words, str(path))
+    file_vocabulary = _vocabulary_of(text, path, vocabulary)
+    return Tree(
+        parse(text, file_vocabulary, name=str(path), folder=path.parent), file_vocabulary, str(path)
+    )
 
 
 def _vocabulary_of(

@@ -190,9 +190,9 @@ def import_from_here() -> None:
     inherit this path.
     """
     with suppress(FileNotFoundError):  # the folder was deleted; commands report that
-        here = str(Path.cwd())
-        if not sys.flags.safe_path and sys.path[0] not in ("", here):
-            sys.path.insert(0, here)
+        folder = str(Path.cwd())
+        if not sys.flags.safe_path and sys.path[0] not in ("", folder):
+            sys.path.insert(0, folder)
 
 
 def _main() -> None:

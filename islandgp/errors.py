@@ -124,8 +124,8 @@ def in_the_way(folder: Path) -> str:
     """The message if files in a folder shadow Python's or installed modules, else ""."""
     from importlib.metadata import packages_distributions
 
-    taken = {*sys.stdlib_module_names, *packages_distributions()}
-    files = sorted(f.name for f in folder.glob("*.py") if f.stem in taken)
+    reserved = {*sys.stdlib_module_names, *packages_distributions()}
+    files = sorted(f.name for f in folder.glob("*.py") if f.stem in reserved)
     if not files:
         return ""
     named = ", ".join(files)

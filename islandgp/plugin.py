@@ -55,8 +55,8 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
     @field_validator("factory")
     @classmethod
     def _can_make(cls, factory: Any) -> Any:
-        has = [callable(getattr(factory, method, None)) for method in cls.needs]
-        if not (all(hasattr(factory, model) for model in cls.models) and all(has)):
+        is_method = [callable(getattr(factory, method, None)) for method in cls.needs]
+        if not (all(hasattr(factory, model) for model in cls.models) and all(is_method)):
             *first, last = (*cls.models, *cls.needs)
             raise ValueError(
                 f"expected a class with {', '.join(first)} and {last}, found {factory!r}"

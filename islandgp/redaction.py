@@ -22,8 +22,8 @@ SECRET_LAST_WORDS: Final = frozenset({"auth", "key", "token"})
 def names_secret(key: str) -> bool:
     """True if a field with this name is a secret."""
     apart = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", key).lower()
-    words = re.findall(r"[a-z0-9]+", apart)
-    return bool(words) and (not SECRET_WORDS.isdisjoint(words) or words[-1] in SECRET_LAST_WORDS)
+    parts = re.findall(r"[a-z0-9]+", apart)
+    return bool(parts) and (not SECRET_WORDS.isdisjoint(parts) or parts[-1] in SECRET_LAST_WORDS)
 
 
 def without_secrets(value: Any) -> Any:

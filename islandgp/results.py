@@ -159,11 +159,11 @@ def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator
     s, guidance, archive = record["snapshot"], record["guidance"] or {}, record.get("archive") or {}
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
     fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
-    kept = ("source", "phase", "pattern", "target", "crisis", "injected")
+    fields = ("source", "phase", "pattern", "target", "crisis", "injected")
     row = {
         **plain,
         **fitness,
-        **{name: guidance.get(name) for name in kept},
+        **{name: guidance.get(name) for name in fields},
         **{name: archive.get(name) for name in ("coverage", "qd_score")},
         **_nested(s, "tiers", "specialists", "doing", "counters"),
     }
@@ -174,11 +174,11 @@ def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator
 
 
 def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
-    kept = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
+    fields = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
     for i in record["individuals"]:
         row = {
             "generation": record["snapshot"]["generation"],
-            **{name: i[name] for name in kept},
+            **{name: i[name] for name in fields},
             "parents": " ".join(i["parents"]),
             "best_tier": i["tiers"][0] if i["tiers"] else "",
             "ending": " ".join(i["endings"]),

@@ -51,12 +51,12 @@ class Sensors:
         Numbers are clipped to the ranges of their keys. During the initial delay, the tree reads
         the first values.
         """
-        seen = [float(value) for value in values]
+        sensed = [float(value) for value in values]
         if self._noisy:
             draws = self._rng.standard_normal(len(self._noisy)).tolist()
             for (place, sd, low, most), draw in zip(self._noisy, draws, strict=True):
-                seen[place] = min(max(seen[place] + sd * draw, low), most)
-        self._past.append(seen)
+                sensed[place] = min(max(sensed[place] + sd * draw, low), most)
+        self._past.append(sensed)
         return self.seen
 
     @property

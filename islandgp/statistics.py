@@ -95,10 +95,7 @@ def rank_test(
 
 
 def paired_test(
-    first: Sequence[float],
-    second: Sequence[float],
-    *,
-    enumerated: int = ENUMERATED,
+    first: Sequence[float], second: Sequence[float], *, enumerated: int = ENUMERATED
 ) -> PairedTest:
     """Wilcoxon's signed-rank test of pairs in the same order; equal pairs are dropped.
 
@@ -213,9 +210,9 @@ def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any])
             return Interval(float(statistic(*(np.asarray(s, float) for s in samples))), nan, nan)
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     arrays = [np.asarray(s, float) for s in samples]
-    drawn = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
+    resamples = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
     with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
-        values, estimate = statistic(*drawn), float(statistic(*arrays))
+        values, estimate = statistic(*resamples), float(statistic(*arrays))
     unknown = np.isnan(values)
     low = _percentile(np.where(unknown, -np.inf, values), 0.025)
     high = _percentile(np.where(unknown, np.inf, values), 0.975)

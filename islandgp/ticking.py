@@ -38,13 +38,7 @@ from islandgp.leaves import GeneratorSteps, Leaf, status_of, steps
 from islandgp.plugin import defined_in, short_repr
 from islandgp.scoring.rewards import RewardTable
 from islandgp.sensors import SensorFaults
-from islandgp.simulator_checks import (
-    must_be_values,
-    must_last,
-    must_take,
-    no_ending,
-    wrong_measure,
-)
+from islandgp.simulator_checks import must_be_values, must_last, must_take, no_ending, wrong_measure
 from islandgp.time_limit import Overdue
 
 __all__ = [
@@ -167,11 +161,7 @@ class Stepped:
         return episode, {name: _leaf(episode, name) for name in self.schema.vocabulary.actions}
 
     def run_episode(
-        self,
-        tree: Node,
-        seed: int,
-        weights: Mapping[str, float],
-        observer: Observer | None = None,
+        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:
         """See `Domain`. Repeats: sense, tick the tree, step the simulator.
 
@@ -207,12 +197,12 @@ class Stepped:
             DomainError unless `sense` returns a finite number for each key.
         """
         sense, keys = episode.sense, self.schema.vocabulary.keys
-        chosen = {name: key for name, key in keys.items() if key.words}
+        enumerated = {name: key for name, key in keys.items() if key.words}
 
         def read() -> list[float]:
             values = sense()
-            if chosen and isinstance(values, Mapping):
-                values = {**values, **_indices(values, chosen)}
+            if enumerated and isinstance(values, Mapping):
+                values = {**values, **_indices(values, enumerated)}
             try:
                 board = [values[key] for key in keys]
                 if not isfinite(sum(board)) or len(values) != len(keys):
@@ -282,10 +272,12 @@ def _leaf(episode: Any, name: str) -> Leaf:
     return leaf
 
 
-def _indices(values: Mapping[str, Any], chosen: Mapping[str, Key]) -> dict[str, Any]:
+def _indices(values: Mapping[str, Any], enumerated: Mapping[str, Key]) -> dict[str, Any]:
     """The values of keys with words as indices; invalid values are converted to texts."""
-    indices = {name: key.indexed(values[name]) for name, key in chosen.items() if name in values}
-    return {n: v if v in range(len(chosen[n].words)) else str(v) for n, v in indices.items()}
+    indices = {
+        name: key.indexed(values[name]) for name, key in enumerated.items() if name in values
+    }
+    return {n: v if v in range(len(enumerated[n].words)) else str(v) for n, v in indices.items()}
 
 
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:

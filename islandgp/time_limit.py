@@ -74,11 +74,11 @@ class TimeLimit:
         self._entered = None
         if self._before is None:
             return
-        begun, handler, (remaining, interval) = self._before
+        start, handler, (remaining, interval) = self._before
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, signal.SIG_DFL if handler is None else handler)
         if remaining:
-            remaining = max(remaining - (monotonic() - begun), 0.001)
+            remaining = max(remaining - (monotonic() - start), 0.001)
             signal.setitimer(signal.ITIMER_REAL, remaining, interval)
         if self._late is None or (kind is not None and issubclass(kind, KeyboardInterrupt)):
             return

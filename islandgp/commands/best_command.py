@@ -139,9 +139,9 @@ def _rows(
         raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
     constraints = recorded_constraints(config)
     contenders = _candidates(runs, classes, tier, constraints)
-    used = frozenset(world for run in runs for world in _used_worlds(run))
+    used_worlds = frozenset(world for run in runs for world in _used_worlds(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
-    race = validation_seeds(seed, used, EFFORT * worlds)
+    race = validation_seeds(seed, used_worlds, EFFORT * worlds)
     finalists = validate(
         contenders,
         race,
@@ -151,7 +151,7 @@ def _rows(
         episodes=EFFORT * worlds,
         constraints=constraints,
     )
-    test = validation_seeds(seed, used.union(race), worlds, Stream.TEST)
+    test = validation_seeds(seed, used_worlds.union(race), worlds, Stream.TEST)
     names: dict[str, str] = {}  # of the run's or sweep's trees
     for candidate, _ in finalists[:3]:
         names.setdefault(candidate.tree, candidate.id)

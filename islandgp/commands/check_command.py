@@ -14,8 +14,8 @@ from islandgp.bt.analysis.lint import LintWarning, warnings
 from islandgp.bt.core.language import parse, plain, tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, called, folder_of, read_text
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, display_name, folder_of, read_text
+from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import LimitError, OtherDomainError, TreeError, UnknownNameError
@@ -44,7 +44,7 @@ def command(
     max_nodes: int | None,
     quiet: bool,
     as_json: bool,
-    chosen: Chosen,
+    options: DomainOptions,
 ) -> None:
     """Report errors and warnings for the trees in FILES.
 
@@ -54,10 +54,10 @@ def command(
     wrong = doubtful = 0
     entries: list[dict[str, Any]] = []
     for file in files:
-        text, name, folder = read_text(file), called(file), folder_of(file)
+        text, name, folder = read_text(file), display_name(file), folder_of(file)
         errors: list[TreeError] = []
         try:
-            vocabulary = vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
+            vocabulary = vocabulary_of(text, options, name=name, folder=folder, in_world=True)
             if errors := tree_errors(text, vocabulary, name=name, folder=folder):
                 raise errors[0]
             tree, diagnostics = checked(text, vocabulary, name, folder, limits)
@@ -77,12 +77,12 @@ def command(
         for finding in diagnostics:
             click.echo(finding.text(text, name=name))
         if not quiet:
-            how = (
+            warnings_text = (
                 f"{len(diagnostics)} warning{'s' * (len(diagnostics) != 1)}"
                 if diagnostics
                 else "no warnings"
             )
-            click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {how}")
+            click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {warnings_text}")
     if as_json:
         click.echo(json.dumps(entries, indent=1))
     sys.exit(1 if wrong or (strict and doubtful) else 0)

@@ -108,12 +108,12 @@ def command(
     """
     plan = parse_plan(families, primary, margins)
     place = _place(uri, experiment)
-    wanted = [parse_arm(arm) for arm in arms]
+    selections = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
-        chosen, notes = _select(wanted, runs, name, place, Path(scratch))
-    fetched = [selection.startswith(MLFLOW) for _, selection in wanted]
+        study_arms, notes = _select(selections, runs, name, place, Path(scratch))
+    fetched = [selection.startswith(MLFLOW) for _, selection in selections]
     sources = [*([] if all(fetched) else [str(runs)]), *([place.uri] if any(fetched) else [])]
-    study = compare_arms(chosen, force=force, notes=notes, sources=sources)
+    study = compare_arms(study_arms, force=force, notes=notes, sources=sources)
     check_plan(plan, study)
     folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
     check_folder(folder)
@@ -144,13 +144,13 @@ def _place(uri: str | None, experiment: str | None) -> Place:
 
 
 def _select(
-    wanted: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
+    selections: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
 ) -> tuple[list[Arm], list[str]]:
     """The arms, with notes on omitted runs."""
-    chosen: list[Arm] = []
+    study_arms: list[Arm] = []
     notes: list[str] = []
     on_disk = None
-    for arm, selection in wanted:
+    for arm, selection in selections:
         if selection.startswith(MLFLOW):
             folders = fetch(place, selection.removeprefix(MLFLOW).strip(), cache)
             available = [run for folder in folders for run in find(folder)]
@@ -159,9 +159,9 @@ def _select(
                 on_disk = find(runs) if name is None else named(name, find(runs))
             available = on_disk
         arm_runs, remarks = select(arm, selection, available)
-        chosen.append(arm_runs)
+        study_arms.append(arm_runs)
         notes += remarks
-    return chosen, notes
+    return study_arms, notes
 
 
 def _results(report: ComparisonReport) -> list[str]:

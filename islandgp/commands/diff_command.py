@@ -16,8 +16,8 @@ from islandgp.bt.core.language import domain_of, parse_placed
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.render import label
-from islandgp.commands.files import FILE, called, folder_of, read_text
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, display_name, folder_of, read_text
+from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import DomainError
 
@@ -27,34 +27,36 @@ COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "ye
 @click.command()
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
-@click.option("--all", "whole", is_flag=True, help="Show the unchanged nodes as well.")
+@click.option("--all", "show_all", is_flag=True, help="Show the unchanged nodes as well.")
 @with_vocabulary_options
-def command(old: str, new: str, whole: bool, chosen: Chosen) -> None:
+def command(old: str, new: str, show_all: bool, options: DomainOptions) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
     Marks: - deleted, + inserted, ~ changed; the number after # is the line in the file. Exit
     code 1 if the trees or their domains differ.
     """
     before, text = read_text(old), read_text(new)
-    a, written_a, _ = parse_placed(before, name=called(old), folder=folder_of(old), named=False)
-    b, written_b, _ = parse_placed(text, name=called(new), folder=folder_of(new), named=False)
+    a, places_a, _ = parse_placed(
+        before, name=display_name(old), folder=folder_of(old), named=False
+    )
+    b, places_b, _ = parse_placed(text, name=display_name(new), folder=folder_of(new), named=False)
     domains = [name for name in (domain_of(before), domain_of(text)) if name]
-    several = len(set(domains)) > 1
+    are_two_domains = len(set(domains)) > 1
 
     def read_vocabulary() -> Vocabulary:
-        return vocabulary_of(text, chosen, name=called(new), folder=folder_of(new))
+        return vocabulary_of(text, options, name=display_name(new), folder=folder_of(new))
 
-    if chosen.declaration is not None:
+    if options.declaration is not None:
         read_vocabulary()  # a wrong declaration is reported first
-    if several:
+    if are_two_domains:
         click.echo("They are for two domains: {} and {}.".format(*domains))
     if a == b:
-        click.echo("The same nodes." if several else "The same tree.")
-        sys.exit(int(several))
-    for line in _lines(a, b, (written_a, written_b), whole):
+        click.echo("The same nodes." if are_two_domains else "The same tree.")
+        sys.exit(int(are_two_domains))
+    for line in _lines(a, b, (places_a, places_b), show_all):
         click.echo(line)
 
-    if not several and _do_the_same(a, b, read_vocabulary):
+    if not are_two_domains and _do_the_same(a, b, read_vocabulary):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
 
@@ -71,22 +73,22 @@ def _do_the_same(a: Node, b: Node, read_vocabulary: Callable[[], Vocabulary]) ->
 
 
 def _lines(
-    a: Node, b: Node, written: tuple[Sequence[NodePlace], Sequence[NodePlace]], whole: bool
+    a: Node, b: Node, file_places: tuple[Sequence[NodePlace], Sequence[NodePlace]], show_all: bool
 ) -> Iterator[str]:
     lines = compare(a, b)
     for line in lines:
-        if line.mark is Mark.SAME and not whole:
+        if line.mark is Mark.SAME and not show_all:
             continue
         texts = [label(node) for node in (line.old, line.new) if node is not None]
         if line.mark is Mark.SAME:
             texts = texts[:1]
         end = "end of " if line.end else ""
-        both = zip(written, (line.old_place, line.new_place), strict=True)
-        at = dict.fromkeys(f"{places[at].line}" for places, at in both if at is not None)
+        pairs = zip(file_places, (line.old_place, line.new_place), strict=True)
+        at = dict.fromkeys(f"{places[at].line}" for places, at in pairs if at is not None)
         text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}  # {' -> '.join(at)}"
         plain = bool(os.environ.get("NO_COLOR"))  # see no-color.org
         yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
     counts = [sum(line.mark is mark and not line.end for line in lines) for mark in COLOURS]
     elsewhere = sum(line.end and line.new is not None for line in lines)
-    more = f", {elsewhere} with another end" if elsewhere else ""
-    yield "{} deleted, {} inserted, {} changed".format(*counts) + more
+    end_text = f", {elsewhere} with another end" if elsewhere else ""
+    yield "{} deleted, {} inserted, {} changed".format(*counts) + end_text

@@ -19,8 +19,8 @@ from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.bt.core.parameters import described, signature
 from islandgp.bt.core.vocabulary import Key
-from islandgp.commands.files import FILE, STDIN, called, read_text, read_tree
-from islandgp.commands.options import Chosen, with_domain_options, with_timeout_option
+from islandgp.commands.files import FILE, STDIN, display_name, read_text, read_tree
+from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
 from islandgp.domain import Domain, Schema
 from islandgp.errors import IslandError
@@ -36,7 +36,7 @@ MAX_PATTERNS: Final = 100
 
 
 @click.command()
-@click.argument("words", nargs=-1, metavar="[NAME] [TREE.bt]...")
+@click.argument("arguments", nargs=-1, metavar="[NAME] [TREE.bt]...")
 @click.option("--check", is_flag=True, help="Run the contract's tests against the domain.")
 @click.option(
     "--strict", is_flag=True, help="With --check: exit code 1 if anything was not reached."
@@ -46,12 +46,12 @@ MAX_PATTERNS: Final = 100
 @with_domain_options
 @with_timeout_option
 def command(
-    words: tuple[str, ...],
+    arguments: tuple[str, ...],
     check: bool,
     strict: bool,
     as_json: bool,
     as_yaml: bool,
-    chosen: Chosen,
+    options: DomainOptions,
     timeout: float,
 ) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
@@ -61,7 +61,7 @@ def command(
     random trees and growing sequences of actions. Events, actions and keys that no tree reaches
     are listed. Exit code 1 if the domain breaks its contract.
     """
-    name, files = _parted(words)
+    name, files = _parted(arguments)
     if files and not check:
         raise click.UsageError(f"expected --check with tree files, found {files[0]} without it")
     if strict and not check:
@@ -69,9 +69,9 @@ def command(
     if sum((check, as_json, as_yaml)) > 1:
         raise click.UsageError("expected one of --check, --json and --yaml, found more")
     if as_yaml:
-        click.echo(domain_file(name, chosen).read_text(encoding="utf-8"), nl=False)
+        click.echo(domain_file(name, options).read_text(encoding="utf-8"), nl=False)
         return
-    settings = _settings(name, files, chosen)
+    settings = _settings(name, files, options)
     domain = settings.make_domain()
     if check:
         sys.exit(_check(settings, domain, files, strict=strict, timeout=timeout))
@@ -82,21 +82,21 @@ def command(
         click.echo(line)
 
 
-def _parted(words: Sequence[str]) -> tuple[str, list[str]]:
+def _parted(arguments: Sequence[str]) -> tuple[str, list[str]]:
     """The name of the domain, or "", and the tree files."""
-    first = words[0] if words else ""
+    first = arguments[0] if arguments else ""
     named = bool(first) and not first.endswith(".bt") and first != STDIN
     context = click.get_current_context(silent=True)
-    files = [str(FILE.convert(word, None, context)) for word in words[named:]]
+    files = [str(FILE.convert(word, None, context)) for word in arguments[named:]]
     return first if named else "", files
 
 
-def _settings(name: str, files: Sequence[str], chosen: Chosen) -> Settings:
+def _settings(name: str, files: Sequence[str], options: DomainOptions) -> Settings:
     """The settings of the named domain, or of the one that the first file is for."""
     if name or not files:
         named = (f"domain={name}",) if name else ()
-        return configured((*named, *chosen.overrides), chosen.config_dir)
-    return settings_of(read_text(files[0]), chosen, name=called(files[0]))
+        return configured((*named, *options.overrides), options.config_dir)
+    return settings_of(read_text(files[0]), options, name=display_name(files[0]))
 
 
 class _Printed(StringIO):
@@ -111,14 +111,14 @@ class _Printed(StringIO):
 
 
 def _lines(schema: Schema) -> Iterator[str]:
-    words = schema.vocabulary
-    keys = words.keys.items()
-    yield f"Domain {words.domain}"
+    vocabulary = schema.vocabulary
+    keys = vocabulary.keys.items()
+    yield f"Domain {vocabulary.domain}"
     yield schema.task
     sections = {
         "Actions": {
             signature(name, action.arguments): described(action.meaning, action.arguments)
-            for name, action in words.actions.items()
+            for name, action in vocabulary.actions.items()
         },
         "Keys that are yes or no": {n: k.meaning for n, k in keys if k.flag},
         "Keys that are numbers": {
@@ -214,13 +214,13 @@ def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[st
     """
     trees: dict[Node, None] = {}
     left_out: dict[str, None] = {}
-    words = domain.schema.vocabulary
+    vocabulary = domain.schema.vocabulary
     for file in (None, *_files(domain)):
         try:
             if file is None:
                 trees |= dict.fromkeys(_library(settings, domain))
-            elif (domain_of(read_text(str(file))) or default_domain()) == words.domain:
-                trees[read_tree(str(file), words)] = None
+            elif (domain_of(read_text(str(file))) or default_domain()) == vocabulary.domain:
+                trees[read_tree(str(file), vocabulary)] = None
         except IslandError as error:
             left_out[str(error).splitlines()[0]] = None
     return list(trees), list(left_out)

@@ -109,21 +109,21 @@ def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
     is written to the cache once and then read.
     """
     requests, times = _requests(settings, context), _times(context, lag)
-    least = settings.facts.caches_from if settings.cache else None
-    fresh = written = read = 0.0
+    shortest = settings.facts.caches_from if settings.cache else None
+    fresh = cache_writes = cache_reads = 0.0
     for request, added in requests:
         system, *turns = (
             len(text) / settings.facts.characters for text in (request.system, *request.turns)
         )
         fresh += times * (sum(turns) + added / settings.facts.characters)
-        if least is not None and system >= NEAR * least:
-            written += min(1, times) * system
-            read += max(0, times - 1) * system
+        if shortest is not None and system >= NEAR * shortest:
+            cache_writes += min(1, times) * system
+            cache_reads += max(0, times - 1) * system
         else:
             fresh += times * system
-    more = CANDIDATE * (settings.candidates - 1) if context.inject else 0
-    output = times * (len(requests) * (ANSWER + _thoughts(settings)) + more)
-    usage = Usage(round(fresh), output, round(read), round(written))
+    extra = CANDIDATE * (settings.candidates - 1) if context.inject else 0
+    output = times * (len(requests) * (ANSWER + _thoughts(settings)) + extra)
+    usage = Usage(round(fresh), output, round(cache_reads), round(cache_writes))
     return Bill.of(times * len(requests) + 1, usage, settings.price)  # and the probe
 
 

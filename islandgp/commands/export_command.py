@@ -13,7 +13,7 @@ from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
 from islandgp.commands.files import FILE, check_other_file, write_text
 from islandgp.commands.options import (
-    Chosen,
+    DomainOptions,
     NumberRange,
     with_output_option,
     with_vocabulary_options,
@@ -45,7 +45,7 @@ def command(
     plain: bool,
     step: float | None,
     header: bool,
-    chosen: Chosen,
+    options: DomainOptions,
 ) -> None:
     """Write the tree in FILE for another tool.
 
@@ -65,7 +65,7 @@ def command(
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
         raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")
-    _, vocabulary, tree = read_in_domain(file, chosen, marked=True)
+    _, vocabulary, tree = read_in_domain(file, options, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain, step)
     write_text(output, exported)
     for loss in losses:

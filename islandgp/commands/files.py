@@ -109,7 +109,7 @@ def _obstacle(folder: Path, error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def called(file: str) -> str:
+def display_name(file: str) -> str:
     """The name of a file in messages."""
     return "<stdin>" if file == STDIN else file
 
@@ -124,9 +124,9 @@ def read_text(file: str) -> str:
     if file != STDIN:
         return read_text_file(Path(file))
     try:
-        return decoded(sys.stdin.buffer.read(MAX_BYTES + 1), called(file))
+        return decoded(sys.stdin.buffer.read(MAX_BYTES + 1), display_name(file))
     except OSError as error:
-        raise IslandError(f"Expected to read {called(file)}: {error.strerror}.") from None
+        raise IslandError(f"Expected to read {display_name(file)}: {error.strerror}.") from None
 
 
 def folder_of(file: str) -> Path:
@@ -139,7 +139,7 @@ def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
 
     Raises TreeError or IslandError.
     """
-    return parse(read_text(file), vocabulary, name=called(file), folder=folder_of(file))
+    return parse(read_text(file), vocabulary, name=display_name(file), folder=folder_of(file))
 
 
 def check_other_file(file: str, output: str) -> None:

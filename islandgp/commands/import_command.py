@@ -11,8 +11,15 @@ from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.commands.files import FILE, called, check_other_file, folder_of, read_text, write_text
-from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
+from islandgp.commands.files import (
+    FILE,
+    check_other_file,
+    display_name,
+    folder_of,
+    read_text,
+    write_text,
+)
+from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
 
@@ -28,7 +35,12 @@ FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
 @with_output_option
 @with_vocabulary_options
 def command(
-    file: str, form: str | None, identity: str | None, strict: bool, output: str, chosen: Chosen
+    file: str,
+    form: str | None,
+    identity: str | None,
+    strict: bool,
+    output: str,
+    options: DomainOptions,
 ) -> None:
     """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
@@ -37,7 +49,7 @@ def command(
     that is the default domain.
     """
     check_other_file(file, output)
-    text, name = read_text(file), called(file)
+    text, name = read_text(file), display_name(file)
     form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
     if form is None:
         raise TreeError(
@@ -48,7 +60,7 @@ def command(
         raise TreeError(
             f"{name}: expected XML with --tree, found JSON, which holds one tree; leave it out"
         )
-    vocabulary = vocabulary_of(text if chosen.declaration else "", chosen, name=name)
+    vocabulary = vocabulary_of(text if options.declaration else "", options, name=name)
     if form == "json":
         read = from_json(text, vocabulary, name=name)
         imported = Imported(read, (), to_text(read))

@@ -10,14 +10,14 @@ from pathlib import Path
 import click
 
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import configured_domains, vocabulary_of
 from islandgp.errors import ConfigError
 
 
 @click.command()
 @with_vocabulary_options
-def command(chosen: Chosen) -> None:
+def command(options: DomainOptions) -> None:
     """Serve an editor over standard input and output (Language Server Protocol).
 
     It supports diagnostics, quick fixes, completion, hover, formatting, definitions, references and
@@ -34,9 +34,9 @@ def command(chosen: Chosen) -> None:
     from islandgp.commands.language_server import Server
 
     def vocabulary_for(text: str, name: str, folder: Path) -> Vocabulary:
-        return vocabulary_of(text, chosen, name=name, folder=folder, in_world=True)
+        return vocabulary_of(text, options, name=name, folder=folder, in_world=True)
 
-    server = Server(vocabulary_for, configured_domains(chosen.config_dir))
+    server = Server(vocabulary_for, configured_domains(options.config_dir))
     stream = sys.stdout.buffer
     sys.stdout = sys.stderr  # output of a domain's code must not mix with the protocol
     # The editor shows errors of a request; pygls would log them with a traceback.

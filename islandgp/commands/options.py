@@ -21,7 +21,7 @@ TIMEOUT: Final = 30.0  # s
 
 
 @dataclass(frozen=True, slots=True)
-class Chosen:
+class DomainOptions:
     """The options of a command that choose the domain."""
 
     overrides: tuple[str, ...]
@@ -33,7 +33,7 @@ class Chosen:
 class EpisodeOptions:
     """The options of a command that runs episodes."""
 
-    chosen: Chosen
+    options: DomainOptions
     stage: int | None  # from 1; None: the last
     timeout: float  # s of an episode; 0: none
 
@@ -115,9 +115,9 @@ with_output_option = click.option(
     "-o", "--output", type=OUTPUT, default=STDIN, help="File to write; -: the standard output."
 )
 
-with_domain_options = grouped("chosen", Chosen, *DOMAIN)
+with_domain_options = grouped("options", DomainOptions, *DOMAIN)
 """Adds --set and --config-dir."""
-with_vocabulary_options = grouped("chosen", Chosen, VOCABULARY, *DOMAIN)
+with_vocabulary_options = grouped("options", DomainOptions, VOCABULARY, *DOMAIN)
 """Adds --set, --config-dir and --vocabulary."""
 
 

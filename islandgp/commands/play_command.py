@@ -15,7 +15,7 @@ import click
 
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node
-from islandgp.commands.files import FILE, called, read_tree
+from islandgp.commands.files import FILE, display_name, read_tree
 from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import recorded, stage_index, tree_in_domain
@@ -72,7 +72,7 @@ def command(
         recording = recorded(files[0], seed, episode)
         show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
         return
-    tree, settings, problem = tree_in_domain(files[0], episode.chosen)
+    tree, settings, problem = tree_in_domain(files[0], episode.options)
     settings, stage = _limited(settings, episode.timeout), stage_index(settings, episode.stage)
     schema = problem.domain.schema
     trees = [tree, *(read_tree(file, schema.vocabulary) for file in files[1:])]
@@ -86,7 +86,7 @@ def command(
         rows = _world_rows(outcomes[0], *perturbed)
     else:
         rows = _comparison(list(map(_fitness, outcomes)), perturbed)
-        rows = [{"file": called(file), **row} for file, row in zip(files, rows, strict=True)]
+        rows = [{"file": display_name(file), **row} for file, row in zip(files, rows, strict=True)]
     if as_json:
         click.echo(json.dumps(nan_to_none(rows), indent=2))
     elif len(files) == 1:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.commands.files import FILE, OUTPUT, STDIN, called, check_other_file, write_text
+from islandgp.commands.files import FILE, OUTPUT, STDIN, check_other_file, display_name, write_text
 from islandgp.commands.options import EpisodeOptions, with_episode_options
 from islandgp.commands.setting import recorded
 
@@ -26,7 +26,7 @@ def command(file: str, seed: int, output: str, title: str | None, episode: Episo
     from islandgp.viewer.page import page
 
     check_other_file(file, output)
-    text = page(recorded(file, seed, episode), title=title or Path(called(file)).stem)
+    text = page(recorded(file, seed, episode), title=title or Path(display_name(file)).stem)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

@@ -51,15 +51,15 @@ def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
 
     `pause` is called between two checks.
     """
-    seen = _state(files)
+    previous = _state(files)
     yield True
     while True:
         pause()
         now = _state(files)
-        if now != seen and all(
+        if now != previous and all(
             file.is_file() for file in files
         ):  # a file that is being saved may be missing
-            seen = now
+            previous = now
             yield False
 
 

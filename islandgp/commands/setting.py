@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.core.language import domain_of, domain_place, parse, plain
-from islandgp.commands.files import called, folder_of, read_text
-from islandgp.commands.options import Chosen, EpisodeOptions
+from islandgp.commands.files import display_name, folder_of, read_text
+from islandgp.commands.options import DomainOptions, EpisodeOptions
 from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
@@ -47,15 +47,15 @@ def stage_index(settings: Settings, stage: int | None) -> int:
     return (stage or stages) - 1
 
 
-def tree_in_domain(file: str, chosen: Chosen) -> tuple[Node, Settings, Problem]:
+def tree_in_domain(file: str, options: DomainOptions) -> tuple[Node, Settings, Problem]:
     """The tree in a file, the settings of its domain, and the problem for its episodes.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
         TreeError: the file is not a tree of the domain.
     """
-    text, name = read_text(file), called(file)
-    settings = settings_of(text, chosen, name=name)
+    text, name = read_text(file), display_name(file)
+    settings = settings_of(text, options, name=name)
     problem = settings.problem()
     tree = parse(text, problem.domain.schema.vocabulary, name=name, folder=folder_of(file))
     return tree, settings, problem
@@ -69,31 +69,36 @@ def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
     """
     from islandgp.viewer.recording import record
 
-    tree, settings, problem = tree_in_domain(file, episode.chosen)
+    tree, settings, problem = tree_in_domain(file, episode.options)
     stage = stage_index(settings, episode.stage)
     return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
 
 
-def settings_of(text: str, chosen: Chosen, *, name: str) -> Settings:
+def settings_of(text: str, options: DomainOptions, *, name: str) -> Settings:
     """The settings of the domain chosen by the options or the text. Raises as `tree_in_domain`."""
-    return configured(_for_tree(text, chosen, name), chosen.config_dir)
+    return configured(_for_tree(text, options, name), options.config_dir)
 
 
 def read_in_domain(
-    file: str, chosen: Chosen, *, marked: bool = False
+    file: str, options: DomainOptions, *, marked: bool = False
 ) -> tuple[str, Vocabulary, Node]:
     """The text of a tree file, the vocabulary of its domain, and the parsed tree.
 
     Raises:
         ConfigError, DomainError, TreeError: as `vocabulary_of` and `parse`.
     """
-    text, name, folder = read_text(file), called(file), folder_of(file)
-    vocabulary = vocabulary_of(text, chosen, name=name, folder=folder)
+    text, name, folder = read_text(file), display_name(file), folder_of(file)
+    vocabulary = vocabulary_of(text, options, name=name, folder=folder)
     return text, vocabulary, parse(text, vocabulary, name=name, folder=folder, marked=marked)
 
 
 def vocabulary_of(
-    text: str, chosen: Chosen, *, name: str, folder: Path | None = None, in_world: bool = False
+    text: str,
+    options: DomainOptions,
+    *,
+    name: str,
+    folder: Path | None = None,
+    in_world: bool = False,
 ) -> Vocabulary:
     """The vocabulary of the domain that the options or the text of a tree name.
 
@@ -104,14 +109,14 @@ def vocabulary_of(
         ConfigError, DomainError: the configuration is invalid, or the file declares no vocabulary.
         TreeError: the file is not XML, or the text is no tree.
     """
-    if (file := chosen.declaration) is not None:
+    if (file := options.declaration) is not None:
         from islandgp.bt.export.declared import declared
 
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(text, chosen, name), chosen.config_dir, in_world)
+    return _vocabulary(_for_tree(text, options, name), options.config_dir, in_world)
 
 
-def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
+def _for_tree(text: str, options: DomainOptions, name: str) -> tuple[str, ...]:
     """The overrides, with the domain named by the text of a tree unless they choose one.
 
     Raises:
@@ -119,11 +124,11 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
         OtherDomainError: no configuration has the domain of the text.
     """
     domain = domain_of(text)
-    if not domain or _keys_of(chosen.overrides) & _CHOOSES:
-        return chosen.overrides
-    if domain not in domain_files(chosen.config_dir):
+    if not domain or _keys_of(options.overrides) & _CHOOSES:
+        return options.overrides
+    if domain not in domain_files(options.config_dir):
         domains, (line, column) = (
-            ", ".join(configured_domains(chosen.config_dir)),
+            ", ".join(configured_domains(options.config_dir)),
             domain_place(text),
         )
         raise OtherDomainError(
@@ -134,7 +139,7 @@ def _for_tree(text: str, chosen: Chosen, name: str) -> tuple[str, ...]:
             column=column,
             source=plain(text).split("\n")[line - 1],
         )
-    return (*chosen.overrides, f"domain={domain}")
+    return (*options.overrides, f"domain={domain}")
 
 
 def configured_domains(config_dir: str | None) -> list[str]:
@@ -142,15 +147,15 @@ def configured_domains(config_dir: str | None) -> list[str]:
     return sorted(domain_files(config_dir))
 
 
-def domain_file(name: str, chosen: Chosen) -> Path:
+def domain_file(name: str, options: DomainOptions) -> Path:
     """The configuration file of a domain; for "", of the domain chosen by the options.
 
     Raises ConfigError if there is none.
     """
-    overrides = [word.lstrip("+").partition("=") for word in chosen.overrides]
+    overrides = [word.lstrip("+").partition("=") for word in options.overrides]
     named = [value for key, _, value in overrides if key == "domain"]
     name = name or (named[-1] if named else default_domain())
-    files = domain_files(chosen.config_dir)
+    files = domain_files(options.config_dir)
     if name not in files:
         near = get_close_matches(name, files, 1, 0.5)
         hint = f"did you mean {near[0]}? " if near else ""
@@ -165,8 +170,8 @@ def default_domain() -> str:
     import yaml
 
     first = yaml.safe_load((resource("conf") / "config.yaml").read_text(encoding="utf-8"))
-    chosen = [group for group in first["defaults"] if isinstance(group, dict)]
-    return next(str(group["domain"]) for group in chosen if "domain" in group)
+    group_defaults = [group for group in first["defaults"] if isinstance(group, dict)]
+    return next(str(group["domain"]) for group in group_defaults if "domain" in group)
 
 
 def _keys_of(overrides: Sequence[str]) -> set[str]:
@@ -205,5 +210,5 @@ def _configured_vocabulary(
     if words_in is None:
         return domain.schema.vocabulary
     stages = settings.curriculum.stages
-    words: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
-    return words
+    vocabulary: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+    return vocabulary

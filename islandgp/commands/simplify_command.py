@@ -10,7 +10,7 @@ from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import domain_of, to_text
 from islandgp.bt.core.node import size
 from islandgp.commands.files import FILE, write_text
-from islandgp.commands.options import Chosen, with_output_option, with_vocabulary_options
+from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
 
 
@@ -19,12 +19,12 @@ from islandgp.commands.setting import read_in_domain
 @with_output_option
 @click.option("--explain", is_flag=True, help="Print each change with its reason to stderr.")
 @with_vocabulary_options
-def command(file: str, output: str, explain: bool, chosen: Chosen) -> None:
+def command(file: str, output: str, explain: bool, options: DomainOptions) -> None:
     """Shorten the tree in FILE without changing its behaviour.
 
     The result is printed with every `use` expanded and without comments.
     """
-    text, vocabulary, tree = read_in_domain(file, chosen)
+    text, vocabulary, tree = read_in_domain(file, options)
     shorter, reasons = simplify(tree, vocabulary)
     domain = domain_of(text)
     write_text(output, (f"domain {domain}\n\n" if domain else "") + to_text(shorter))

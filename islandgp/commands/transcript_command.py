@@ -63,9 +63,9 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
     """
     path, transcript, wrong = _read(run)
     every = _questions(transcript)
-    chosen = [q for q in every if generation in (None, q.generation)]
-    chosen = [q for q in chosen if part in (None, kind_of(q.part))]
-    for number, (g, questions) in enumerate(groupby(chosen, lambda q: q.generation)):
+    selected = [q for q in every if generation in (None, q.generation)]
+    selected = [q for q in selected if part in (None, kind_of(q.part))]
+    for number, (g, questions) in enumerate(groupby(selected, lambda q: q.generation)):
         blank = "\n" * bool(number)
         _echo(f"{blank}{'Before the first generation' if g < 0 else f'After generation {g}'}", 0)
         for played in transcript.played if part is None else ():
@@ -73,15 +73,15 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
                 _echo(f"{played.episodes} episodes simulated: {played.purpose}", 1)
         for question in questions:
             _print_question(transcript, question, whole=generation is not None)
-    if chosen:
-        _echo(f"\n{_totals([a for a in transcript.attempts if _question(a) in chosen])}", 0)
+    if selected:
+        _echo(f"\n{_totals([a for a in transcript.attempts if _question(a) in selected])}", 0)
     if wrong:
         reason = " ".join(clean(wrong[0].damage or wrong[0].change).split())
         raise SupervisionError(
             f"Expected {path} as it was written, found {len(wrong)} damaged or changed lines, which"
             f" are not shown (the first: line {wrong[0].number}, {reason}); restore a copy."
         )
-    if not chosen:
+    if not selected:
         generations = (
             f"generations {every[0].generation} to {every[-1].generation}" if every else "none"
         )
@@ -138,23 +138,23 @@ def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: b
     end = next((end for end in reversed(transcript.parts) if _question(end) == question), None)
     unknown = "" if question.part == "probe" else ": no result is recorded"
     _echo(question.part + (unknown if end is None else f": {_result(end)}"), 1)
-    shown = -1  # the last turn whose prompt is shown
+    last_turn = -1  # the last turn whose prompt is shown
     for attempt in [a for a in transcript.attempts if _question(a) == question]:
         turn, prompt = attempt.call.turn, "".join(attempt.request.turns[-1:])
-        if whole and shown < 0:
+        if whole and last_turn < 0:
             _echo(f"system prompt:\n{textwrap.indent(attempt.request.system, STEP)}", 2)
-        if turn > shown and (whole or turn):
+        if turn > last_turn and (whole or turn):
             title = f"repair {turn}" if turn else "prompt"
             _echo(f"{title}:\n{textwrap.indent(prompt.strip(), STEP)}", 2)
-        shown = max(shown, turn)
+        last_turn = max(last_turn, turn)
         _echo(f"attempt {attempt.number}: {_cost(attempt)}", 2)
         for line in _answer(attempt.answer, FIELDS.get(kind_of(question.part), ()), whole=whole):
             _echo(line, 3)
         if end and isinstance(attempt.answer, Reply) and 0 <= turn < len(end.rejected):
             _echo(f"rejected: {end.rejected[turn]}", 3)
-    for sent in transcript.lost():
-        if _question(sent) == question:
-            _echo(f"attempt {sent.number}: sent, no answer is recorded", 2)
+    for request in transcript.lost():
+        if _question(request) == question:
+            _echo(f"attempt {request.number}: sent, no answer is recorded", 2)
 
 
 def _result(end: Conclusion) -> str:
@@ -176,12 +176,12 @@ def _cost(attempt: Attempt) -> str:
 
 def _totals(attempts: Collection[Attempt]) -> str:
     """The sums over attempts."""
-    used = [attempt.usage for attempt in attempts if attempt.usage is not None]
-    count, known = len(attempts), len(used)
+    usages = [attempt.usage for attempt in attempts if attempt.usage is not None]
+    count, known = len(attempts), len(usages)
     unknown = f", {count - known} of them with unknown tokens" if known < count else ""
     return (
         f"{count} attempt{'s' * (count != 1)}{unknown}:"
-        f" {sum(u.read for u in used):,} tokens in, {sum(u.output for u in used):,} out,"
+        f" {sum(u.read for u in usages):,} tokens in, {sum(u.output for u in usages):,} out,"
         f" {sum(a.usd or 0 for a in attempts):.4f} dollars,"
         f" {sum(a.seconds for a in attempts):,.1f} s"
     )
@@ -201,16 +201,16 @@ def _answer(answer: Reply | Failure, fields: Collection[str], *, whole: bool) ->
         cut = not whole and len(answer.text) > MAX_SHOWN
         yield f"{answer.text[:MAX_SHOWN]}..." if cut else answer.text
     for name, value in (values or {}).items():
-        several = isinstance(value, list)
-        for number, item in enumerate(value if several else [value], 1):
-            yield _field(f"{name} {number}" if several else name, item)
+        is_list = isinstance(value, list)
+        for number, item in enumerate(value if is_list else [value], 1):
+            yield _field(f"{name} {number}" if is_list else name, item)
 
 
 def _field(name: str, value: Any) -> str:
     """A field of an answer, or an item of a list; an edit in one line."""
     if isinstance(value, dict):
-        words = ", ".join(f"{key} {_json(v)}" for key, v in value.items() if key != "reason")
-        return f"{name}: {words}" + (f"; {_text(value['reason'])}" if "reason" in value else "")
+        fields = ", ".join(f"{key} {_json(v)}" for key, v in value.items() if key != "reason")
+        return f"{name}: {fields}" + (f"; {_text(value['reason'])}" if "reason" in value else "")
     text = _text(value)
     return f"{name}:\n{textwrap.indent(text, STEP)}" if "\n" in text else f"{name}: {text}"
 
@@ -237,10 +237,10 @@ def _echo(text: str, level: int) -> None:
     """Prints a text without control characters, indented; wrapped on a terminal."""
     width = _width()
     for line in clean(text).split("\n"):
-        whole = STEP * level + line.expandtabs().rstrip()
-        if width is None or len(whole) <= width:
-            click.echo(whole.rstrip())
+        indented = STEP * level + line.expandtabs().rstrip()
+        if width is None or len(indented) <= width:
+            click.echo(indented.rstrip())
             continue
-        indent = " " * min(len(whole) - len(whole.lstrip()) + 2, width // 2)
+        indent = " " * min(len(indented) - len(indented.lstrip()) + 2, width // 2)
         wrap = textwrap.TextWrapper(width, subsequent_indent=indent, break_on_hyphens=False)
-        click.echo(wrap.fill(whole))
+        click.echo(wrap.fill(indented))

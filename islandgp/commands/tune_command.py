@@ -11,9 +11,9 @@ import click
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.printer import number_text
-from islandgp.commands.files import FILE, called, folder_of, read_text, write_text
+from islandgp.commands.files import FILE, display_name, folder_of, read_text, write_text
 from islandgp.commands.options import (
-    Chosen,
+    DomainOptions,
     with_domain_options,
     with_output_option,
     with_stage_option,
@@ -56,7 +56,13 @@ MAX_TUNED: Final = 100  # most numbers of a file that are tuned
 @with_domain_options
 @with_stage_option
 def command(
-    file: str, output: str, episodes: int, worlds: int, seed: int, chosen: Chosen, stage: int | None
+    file: str,
+    output: str,
+    episodes: int,
+    worlds: int,
+    seed: int,
+    options: DomainOptions,
+    stage: int | None,
 ) -> None:
     """Tune the thresholds of the tree in FILE with CMA-ES, starting at its numbers.
 
@@ -67,8 +73,8 @@ def command(
     """
     from islandgp.search.numbers import NumberSettings, thresholds_of, tuned
 
-    text, name, folder = read_text(file), called(file), folder_of(file)
-    settings = settings_of(text, chosen, name=name)
+    text, name, folder = read_text(file), display_name(file), folder_of(file)
+    settings = settings_of(text, options, name=name)
     index = stage_index(settings, stage)
     vocabulary = settings.problem().domain.schema.vocabulary
     parse(text, vocabulary, name=name, folder=folder)

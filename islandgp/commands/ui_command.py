@@ -22,8 +22,8 @@ from islandgp.tracking.ui import served
     "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of runs."
 )
 @click.option("--port", default=5000, help="Port of the server.")
-@click.option("--open", "opened", is_flag=True, help="Open the page of the arms in a browser.")
-def command(uri: str | None, experiment: str, runs: Path, port: int, opened: bool) -> None:
+@click.option("--open", "open_browser", is_flag=True, help="Open the arms page in a browser.")
+def command(uri: str | None, experiment: str, runs: Path, port: int, open_browser: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else place_of_latest(runs)
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
@@ -34,7 +34,7 @@ def command(uri: str | None, experiment: str, runs: Path, port: int, opened: boo
             click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
             click.echo(f"all runs, in a table by sweep and arm:  {pages.runs}")
             click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
-            if opened and not webbrowser.open(pages.arms):
+            if open_browser and not webbrowser.open(pages.arms):
                 click.echo("Found no browser to open: open the address yourself.", err=True)
             threading.Event().wait()
     except KeyboardInterrupt:

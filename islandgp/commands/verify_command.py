@@ -132,7 +132,7 @@ def command(folders: tuple[Path, ...]) -> None:
         if not runs:
             raise RunError(f"Expected runs in {root}, found none; give the folder of a run.")
         for run in runs:
-            verdict, words = verify(run)
-            click.echo(f"{run.path}: {verdict}: {words}")
+            verdict, message = verify(run)
+            click.echo(f"{run.path}: {verdict}: {message}")
             damaged |= verdict is Soundness.DAMAGED
     sys.exit(1 if damaged else 0)

@@ -14,8 +14,8 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import STATUS_NAMES, Node, walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, called
-from islandgp.commands.options import Chosen, with_vocabulary_options
+from islandgp.commands.files import FILE, display_name
+from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
 
 STATUSES: Final = {**dict(enumerate(STATUS_NAMES)), ABORTED: "aborted"}
@@ -33,7 +33,9 @@ SHOWN: Final = 12  # ticks of a counterexample, the last ones
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the results as JSON.")
 @with_vocabulary_options
-def command(file: str, rules: tuple[str, ...], steps: int, as_json: bool, chosen: Chosen) -> None:
+def command(
+    file: str, rules: tuple[str, ...], steps: int, as_json: bool, options: DomainOptions
+) -> None:
     """Prove or refute that the tree in FILE keeps each of RULES.
 
     A rule is "never ACTION while CONDITION": the action is never called on a blackboard on
@@ -41,15 +43,15 @@ def command(file: str, rules: tuple[str, ...], steps: int, as_json: bool, chosen
     A refutation has a sequence of blackboards that breaks the rule. Exit code 0 if all rules are
     proven, 1 if one is refuted or unknown.
     """
-    _, vocabulary, tree = read_in_domain(file, chosen)
-    wanted = [read_rule(rule, vocabulary) for rule in rules]
-    results = [check_rule(tree, rule, vocabulary, steps) for rule in wanted]
+    _, vocabulary, tree = read_in_domain(file, options)
+    parsed_rules = [read_rule(rule, vocabulary) for rule in rules]
+    results = [check_rule(tree, rule, vocabulary, steps) for rule in parsed_rules]
     if as_json:
         nodes = [head(node) for node in walk(tree)]
         click.echo(json.dumps([_plain(result, nodes) for result in results], indent=1))
     else:
         for result in results:
-            click.echo(f"{called(file)}: {result.rule.text}: {result.result}, {result.why}")
+            click.echo(f"{display_name(file)}: {result.rule.text}: {result.result}, {result.why}")
             for line in _lines(tree, result, vocabulary):
                 click.echo(line)
     sys.exit(0 if all(result.result == "proven" for result in results) else 1)
@@ -85,8 +87,8 @@ def _lines(tree: Node, result: RuleResult, vocabulary: Vocabulary) -> Iterator[s
         yield f"  tick {number}: {_board(tick, vocabulary)}"
         for place, status in tick.statuses:
             node, level = nodes[place]
-            broken = number == len(result.ticks) and place == result.place
-            mark = "  <- the rule is broken here" if broken else ""
+            is_violation = number == len(result.ticks) and place == result.place
+            mark = "  <- the rule is broken here" if is_violation else ""
             yield f"    {'  ' * level}{head(node)}: {STATUSES[status]}{mark}"
 
 

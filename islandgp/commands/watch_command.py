@@ -21,12 +21,12 @@ STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
     "--open/--no-open",
-    "opened",
+    "open_browser",
     default=None,
     help="Open it in a browser.  [default: on a terminal]",
 )
 @with_trust_options
-def command(run: Path, opened: bool | None) -> None:
+def command(run: Path, open_browser: bool | None) -> None:
     """Open the page of the run in the folder RUN and print its path.
 
     The page shows the result, the curves, the archive's map, and the best robot with its lineage.
@@ -34,8 +34,8 @@ def command(run: Path, opened: bool | None) -> None:
     """
     path = _page(run)
     click.echo(path)
-    wanted = sys.stdout.isatty() if opened is None else opened
-    if wanted and not webbrowser.open(path.absolute().as_uri()):
+    is_opened = sys.stdout.isatty() if open_browser is None else open_browser
+    if is_opened and not webbrowser.open(path.absolute().as_uri()):
         click.echo("Found no browser to open: open the file yourself.", err=True)
 
 

@@ -29,16 +29,16 @@ def without_key(argv: Sequence[str]) -> list[str]:
     Raises:
         ConfigError: an argument has a secret inside its value, where it would not be hidden.
     """
-    kept = []
+    arguments = []
     for word in argv:
         _check_inside(word)
         name, equals, value = word.partition("=")
         if equals and name.strip(" +~") == KEY:
             _move(value.strip(" '\""))
-            kept.append(NONE)
+            arguments.append(NONE)
         else:
-            kept.append(word)
-    return kept
+            arguments.append(word)
+    return arguments
 
 
 def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:

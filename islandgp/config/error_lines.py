@@ -62,8 +62,8 @@ def error_lines(
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
             yield unknown_key(path, keys_at(config, e["loc"][:-1], model))
-        elif (words := PATTERN_TEXTS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
-            yield f"{path.removesuffix('.[key]')}: expected {words}, found {e['input']!r}"
+        elif (pattern_text := PATTERN_TEXTS.get(e.get("ctx", {}).get("pattern", ""))) is not None:
+            yield f"{path.removesuffix('.[key]')}: expected {pattern_text}, found {e['input']!r}"
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
         elif e["type"] == "value_error":

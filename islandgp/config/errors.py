@@ -320,8 +320,8 @@ def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
     """The unresolved configuration of the chosen options, without overrides of values."""
     loader = source.loader()
     groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]
-    chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
-    return OmegaConf.to_container(chosen, resolve=False)
+    composed = source.compose([o.input_line for o in groups if o.input_line is not None])
+    return OmegaConf.to_container(composed, resolve=False)
 
 
 def _short(error: Exception) -> str:

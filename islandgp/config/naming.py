@@ -63,8 +63,8 @@ def is_choice(override: str) -> bool:
 
 def command_line(argv: Sequence[str]) -> str:
     """The command for a shell, with secrets hidden."""
-    shown = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in argv]
-    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, shown)])
+    words = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in argv]
+    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, words)])
 
 
 def key_of(override: str) -> str:

@@ -9,13 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import (
-    BaseModel,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator
 
 from islandgp.config.error_lines import NAME, TAG, error_lines, setting_at
 from islandgp.domain import Domain, Schema
@@ -26,13 +20,7 @@ from islandgp.evaluation.worlds import staged
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.gp.random_trees import check_growth
-from islandgp.plugin import (
-    ComponentConfig,
-    ImportedClass,
-    defined_in,
-    path_of,
-    plugin_errors,
-)
+from islandgp.plugin import ComponentConfig, ImportedClass, defined_in, path_of, plugin_errors
 from islandgp.records.files import VALUES
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
@@ -84,9 +72,9 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
     def _is_a_search(cls, factory: Any) -> Any:
         uses = getattr(factory, "uses", None)
         if not (isinstance(uses, frozenset) and uses <= USES):
-            words = ", ".join(map(repr, sorted(USES)))
+            names = ", ".join(map(repr, sorted(USES)))
             raise ValueError(
-                f"expected {factory!r} with a class attribute uses, a frozenset of some of {words},"
+                f"expected {factory!r} with a class attribute uses, a frozenset of some of {names},"
                 f" found {uses!r}"
             )
         if not hasattr(factory, "Memory"):
@@ -197,12 +185,16 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         """
         factory = self.domain.factory
         perturbation = self.perturb
-        wanted = (
+        is_perturbed = (
             (perturbation is not None and perturbation.training) if perturbed is None else perturbed
         )
         with plugin_errors(path_of(factory)):
             return Problem.of(
-                factory, self.world, self.rewards, self.curriculum, perturbation if wanted else None
+                factory,
+                self.world,
+                self.rewards,
+                self.curriculum,
+                perturbation if is_perturbed else None,
             )
 
     def plan(self, domain: Domain) -> Plan:

@@ -71,8 +71,8 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
         must_have_no_links(path)
         must_be_as_written(path, NAME)
     try:
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
+        with file.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise RunError(
             f"Expected the archive of a finished run in {file}, found: {error.strerror or error};"

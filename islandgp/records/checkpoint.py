@@ -31,9 +31,9 @@ def save_state(
         records: digest of the records up to this state.
         previous: new path of the checkpoint that is replaced.
     """
-    kept = to_json(replace(state, history=()))
-    del kept["history"]
-    body = dump({"generation": state.generation, "records": records, **kept})
+    plain_state = to_json(replace(state, history=()))
+    del plain_state["history"]
+    body = dump({"generation": state.generation, "records": records, **plain_state})
     digest = hashlib.sha256(body.encode()).hexdigest()
     write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode(), previous=previous)
 
@@ -45,9 +45,9 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
         RunError: the file is damaged, or of a version that wrote other fields.
     """
     with reading("a checkpoint", path):
-        whole = read_json(path.read_bytes())
-        state = whole["state"]
-        if hashlib.sha256(dump(state).encode()).hexdigest() != whole["sha256"]:
+        document = read_json(path.read_bytes())
+        state = document["state"]
+        if hashlib.sha256(dump(state).encode()).hexdigest() != document["sha256"]:
             raise ValueError("its checksum differs")
         return from_json(RunState, {**state, "history": []}), str(state["records"])
 
@@ -116,7 +116,7 @@ def _with_history(file: Path, generations: Lines, sums: Path) -> RunState:
     state, expected = read_checkpoint(file)
     lines = generations.head(state.generation)
     if damage := wrong_record(lines, expected, sums):
-        raise damaged(generations.what, generations.path, damage)
+        raise damaged(generations.description, generations.path, damage)
     records = (generations.value(line, i) for i, line in enumerate(lines))
     history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
     return replace(state, history=history)

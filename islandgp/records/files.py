@@ -217,8 +217,8 @@ def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None])
         except RunError:
             rows.append(None)
     rows += [None] * (done - len(rows))
-    lost = [i for i, cost in enumerate(rows) if cost is None]
-    if not lost:
+    missing_rows = [i for i, cost in enumerate(rows) if cost is None]
+    if not missing_rows:
         costs.cut(done)
         return
     rest = max(0, spent - sum(cost["episodes"] for cost in rows if cost is not None))
@@ -226,12 +226,12 @@ def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None])
     lines = []
     for i, cost in enumerate(rows):
         if cost is None:
-            share = rest // len(lost) + (i == lost[-1]) * (rest % len(lost))
+            share = rest // len(missing_rows) + (i == missing_rows[-1]) * (rest % len(missing_rows))
             cost = {**asdict(Cost(0.0, 0.0, 0.0, share, 0, llm)), "at": at}
         at, llm = cost["at"], cost["llm"]
         lines.append(dump(cost).encode() + b"\n")
     write_atomic(costs.path, b"".join(lines))
-    warn(f"{costs.path}: the seconds of {len(lost)} generations are lost.")
+    warn(f"{costs.path}: the seconds of {len(missing_rows)} generations are lost.")
 
 
 LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")

@@ -309,7 +309,7 @@ class RunFolder:
             yield self._generations.value(line, i)
         if expected is not None and digest != expected:
             damage = lines.wrong_record(list(self._generations.whole()), expected, self._sums)
-            raise damaged(self._generations.what, self._generations.path, damage)
+            raise damaged(self._generations.description, self._generations.path, damage)
 
     def generations(self) -> Iterator[GenerationRecord]:
         """`checked_records` as GenerationRecord objects. Raises RunError."""

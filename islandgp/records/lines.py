@@ -43,7 +43,7 @@ class Lines:
     """A file of JSON lines, which need not exist yet."""
 
     path: Path
-    what: str  # plural noun for the lines in messages
+    description: str  # plural noun for the lines in messages
     kind: type  # the dataclass whose fields a line has; it may have others
 
     def append(self, value: dict[str, Any]) -> bytes:
@@ -62,7 +62,7 @@ class Lines:
 
     def value(self, line: bytes, i: int) -> dict[str, Any]:
         """The value of line `i`. Raises RunError if it is damaged."""
-        with reading(f"{self.what} in line {i + 1}", self.path):
+        with reading(f"{self.description} in line {i + 1}", self.path):
             return dict(validate_json(self.kind, line))
 
     def whole(self) -> Iterator[bytes]:

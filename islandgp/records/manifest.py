@@ -167,8 +167,8 @@ def _entry(file: Path) -> ManifestEntry:
 
 @lru_cache(maxsize=4096)
 def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry:  # noqa: ARG001 -- another file has others
-    with file.open("rb") as opened:
-        return ManifestEntry(size, hashlib.file_digest(opened, "sha256").hexdigest())
+    with file.open("rb") as stream:
+        return ManifestEntry(size, hashlib.file_digest(stream, "sha256").hexdigest())
 
 
 def _promised(folder: Path) -> bool:

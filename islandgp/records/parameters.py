@@ -117,10 +117,10 @@ def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield key, value if isinstance(value, str) else json.dumps(value)
 
 
-def ending_in_digest(shown: str, whole: str, longest: int) -> str:
-    """`shown`, cut to leave room, and 8 hexadecimal digits of the digest of `whole`.
+def ending_in_digest(text: str, digested: str, longest: int) -> str:
+    """`text`, cut to leave room, and 8 hexadecimal digits of the digest of `digested`.
 
     The result has `longest` characters at most.
     """
-    digest = hashlib.sha256(whole.encode()).hexdigest()[:8]
-    return f"{shown[: longest - 9]}-{digest}"
+    digest = hashlib.sha256(digested.encode()).hexdigest()[:8]
+    return f"{text[: longest - 9]}-{digest}"

@@ -74,31 +74,31 @@ class RosLeaves:
             identity = UUID(uuid=list(uuid4().bytes))
             accepting = client.send_goal_async(goal, goal_uuid=identity)
             self._log.info(f"{name}: goal sent to {entry.action}")
-            ended = False
+            has_ended = False
             try:
-                while not ended:
+                while not has_ended:
                     if handle is None and accepting.done():
                         handle = accepting.result()
                         if not handle.accepted:
-                            ended = True
+                            has_ended = True
                             return self._failed(name, f"{entry.action} rejected the goal")
                         result = handle.get_result_async()
                     if result is not None and result.done():
                         status = result.result().status
                     else:  # the status topic has the result, too, if the answer is lost
                         status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
-                    ended = status in _ENDS
+                    has_ended = status in _ENDS
                     available = handle is not None and client.server_is_ready()
-                    if not ended and (reason := clock.late(server_is_there=available)):
+                    if not has_ended and (reason := clock.late(server_is_there=available)):
                         return self._failed(name, f"{entry.action}: {reason}")
-                    if not ended:
+                    if not has_ended:
                         yield
                 if status == GoalStatus.STATUS_SUCCEEDED:
                     self._log.info(f"{name}: succeeded")
                     return True
                 return self._failed(name, f"{entry.action} {_ENDS[status]} the goal")
             finally:
-                if not ended:
+                if not has_ended:
                     request = CancelGoal.Request()
                     request.goal_info.goal_id = identity
                     self._log.info(f"{name}: goal cancelled")

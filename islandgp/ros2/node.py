@@ -51,8 +51,8 @@ class TreeNode:
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
-        words = load_tree(file, vocabulary).vocabulary or EMPTY_VOCABULARY
-        texts = [name for name, key in words.keys.items() if key.words]
+        names = load_tree(file, vocabulary).vocabulary or EMPTY_VOCABULARY
+        texts = [name for name, key in names.keys.items() if key.words]
         self._keys = ros_keys(node, robot_map.keys, texts=texts)
         answers = ros_keys(node, robot_map.conditions)
         self._conditions = {name: partial(holds, read) for name, read in answers.items()}
@@ -122,8 +122,8 @@ class TreeNode:
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
         nodes = [
-            {"node": head(node), "status": None if ended is None else ended.name}
-            for node, ended in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
+            {"node": head(node), "status": None if end is None else end.name}
+            for node, end in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
         ]
         root = None if status is None else status.name
         state = {"tree": tree.name, "status": root, "waits_for": self._missing, "nodes": nodes}

@@ -159,13 +159,13 @@ def _entry(
     place: str, entry: Any, kinds: dict[str, type[_Entry]], faults: list[str]
 ) -> _Entry | None:
     """Parses an entry by the key of its kind; errors are added to `faults`."""
-    words = [word for word in kinds if isinstance(entry, dict) and word in entry]
-    if len(words) != 1:
-        forms = " or ".join(f"`{word}: NAME`" for word in kinds)
+    matching = [kind for kind in kinds if isinstance(entry, dict) and kind in entry]
+    if len(matching) != 1:
+        forms = " or ".join(f"`{kind}: NAME`" for kind in kinds)
         faults.append(f"{place}: expected {forms}, found {str(entry)[:60]!r}")
         return None
     try:
-        return kinds[words[0]].model_validate(entry)
+        return kinds[matching[0]].model_validate(entry)
     except ValidationError as error:
         faults += _lines(f"{place}.", error)
         return None

@@ -236,18 +236,20 @@ RESOURCE_MESSAGES: Final = (
 
 def shortage(error: BaseException) -> str:
     """The message if an error, or one of its causes, is a lack of resources; else an empty text."""
-    seen: BaseException | None = error
-    while seen is not None:
-        if isinstance(seen, OSError):
-            short = seen.errno in RESOURCE_ERRORS
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError):
+            short = cause.errno in RESOURCE_ERRORS
         else:
-            text = str(seen).lower()
-            short = isinstance(seen, MemoryError) or any(sign in text for sign in RESOURCE_MESSAGES)
+            text = str(cause).lower()
+            short = isinstance(cause, MemoryError) or any(
+                sign in text for sign in RESOURCE_MESSAGES
+            )
         if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"
-                f" {seen or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
+                f" {cause or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
                 " them), or set fewer evaluator.policy.workers, and repeat the command."
             )
-        seen = seen.__cause__ or seen.__context__
+        cause = cause.__cause__ or cause.__context__
     return ""

@@ -51,15 +51,15 @@ def automatic_library(
         library = _search(settings, domain, make_evaluator)
         file.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(file, json.dumps(asdict(library), indent=1).encode())
-    kept = kept_library(file)
-    texts = kept.trees
+    cached = kept_library(file)
+    texts = cached.trees
     behaviours = settings.classes.behaviours
     _report_missing([name for name in behaviours if name not in texts], settings)
     trees = {
         name: parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
         for name, text in texts.items()
     }
-    return Library(trees, texts, {name: (name,) for name in trees}, {}, kept.episodes)
+    return Library(trees, texts, {name: (name,) for name in trees}, {}, cached.episodes)
 
 
 def library_file(settings: Settings, domain: Domain) -> Path:

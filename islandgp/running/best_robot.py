@@ -35,14 +35,14 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     if episodes < 1:
         winner = max(contenders, key=lambda c: c.merit)
     else:
-        used: set[int] = set()
+        used_worlds: set[int] = set()
         stage = 0
         for record in target.records():
-            used.update(record["worlds"])
+            used_worlds.update(record["worlds"])
             stage = record["snapshot"]["stage"]
         winner, verdict = validate(
             entrants(contenders, episodes),
-            validation_seeds(settings.seed, frozenset(used), episodes),
+            validation_seeds(settings.seed, frozenset(used_worlds), episodes),
             evaluator,
             stage,
             settings.classes,

@@ -32,8 +32,8 @@ class PageWriter:
         if began < self._due:
             return
         self._try(Status.RUNNING)
-        ended = monotonic()
-        self._due = ended + max(PERIOD, (ended - began) / SHARE)
+        now = monotonic()
+        self._due = now + max(PERIOD, (now - began) / SHARE)
 
     def end(self, status: Status) -> None:
         """Writes the last page, with the best robot's replay if the run is finished."""

@@ -46,13 +46,13 @@ def fitting(widths: Mapping[str, int], room: int) -> tuple[list[str], list[str]]
 
     Columns are left out in the order of DISPENSABLE, then milestones, the easiest first.
     """
-    shown = list(widths)
+    columns = list(widths)
     milestone_names = [name for name in widths if name not in COLUMNS]
     for name in (*DISPENSABLE, *milestone_names, "mutation", "time left", "best"):
-        if sum(widths[other] + 1 for other in shown) - 1 <= room:
+        if sum(widths[other] + 1 for other in columns) - 1 <= room:
             break
-        shown.remove(name)
-    return shown, [name for name in widths if name not in shown]
+        columns.remove(name)
+    return columns, [name for name in widths if name not in columns]
 
 
 def row(
@@ -83,13 +83,13 @@ def row(
 
 def duration(seconds: float) -> str:
     """A duration as text: `8 s`, `3 min 05 s`, `2 h 07 min`, `3 d 04 h`."""
-    whole = max(0, round(seconds))
-    if whole < 60:
-        return f"{whole} s"
-    for unit, small, size, many in (("min", "s", 60, 60), ("h", "min", 3600, 24)):
-        if whole < size * many:
-            return f"{whole // size} {unit} {whole % size * 60 // size:02d} {small}"
-    return f"{whole // 86400} d {whole % 86400 // 3600:02d} h"
+    total = max(0, round(seconds))
+    if total < 60:
+        return f"{total} s"
+    for unit, small, size, limit in (("min", "s", 60, 60), ("h", "min", 3600, 24)):
+        if total < size * limit:
+            return f"{total // size} {unit} {total % size * 60 // size:02d} {small}"
+    return f"{total // 86400} d {total % 86400 // 3600:02d} h"
 
 
 class Progress:
@@ -175,15 +175,15 @@ class Progress:
             name: max([width, *(len(cells[name]) for cells in rows)])
             for name, width in self.columns.items()
         }
-        shown, hidden = fitting(widths, room)
+        columns, hidden = fitting(widths, room)
         table = Table(title=self.title, title_justify="left", box=None, padding=(0, 1, 0, 0))
         table.pad_edge = False
         table.caption = f"no room for {', '.join(hidden)}" if hidden else None
         table.caption_justify = "left"
-        for name in shown:
+        for name in columns:
             table.add_column(name, justify="right", min_width=widths[name], no_wrap=True)
         for cells in rows:
-            table.add_row(*(cells[name] for name in shown))
+            table.add_row(*(cells[name] for name in columns))
         bar = ProgressBar(total=self.generations, completed=self.done, width=min(60, room))
         return Group(table, bar)
 

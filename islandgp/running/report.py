@@ -175,13 +175,13 @@ def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
     if v is None or v.get("feasible") is None:
         yield f"Constraints ({limits}): not tried in other worlds"
         return
-    kept = "kept" if not v["violation"] else f"broken (violation {v['violation']:.3g})"
-    yield f"Constraints ({limits}): {kept} on average, and in {v['feasible']:.0%} of these worlds"
+    result = "kept" if not v["violation"] else f"broken (violation {v['violation']:.3g})"
+    yield f"Constraints ({limits}): {result} on average, and in {v['feasible']:.0%} of these worlds"
 
 
-def _interval(v: Mapping[str, Any], what: str, sign: str = "") -> str:
+def _interval(v: Mapping[str, Any], unit: str, sign: str = "") -> str:
     """A 95 % interval in brackets, or the reason why there is none."""
-    low, high = v[f"{what}low"], v[f"{what}high"]
+    low, high = v[f"{unit}low"], v[f"{unit}high"]
     if len(v["worlds"]) < 2 or low is None or high is None:
         return " (no interval: one world)"
     return f" (95 %: {in_points(low, sign)} to {in_points(high, sign)})"

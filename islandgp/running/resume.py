@@ -72,17 +72,17 @@ def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """The differing keys that determine the records, as `key: old -> new`."""
     without = runtime_keys(old, new)
-    was, now = (
+    before, after = (
         flatten({key: value for key, value in config.items() if key not in without})
         for config in (old, new)
     )
-    for values in (was, now):  # drop an empty part if the other one has keys
+    for values in (before, after):  # drop an empty part if the other one has keys
         for key in [key for key, value in values.items() if value == {}]:
             del values[key]
     return [
-        f"{key}: {was.get(key)} -> {now.get(key)}"
-        for key in sorted({*was, *now})
-        if was.get(key) != now.get(key)
+        f"{key}: {before.get(key)} -> {after.get(key)}"
+        for key in sorted({*before, *after})
+        if before.get(key) != after.get(key)
     ]
 
 

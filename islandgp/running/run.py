@@ -122,8 +122,8 @@ def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None)
     """
     plan = settings.plan(domain)
     if settings.start is not None:
-        taken = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
-        return replace(plan, founders=taken.trees)
+        start = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
+        return replace(plan, founders=start.trees)
     if not settings.gp.founders:
         return plan
     library = (cost or LibraryCost()).of(make_library(settings, domain))
@@ -295,8 +295,8 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
         PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
-    again = "This run was complete already; resume=never runs it again."
-    return _end(target, again, where)
+    note = "This run was complete already; resume=never runs it again."
+    return _end(target, note, where)
 
 
 def _evolve(
@@ -354,24 +354,21 @@ def _evolve(
 
 
 def _keep(
-    steps: Iterable[Step],
-    write: Callable[[Step], None],
-    progress: Progress,
-    judge: Judge | None,
+    steps: Iterable[Step], write: Callable[[Step], None], progress: Progress, judge: Judge | None
 ) -> Step:
     """Writes each step while the episodes of the next one run; returns the last one."""
     step: Step | None = None
-    written: Future[None] = Future()
-    written.set_result(None)
+    writing: Future[None] = Future()
+    writing.set_result(None)
     with ThreadPoolExecutor(1, "writer") as writer, progress:
         for step in steps:
-            written.result()
-            written = writer.submit(write, step)
+            writing.result()
+            writing = writer.submit(write, step)
             progress.show(step)
             if judge is not None:
-                written.result()
+                writing.result()
                 judge(step.record.snapshot.generation, step.record.snapshot.best)
-        written.result()
+        writing.result()
     assert step is not None
     return step
 

@@ -41,9 +41,9 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         if interrupt is None or unraisable.exc_value is not interrupt:
             old_hook(unraisable)
             return
-        again = threading.Timer(RETRY_S, signal.raise_signal, interrupt.args)
-        again.daemon = True
-        again.start()
+        timer = threading.Timer(RETRY_S, signal.raise_signal, interrupt.args)
+        timer.daemon = True
+        timer.start()
 
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     old = {n: signal.getsignal(n) for n in numbers if signal.getsignal(n) is not signal.SIG_IGN}

@@ -78,8 +78,8 @@ class Run:
     @property
     def archives(self) -> tuple[ArchiveRecord, ...]:
         """The archive of elites after each generation; () if a generation has none."""
-        kept = tuple(r.archive for r in self.records if r.archive is not None)
-        return kept if len(kept) == len(self.records) else ()
+        recorded = tuple(r.archive for r in self.records if r.archive is not None)
+        return recorded if len(recorded) == len(self.records) else ()
 
     @property
     def constraints(self) -> Constraints:

@@ -80,11 +80,11 @@ def compare_arms(
         )
     papers = [paper_of(run.config) for arm in arms for run in arm.runs]
     horizon = min(arm.generations for arm in arms)
-    whole = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
+    shortened = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
     return Comparison(
-        arms=whole,
+        arms=shortened,
         comparability_warnings=tuple(warnings),
-        notes=(*intended, *_cuts(arms), *cost_warnings(whole), *_alike(whole), *notes),
+        notes=(*intended, *_cuts(arms), *cost_warnings(shortened), *_alike(shortened), *notes),
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
@@ -147,15 +147,15 @@ def _check_names(arms: Sequence[Arm]) -> None:
     for name, count in Counter(arm.name for arm in arms).items():
         if count > 1:
             raise StudyError(f"Expected arms of different names, found {name} {count} times.")
-    seen: dict[Any, str] = {}
+    names: dict[Any, str] = {}
     for arm in arms:
         for run in arm.runs:
-            if run.path in seen:
+            if run.path in names:
                 raise StudyError(
-                    f"Expected each run in one arm, found {run.path.name} in {seen[run.path]} and"
+                    f"Expected each run in one arm, found {run.path.name} in {names[run.path]} and"
                     f" in {arm.name}; narrow the selections."
                 )
-            seen[run.path] = arm.name
+            names[run.path] = arm.name
 
 
 def _check_vocabulary(arms: Sequence[Arm]) -> None:

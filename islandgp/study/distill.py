@@ -69,14 +69,14 @@ def _held_back(cases: Sequence[Case], runs: Sequence[int], shape: Shape) -> dict
     errors: list[float] = []
     for fold in range(min(FOLDS, len(runs))):
         out = set(runs[fold :: min(FOLDS, len(runs))])
-        seen = [case for case in cases if case.run not in out]
+        training = [case for case in cases if case.run not in out]
         new = [case for case in cases if case.run in out]
-        if _targets(seen):
-            rule = _fit_targets(seen, shape)
+        if _targets(training):
+            rule = _fit_targets(training, shape)
             for case, target in _targets(new):
                 right.setdefault(case.run, []).append(decide(rule, case.known) == target)
-        if _rates(seen):
-            rule = _fit_rates(seen, shape)
+        if _rates(training):
+            rule = _fit_rates(training, shape)
             errors += [abs(float(decide(rule, c.known)) - rate) for c, rate in _rates(new)]
     commonest = Counter(target for _, target in _targets(cases)).most_common(1)[0][1]
     rates = [rate for _, rate in _rates(cases)]

@@ -48,8 +48,8 @@ def summary(firsts: Sequence[float | None], generations: int) -> EmergenceSummar
     generations.
     """
     reached = sorted(g for g in firsts if g is not None)
-    n, whole = len(firsts), len(reached) == len(firsts)
-    mean, sd = mean_sd(reached) if whole else (None, None)
+    n, all_reached = len(firsts), len(reached) == len(firsts)
+    mean, sd = mean_sd(reached) if all_reached else (None, None)
     return EmergenceSummary(
         runs=n,
         emerged=len(reached),

@@ -71,9 +71,9 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     They differ from those of `islandgp play`, which are 0, 1, 2, ...
     """
     runs = [run for arm in study.arms for run in arm.runs]
-    used = {world for run in runs for record in run.records for world in record.worlds}
-    used |= {world for run in runs for world in run.validation}
-    return validation_seeds(0, frozenset(used), n, Stream.UNSEEN)
+    used_worlds = {world for run in runs for record in run.records for world in record.worlds}
+    used_worlds |= {world for run in runs for world in run.validation}
+    return validation_seeds(0, frozenset(used_worlds), n, Stream.UNSEEN)
 
 
 def reference_trees(study: Comparison) -> dict[str, str]:
@@ -126,19 +126,19 @@ def generalise(
         (name, None, None, [Job(text, stage, world) for world in seeds])
         for name, text in reference_trees.items()
     ]
-    outcomes = _outcomes(make(problem), (job for *_, mine in trees for job in mine))
-    perturbed = _perturbed(study, make, [job for *_, mine in trees for job in mine])
+    outcomes = _outcomes(make(problem), (job for *_, arm_jobs in trees for job in arm_jobs))
+    perturbed = _perturbed(study, make, [job for *_, arm_jobs in trees for job in arm_jobs])
     results = []
-    for name, seed, trained, mine in trees:
-        reached = [tiers(outcomes[job], study.classes) for job in mine]
+    for name, seed, trained, arm_jobs in trees:
+        reached = [tiers(outcomes[job], study.classes) for job in arm_jobs]
         results.append(
             Generalisation(
                 arm=name,
                 seed=seed,
                 trained=trained,
-                points=tuple(outcomes[job].fitness for job in mine),
+                points=tuple(outcomes[job].fitness for job in arm_jobs),
                 reached={m: fmean(m in t for t in reached) for m in study.milestones},
-                perturbed=tuple(perturbed[job].fitness for job in mine if perturbed),
+                perturbed=tuple(perturbed[job].fitness for job in arm_jobs if perturbed),
             )
         )
     return tuple(results)
@@ -157,8 +157,8 @@ def _perturbed(
 def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
     """The outcome of each job; equal jobs are run once."""
     with closing(evaluator):
-        wanted = list(dict.fromkeys(jobs))
-        return dict(zip(wanted, evaluator.evaluate(wanted), strict=True))
+        distinct = list(dict.fromkeys(jobs))
+        return dict(zip(distinct, evaluator.evaluate(distinct), strict=True))
 
 
 def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
@@ -210,8 +210,8 @@ def controls(study: Comparison, make: Callable[[Problem], Evaluator]) -> tuple[C
         text: {seed: [Job(text, *place) for place in row] for seed, row in places.items()}
         for text in trees
     }
-    wanted = (job for by_seed in jobs.values() for row in by_seed.values() for job in row)
-    outcomes = _outcomes(make(problem_of(runs[0])), wanted)
+    all_jobs = (job for by_seed in jobs.values() for row in by_seed.values() for job in row)
+    outcomes = _outcomes(make(problem_of(runs[0])), all_jobs)
     return tuple(
         Control(
             name,

@@ -84,6 +84,6 @@ def _settings(config: Mapping[str, Any]) -> LibrarySettings:
         ) from None
 
 
-def _texts(config: Mapping[str, Any], wanted: Iterable[str]) -> dict[str, str]:
+def _texts(config: Mapping[str, Any], names: Iterable[str]) -> dict[str, str]:
     texts = {name: text for text, name in library_names(config).items()}
-    return {name: texts[name] for name in wanted if name in texts}
+    return {name: texts[name] for name in names if name in texts}

@@ -89,8 +89,8 @@ def parse_plan(
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
     """Raises StudyError if an arm or a measure of a plan does not exist."""
     arms = [arm.name for arm in study.arms]
-    for name, wanted in plan.families.items():
-        for arm in wanted:
+    for name, members in plan.families.items():
+        for arm in members:
             if arm not in arms:
                 raise StudyError(
                     f"Expected arms of this comparison in --family {name}, found {arm!r};"

@@ -139,8 +139,8 @@ def build(
         "Specialists (section 3.8)": [champions.specialists_table(study)],
         "Overhead (section 3.9)": [supervision.overhead_table(study)],
         "Trees (section 3.10)": [
-            trees.drawn(early)
-            if (early := trees.early_injected(study))
+            trees.drawn(specimens)
+            if (specimens := trees.early_injected(study))
             else "No arm injects trees, so there is no Figure 9.",
             trees.drawn(trees.late_evolved(study)),
         ],

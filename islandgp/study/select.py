@@ -117,12 +117,12 @@ class Selection:
     """Settings that an arm's runs have in common, by dotted key."""
 
     text: str
-    wanted: tuple[tuple[str, Any], ...]  # a key, and a value or a range of values
+    conditions: tuple[tuple[str, Any], ...]  # a key, and a value or a range of values
 
     @property
     def keys(self) -> frozenset[str]:
         """The selected keys."""
-        return frozenset(key for key, _ in self.wanted)
+        return frozenset(key for key, _ in self.conditions)
 
 
 def parse_arm(text: str) -> tuple[str, str]:
@@ -143,13 +143,13 @@ def parse_selection(text: str) -> Selection:
     """
     if text.startswith(MLFLOW):
         return Selection(text, ())
-    wanted = []
+    conditions = []
     for part in _PART.findall(text):
         key, equals, value = part.partition("=")
         if not equals:
             key, value = "name", part
-        wanted.append((SHORT_KEYS.get(key, key), _value(value)))
-    return Selection(text, tuple(wanted))
+        conditions.append((SHORT_KEYS.get(key, key), _value(value)))
+    return Selection(text, tuple(conditions))
 
 
 def _value(text: str) -> Any:
@@ -169,23 +169,23 @@ def matches(run: RunEntry, selection: Selection) -> bool:
     return all(
         key in run.flat
         and (run.flat[key] in value if isinstance(value, range) else _equal(run.flat[key], value))
-        for key, value in selection.wanted
+        for key, value in selection.conditions
     )
 
 
-def _equal(have: Any, wanted: Any) -> bool:
+def _equal(recorded: Any, selected: Any) -> bool:
     """True if a recorded value equals the value in a selection; numbers in any notation.
 
     YAML reads `1e-1` as text; compared with a recorded number, it is a number.
     """
-    if isinstance(have, list) and isinstance(wanted, list):
-        return len(have) == len(wanted) and all(map(_equal, have, wanted))
-    if isinstance(have, int | float) and isinstance(wanted, str):
+    if isinstance(recorded, list) and isinstance(selected, list):
+        return len(recorded) == len(selected) and all(map(_equal, recorded, selected))
+    if isinstance(recorded, int | float) and isinstance(selected, str):
         try:
-            return have == float(wanted)
+            return recorded == float(selected)
         except ValueError:
-            return str(have) == wanted
-    return have == wanted or str(have) == str(wanted)
+            return str(recorded) == selected
+    return recorded == selected or str(recorded) == str(selected)
 
 
 def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
@@ -199,14 +199,14 @@ def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[s
     finished = [run for run in fitting if run.finished]
     if not finished:
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
-    chosen = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
+    selected = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
     notes: tuple[str, ...] = ()
     if left_out := [f.path.name for f in fitting if not f.finished]:
         notes = (
             f"{name}: {len(left_out)} unfinished runs are left out ({', '.join(left_out[:3])}"
             f"{', ...' * (len(left_out) > 3)}); the command that started them finishes them.",
         )
-    return Arm(name, text, tuple(chosen)), notes
+    return Arm(name, text, tuple(selected)), notes
 
 
 def named(name: str, runs: Sequence[RunEntry]) -> list[RunEntry]:

@@ -224,8 +224,8 @@ def _must_be_whole(override: Override, settings: Settings) -> None:
     value: Any = settings
     for part in override.key_or_group.split("."):
         value = setting_at(value, part)
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    if isinstance(values, IntervalSweep) and whole and isinstance(values.start, float):
+    is_whole = isinstance(value, int) and not isinstance(value, bool)
+    if isinstance(values, IntervalSweep) and is_whole and isinstance(values.start, float):
         key = override.get_key_element()
         text = str(override.input_line).partition("=")[2]
         raise ConfigError(

@@ -92,8 +92,8 @@ def search(
     of them is not a number. The settings are the keys of `conf/hydra/sweeper/optuna.yaml`, which
     `running.search` has checked; without a pruner every trial runs to its end.
     """
-    words = [*(f"{key}={value}" for key, value in params.items()), *arguments]
-    last = {o.get_key_element(): o for o in OverridesParser.create().parse_overrides(words)}
+    overrides = [*(f"{key}={value}" for key, value in params.items()), *arguments]
+    last = {o.get_key_element(): o for o in OverridesParser.create().parse_overrides(overrides)}
     axes = [axis(override) for override in last.values() if override.is_sweep_override()]
     fixed = [_fixed(o) for o in last.values() if not o.is_sweep_override()]
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -166,5 +166,5 @@ def _results(study: optuna.Study, axes: Sequence[Axis]) -> dict[str, Any]:
 
 def _params(trial: FrozenTrial, axes: Sequence[Axis]) -> dict[str, Any]:
     """The values of a trial as its overrides have them."""
-    words = [a.override(trial.params[a.key]).partition("=") for a in axes]
-    return {key.lstrip("+"): yaml.safe_load(text) for key, _, text in words}
+    assignments = [a.override(trial.params[a.key]).partition("=") for a in axes]
+    return {key.lstrip("+"): yaml.safe_load(text) for key, _, text in assignments}

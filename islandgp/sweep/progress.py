@@ -142,10 +142,10 @@ class Watch:
         if self.mode == "auto" and sys.stderr.isatty():
             self._live()
             return
-        for n, (start, ended) in enumerate(self._looks()):
-            for run in ended:
+        for n, (start, runs) in enumerate(self._looks()):
+            for run in runs:
                 print(job_line(run), file=sys.stderr, flush=True)
-            if ended or not n:
+            if runs or not n:
                 print(sweep_line(start), file=sys.stderr, flush=True)
 
     def _live(self) -> None:
@@ -153,8 +153,8 @@ class Watch:
         from rich.live import Live
 
         with Live(console=Console(stderr=True), auto_refresh=False) as live:
-            for start, ended in self._looks():
-                for run in ended:
+            for start, runs in self._looks():
+                for run in runs:
                     live.console.print(job_line(run), highlight=False)
                 live.update(sweep_line(start), refresh=True)
 

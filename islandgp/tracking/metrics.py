@@ -22,9 +22,10 @@ def metrics(
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
     s, guidance = record["snapshot"], record["guidance"] or {}
     individuals, archive = record["individuals"], record.get("archive") or {}
-    broken = [violation(i["counters"], constraints) for i in individuals]
+    violations = [violation(i["counters"], constraints) for i in individuals]
     least, best = max(
-        zip(broken, individuals, strict=True), key=lambda pair: merit(pair[1]["fitness"], pair[0])
+        zip(violations, individuals, strict=True),
+        key=lambda pair: merit(pair[1]["fitness"], pair[0]),
     )
     values = {
         "fitness/max": s["best"],
@@ -51,7 +52,7 @@ def metrics(
         "archive": {name: archive[name] for name in ("coverage", "qd_score") if name in archive},
     }
     if constraints:
-        feasible = broken.count(0.0) / len(broken)
+        feasible = violations.count(0.0) / len(violations)
         sections["constraints"] = {"feasible": feasible, "violation_of_best": least}
     for section, numbers in sections.items():
         values |= {f"{section}/{name}": number for name, number in numbers.items()}

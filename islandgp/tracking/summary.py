@@ -164,9 +164,9 @@ def sweep_note(
         *(f"    {command}" for command in file.commands),
         "",
     ]
-    if broken := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
+    if unfinished := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
         lines += ["## Not finished", ""]
-        for job in broken:
+        for job in unfinished:
             state = sweep.run(job).status().value.lower() if job.pruned is None else "pruned"
             lines.append(f"- {job.folder} ({state}): `{job.command}`")
     lines += ["", f"Records: `{sweep.path}`"]

@@ -198,9 +198,9 @@ class RunUploader:
         if state.done == done:
             return state
         _must_be_trusted(self.folder)
-        client, ended = self.store.client, self._end_time()
+        client, end_time = self.store.client, self._end_time()
         # First, so that it is not RUNNING if anything below fails.
-        client.set_terminated(state.run, status, ended)
+        client.set_terminated(state.run, status, end_time)
         log_files(self.store, state.run, artifacts(self.folder))
         self._progress()
         client.set_tag(state.run, "mlflow.loggedArtifacts", TABLES)
@@ -218,9 +218,9 @@ class RunUploader:
                     for name in ("validation_mean", "fitness_max")
                     if (value := figures[name]) is not None
                 }
-                kept = kept_constraints(summary)
-                numbers |= {f"run/{name}": value for name, value in kept.items()}
-            points = [metric(key, value, ended, last) for key, value in numbers.items()]
+                constraint_text = kept_constraints(summary)
+                numbers |= {f"run/{name}": value for name, value in constraint_text.items()}
+            points = [metric(key, value, end_time, last) for key, value in numbers.items()]
             client.log_batch(state.run, metrics=points)
         state = replace(state, done=done)
         write_state(self.folder.path, state)

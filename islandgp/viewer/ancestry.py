@@ -60,7 +60,7 @@ class Lineage:
     """A chain of ancestors, oldest first."""
 
     steps: tuple[LineageStep, ...]
-    whole: bool  # True: it begins with an individual without parents
+    is_complete: bool  # True: it begins with an individual without parents
 
 
 def lineage(folder: RunFolder, name: str) -> Lineage:
@@ -83,8 +83,8 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
         ancestor = parent
     if same:  # the chain is longer than MAX_INDIVIDUALS
         steps.append(_step(reader, same, None))
-    whole = bool(steps) and not steps[-1].parents
-    return Lineage(tuple(reversed(steps)), whole)
+    is_complete = bool(steps) and not steps[-1].parents
+    return Lineage(tuple(reversed(steps)), is_complete)
 
 
 def tree_changes(old: str, new: str) -> list[TreeChange]:

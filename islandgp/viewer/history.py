@@ -8,13 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from islandgp.records.folder import RunFolder
-from islandgp.scoring.constraints import (
-    Constraints,
-    Merit,
-    merit,
-    recorded_constraints,
-    violation,
-)
+from islandgp.scoring.constraints import Constraints, Merit, merit, recorded_constraints, violation
 
 POINTS: Final = 300  # most points of a curve in a picture
 TIERS: Final = 8  # most curves of tiers; the best tiers have one
@@ -71,8 +65,8 @@ class RunCurves:
         self.seconds += sum(cost[key] for key in ("evaluation", "supervision", "operators"))
 
     def _merit(self, i: Mapping[str, Any]) -> Merit:
-        broken = violation(i["counters"], self.constraints) if self.constraints else 0.0
-        return merit(i["fitness"], broken)
+        excess = violation(i["counters"], self.constraints) if self.constraints else 0.0
+        return merit(i["fitness"], excess)
 
 
 def read_history(folder: RunFolder) -> RunCurves:

@@ -47,7 +47,7 @@ def _chain(lineage: Lineage) -> str:
             f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each derived"
             f" from the one before; {up:,} of them gained points."
         )
-    if not lineage.whole:
+    if not lineage.is_complete:
         text += " The ancestors of the first one are not in the records."
     return text + (
         " A gain is the difference to the parent. Unless it is marked `same worlds`, the two were"
@@ -69,15 +69,15 @@ def _item(view: RunView, step: LineageStep, most: float) -> str:
         )
     elif step.parents:
         gain = '<span class="gain"><small>another stage</small></span>'
-    kept = ""
+    period = ""
     if step.until > step.generation:
         last = "" if view.champion is None else view.champion["id"]
         name = f" as {last}" if last.startswith(f"{step.until}.") else ""
-        kept = f", kept to generation {step.until}{name} (mean of {step.evaluated} evaluations)"
+        period = f", kept to generation {step.until}{name} (mean of {step.evaluated} evaluations)"
     return (
         f'<li class="{kind}"><div class="head"><b>{escape(step.id)}</b>'
         f"<span>{escape(_origin(step))}</span>{gain}</div>"
-        f'<p class="soft">{view.points(step.fitness)} points, {step.nodes} nodes{kept}</p>'
+        f'<p class="soft">{view.points(step.fitness)} points, {step.nodes} nodes{period}</p>'
         f"{_guidance(step)}{_changes(step)}</li>"
     )
 

@@ -218,10 +218,10 @@ class Camera:
 
     def _see_items(self, items: tuple[Thing, ...], tick: int) -> None:
         self._items = items
-        seen: dict[Thing, int] = {}
+        counts: dict[Thing, int] = {}
         present: dict[tuple[Thing, int], int] = {}
         for item in items:
-            number = seen[item] = seen.get(item, 0) + 1
+            number = counts[item] = counts.get(item, 0) + 1
             present[item, number] = self._present.get((item, number), tick)
         for key in self._present.keys() - present.keys():
             self._gone.append(ItemSpan(key[0], self._present[key], tick))

@@ -140,9 +140,11 @@ def _constrained(view: RunView) -> str:
     """A text on the feasibility of the best robot in these worlds; "" without constraints."""
     if view.validation is None or view.validation.get("feasible") is None:
         return ""
-    kept = "breaks" if view.validation["violation"] else "keeps"
+    verdict = "breaks" if view.validation["violation"] else "keeps"
     share = f"{view.validation['feasible']:.0%}"
-    return f" On average it {kept} the constraints, and it keeps them in {share} of these worlds."
+    return (
+        f" On average it {verdict} the constraints, and it keeps them in {share} of these worlds."
+    )
 
 
 def _facts(view: RunView) -> Iterator[str]:
@@ -159,8 +161,8 @@ def _facts(view: RunView) -> Iterator[str]:
     }
     for name, value in facts.items():
         if value:
-            shown = f"<code>{escape(value)}</code>" if name == "command" else escape(value)
-            yield f"<div><dt>{name}</dt><dd>{shown}</dd></div>"
+            value_html = f"<code>{escape(value)}</code>" if name == "command" else escape(value)
+            yield f"<div><dt>{name}</dt><dd>{value_html}</dd></div>"
 
 
 def _duration(seconds: float) -> str:
@@ -181,10 +183,10 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
     axes = settings.axes(Classes.model_validate(view.config["classes"]))
     cells = _elites(view)
     elites = sorted(cells or (), key=lambda e: (-e.stage, -e.mean, e.cell))
-    room, shown = TREE_BYTES, []
+    room, entries = TREE_BYTES, []
     for e in elites:
         room -= len(e.tree.encode())
-        shown.append({**asdict(e), "stage": e.stage + 1, "tree": e.tree if room >= 0 else None})
+        entries.append({**asdict(e), "stage": e.stage + 1, "tree": e.tree if room >= 0 else None})
     about = view.folder.about()
     return {
         "axes": [{"name": name, "edges": edges} for name, edges in axes.items()],
@@ -194,7 +196,7 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         "flags": world_flags(view),
         "file": NAME,
         "readable": cells is not None,
-        "elites": shown,
+        "elites": entries,
     }
 
 

@@ -95,8 +95,8 @@ def _of_action(
             end, result = len(codes) - 1, RUNS
         first = bisect_left(credits, start, key=lambda credit: credit.tick)
         behind = bisect_right(credits, end, key=lambda credit: credit.tick)
-        won = sum(credit.points for credit in credits[first:behind])
-        yield ActionSpan(start, end, place, action, result, won)
+        points = sum(credit.points for credit in credits[first:behind])
+        yield ActionSpan(start, end, place, action, result, points)
 
 
 def drawn(recording: Recording) -> Text:
@@ -157,8 +157,8 @@ def _guards(tree: Node) -> list[str]:
         guards.append(text)
         if node.guard:
             above = (*above, condition_text(node.guard.condition))
-            shown = above if len(above) <= MAX_GUARDS else (ELLIPSIS, *above[-MAX_GUARDS:])
-            text = " & ".join(shown)  # shared by all descendants
+            innermost = above if len(above) <= MAX_GUARDS else (ELLIPSIS, *above[-MAX_GUARDS:])
+            text = " & ".join(innermost)  # shared by all descendants
         for child in node.children:
             visit(child, above, text)
 

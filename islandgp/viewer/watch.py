@@ -48,8 +48,8 @@ def lines(recording: Recording, *, every: float) -> Iterator[str]:
         board = "  ".join(
             f"{name}={value:g}" for name, value in zip(keys, recording.boards[tick], strict=True)
         )
-        won = f"{points_at(recording, tick):9,.{recording.digits}f} points"
-        yield f"{tick * recording.step_s:6.1f} s{at}  {won}  {board}"
+        points = f"{points_at(recording, tick):9,.{recording.digits}f} points"
+        yield f"{tick * recording.step_s:6.1f} s{at}  {points}  {board}"
 
 
 def points_at(recording: Recording, tick: int) -> float:
@@ -90,11 +90,11 @@ def _map(recording: Recording, track: SceneTrack, tick: int) -> Text:
     cells = [[(" ", "")] * columns for _ in range(rows)]
 
     def put(form: str, x: float, y: float, style: str = "") -> None:
-        drawn = recording.schema.forms[form]
-        if drawn.sign.strip():
+        form_of_track = recording.schema.forms[form]
+        if form_of_track.sign.strip():
             column = min(columns - 1, max(0, int((x - left) / width * columns)))
             row = min(rows - 1, max(0, int((top - y) / height * rows)))
-            cells[row][column] = (drawn.sign[0], f"{drawn.colour}{style}")
+            cells[row][column] = (form_of_track.sign[0], f"{form_of_track.colour}{style}")
 
     for thing in (*track.fixed, *(s.thing for s in track.items if s.begin <= tick < s.end)):
         put(thing.form, thing.x, thing.y)
@@ -111,8 +111,8 @@ def _board(recording: Recording, tick: int) -> Text:
     wide = max(map(len, keys), default=0) + 2
     rows = []
     for (name, key), value in zip(keys.items(), recording.boards[tick], strict=True):
-        shown = key.shown(value) if key.flag or key.words else f"{value:.1f}"
-        rows.append(f"{name:<{wide}}{shown:>7}")
+        text = key.shown(value) if key.flag or key.words else f"{value:.1f}"
+        rows.append(f"{name:<{wide}}{text:>7}")
     return Text("\n".join(rows))
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.editor.format import format_text
-from islandgp.commands.options import Chosen
+from islandgp.commands.options import DomainOptions
 from islandgp.commands.setting import vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
@@ -145,4 +145,4 @@ def test_where_the_line_is(text: str, place: str) -> None:
     assert "a.bt:{}:{}".format(*domain_place(text)) == place
     if domain_of(text):
         with pytest.raises(DomainError, match=f"^{place}: expected a tree for a domain that is"):
-            vocabulary_of(text, Chosen((), None), name="a.bt")
+            vocabulary_of(text, DomainOptions((), None), name="a.bt")

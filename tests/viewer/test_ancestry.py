@@ -38,7 +38,7 @@ def test_the_chain_of_a_run(tmp_path: Path) -> None:
     everyone = {i["id"]: i for record in records for i in record["individuals"]}
     best = folder.summary()["champion"]["record"]
     chain = lineage(folder, best["id"])
-    assert chain.whole
+    assert chain.is_complete
     assert chain.steps[-1].tree == best["tree"]
     assert chain.steps[0].parents == ()
     for step in chain.steps:
@@ -139,7 +139,7 @@ def test_odd_parents_end_the_chain(tmp_path: Path, parents: list[str]) -> None:
         ],
     )
     chain = lineage(folder, "1.0")
-    assert ([step.id for step in chain.steps], chain.whole) == (["1.0"], False)
+    assert ([step.id for step in chain.steps], chain.is_complete) == (["1.0"], False)
 
 
 def test_nobody(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_long_chain_is_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     ]
     chain = lineage(folder_of(tmp_path / "run", populations), "7.0")
     assert [step.id for step in chain.steps] == ["5.0", "6.0", "7.0"]
-    assert not chain.whole
+    assert not chain.is_complete
 
 
 def test_large_trees_are_not_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -91,8 +91,8 @@ class Gymnasium(Stepped):
             mujoco = rendering.is_mujoco(plain)
             if mujoco and not rendering.choose_backend():
                 return plain
-            drawn = environment(world.environment, dumps(world.options), True)
-            return rendering.without_shadows(drawn) if mujoco else drawn
+            rendered = environment(world.environment, dumps(world.options), True)
+            return rendering.without_shadows(rendered) if mujoco else rendered
         except Exception as error:  # Gymnasium and environments raise anything
             reason = rendering.import_fault(str(error)) or " ".join(str(error).split())
             raise ConfigError(
@@ -143,10 +143,10 @@ class _Episode:
         """A leaf that chooses an action of the environment, and succeeds immediately."""
         places = {key: each.at for key, each in choice.arguments.items()}
 
-        chosen = (choice.do, name)
+        choice_of_leaf = (choice.do, name)
 
         def choose() -> bool:
-            self._chosen = chosen
+            self._chosen = choice_of_leaf
             return True
 
         def fill(**values: float) -> bool:
@@ -272,8 +272,8 @@ def _check(world: settings.GymnasiumWorld, env: Any) -> None:
                 f" {world.environment} observes {spaces.observed} numbers, found"
                 f" {observation.at!r}"
             )
-    chosen = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
-    for path, action in {**chosen, "otherwise": world.otherwise}.items():
+    choices = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
+    for path, action in {**choices, "otherwise": world.otherwise}.items():
         if action is not None and (fault := spaces.fault(action)):
             raise ConfigError(
                 f"world.{path}: expected {fault}, the actions of {world.environment}, found"

@@ -41,9 +41,9 @@ def import_fault(message: str) -> str:
     """
     if "gymnasium[mujoco]" in message:
         return "it needs the package mujoco; install it with pip install 'islandgp[mujoco]'"
-    chosen = os.environ.get("MUJOCO_GL")
-    if chosen and find_spec("mujoco") and "mujoco" not in sys.modules:
-        return f"MuJoCo has no backend MUJOCO_GL={chosen} here; unset it, or install its library"
+    backend = os.environ.get("MUJOCO_GL")
+    if backend and find_spec("mujoco") and "mujoco" not in sys.modules:
+        return f"MuJoCo has no backend MUJOCO_GL={backend} here; unset it, or install its library"
     return ""
 
 
@@ -54,8 +54,10 @@ def choose_backend() -> bool:
     If `MUJOCO_GL` is set, only this backend is tried. Each is tried in a child process, because
     MuJoCo may abort the rendering process without a display.
     """
-    chosen = os.environ.get("MUJOCO_GL")
-    backend = next((each for each in ((chosen,) if chosen else BACKENDS) if _renders(each)), "")
+    configured = os.environ.get("MUJOCO_GL")
+    backend = next(
+        (each for each in ((configured,) if configured else BACKENDS) if _renders(each)), ""
+    )
     if backend:
         os.environ["MUJOCO_GL"] = backend
     return bool(backend)

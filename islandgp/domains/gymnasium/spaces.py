@@ -34,29 +34,29 @@ class Spaces:
 
     def named(self) -> str:
         """The places of an observation as text."""
-        words = [place for place in self.places if isinstance(place, str)]
-        return f"0 to {self.observed - 1}" + (f" or one of {', '.join(words)}" if words else "")
+        names = [place for place in self.places if isinstance(place, str)]
+        return f"0 to {self.observed - 1}" + (f" or one of {', '.join(names)}" if names else "")
 
     def fault(self, action: int | tuple[float, ...]) -> str:
         """A text on the expected actions if an action is not one of the environment; else ""."""
         if self.bounds:
-            whole = f"a list of {len(self.bounds)} numbers"
+            expected = f"a list of {len(self.bounds)} numbers"
             if isinstance(action, int) or len(action) != len(self.bounds):
-                return whole
+                return expected
             within = (
                 low <= each <= high for each, (low, high) in zip(action, self.bounds, strict=True)
             )
-            return "" if all(within) else f"{whole} within {[*map(list, self.bounds)]}"
+            return "" if all(within) else f"{expected} within {[*map(list, self.bounds)]}"
         if isinstance(self.none, int):
             (values,) = self.choices
             fits = isinstance(action, int) and action in values
             return "" if fits else f"{values[0]} to {values[-1]}"
         ranges = ", ".join(f"{values[0]} to {values[-1]}" for values in self.choices)
-        whole = f"a list of {len(self.choices)} whole numbers ({ranges})"
+        expected = f"a list of {len(self.choices)} whole numbers ({ranges})"
         if isinstance(action, int) or len(action) != len(self.choices):
-            return whole
+            return expected
         fits = all(n in values for n, values in zip(action, self.choices, strict=True))
-        return "" if fits else whole
+        return "" if fits else expected
 
 
 def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
@@ -76,10 +76,10 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
     if kind == "Dict":
         parts = {key: _observations(inside, name) for key, inside in space.spaces.items()}
 
-        def both(observation: Any) -> list[float]:
+        def joined_numbers(observation: Any) -> list[float]:
             return [number for key, (read, _) in parts.items() for number in read(observation[key])]
 
-        return both, [
+        return joined_numbers, [
             _path(key, at, inside)
             for key, (_, inside) in parts.items()
             for at in range(len(inside))
@@ -87,11 +87,11 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
     if kind == "Tuple":
         rows = [_observations(inside, name) for inside in space.spaces]
 
-        def each(observation: Any) -> list[float]:
+        def numbers_of_parts(observation: Any) -> list[float]:
             pairs = zip(rows, observation, strict=True)
             return [number for (read, _), part in pairs for number in read(part)]
 
-        return each, [""] * sum(len(paths) for _, paths in rows)
+        return numbers_of_parts, [""] * sum(len(paths) for _, paths in rows)
     raise ConfigError(
         f"world.environment: expected observations that are numbers (a Box with one row, Discrete,"
         f" MultiDiscrete, MultiBinary, or a Dict or Tuple of them), found {space} in {name}."

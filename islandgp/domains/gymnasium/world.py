@@ -207,10 +207,10 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
 
 
 def _action(choice: Choice) -> Action:
-    several = (
+    fields = (
         "of several in a step the last counts"
         if choice.do is not None or not choice.arguments
         else "it leaves the other numbers of a step as they are"
     )
     arguments = {name: each.parameter() for name, each in choice.arguments.items()}
-    return Action(f"{choice.meaning}; {several}", frozenset({SUCCESS}), arguments=arguments)
+    return Action(f"{choice.meaning}; {fields}", frozenset({SUCCESS}), arguments=arguments)

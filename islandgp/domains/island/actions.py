@@ -90,15 +90,15 @@ def move_to_humanoid(island: State, fresh: bool) -> int:
     robot, people = island.robot, island.humanoids
     if robot.room <= 0:
         return FAILURE
-    here = complex(robot.x, robot.y)
+    position = complex(robot.x, robot.y)
     if fresh:
-        island.humanoid = people.nearest_asking(island.physics.humanoid_positions(), here)
+        island.humanoid = people.nearest_asking(island.physics.humanoid_positions(), position)
         island.aim_end = 0
     h = island.humanoid
     if h < 0 or not people.asks(h):
         return FAILURE
     at = people.position(h)
-    gap = abs(at - here)
+    gap = abs(at - position)
     if gap > robot.settings.perception:
         return FAILURE
     if gap <= people.settings.reach:
@@ -180,13 +180,17 @@ def _distances(island: State, stations: Sequence[tuple[float, float]]) -> list[f
 
 def _pursue(island: State, at: complex, gap: float) -> None:
     """Drives to the last aim at a humanoid, now at `at`; updates the aim every AIM_EVERY steps."""
-    robot, people, here = island.robot, island.humanoids, complex(island.robot.x, island.robot.y)
+    robot, people, position = (
+        island.robot,
+        island.humanoids,
+        complex(island.robot.x, island.robot.y),
+    )
     island.same_for(0)  # a fresh call would update the aim
-    if island.step >= island.aim_end or abs(island.aim - here) < robot.stride:
+    if island.step >= island.aim_end or abs(island.aim - position) < robot.stride:
         island.aim = at
         island.aim_end = island.step + AIM_EVERY
     robot.drive_to(island.aim.real, island.aim.imag, 0.0)
-    aim_steps = steps_to(abs(island.aim - here) - robot.stride, robot.stride)
+    aim_steps = steps_to(abs(island.aim - position) - robot.stride, robot.stride)
     room = min(gap - people.settings.reach, robot.settings.perception - gap)
     meeting_steps = steps_to(room, robot.stride + island.walk)
     island.wake_at(min(island.aim_end, island.step + min(aim_steps, meeting_steps)))

@@ -49,11 +49,11 @@ class Ground:
 
     def __init__(self, schedule: Schedule, *, most: int, side: float, cell: float) -> None:
         """At most `most` items are on the ground of an island of `side` metres."""
-        first, later = len(schedule.garbage), len(schedule.spawns) - 1
+        first, spawned = len(schedule.garbage), len(schedule.spawns) - 1
         self.places = _places(schedule, side, cell)
         self.first = first  # items at the start, which have the lowest numbers
-        self.present = bytearray(b"\1" * first + b"\0" * later)
-        self.discovered = bytearray(first + later)
+        self.present = bytearray(b"\1" * first + b"\0" * spawned)
+        self.discovered = bytearray(first + spawned)
         self.room = most - first  # number of items that can still appear
         self.next_look = 0  # the step from which a look can have another result
         self._items: tuple[complex, ...] | None = None  # `items`; None: changed since the last call

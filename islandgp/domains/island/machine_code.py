@@ -86,17 +86,17 @@ def _compiled() -> bytes:
 
 def _files() -> Iterator[Path]:
     """The places of the file: beside the module, or in the user's folder."""
-    here, digest = Path(__file__).parent, sha256()
-    for source in sorted(here.glob("*.py")):
+    folder, digest = Path(__file__).parent, sha256()
+    for source in sorted(folder.glob("*.py")):
         digest.update(source.read_bytes())
-    for word in (
+    for text in (
         llvm.get_process_triple(),
         llvm.get_host_cpu_name(),
         llvm.get_host_cpu_features().flatten(),
     ):
-        digest.update(word.encode())
+        digest.update(text.encode())
     name = f"kernel-{digest.hexdigest()[:16]}.o"
-    yield here / "__pycache__" / name
+    yield folder / "__pycache__" / name
     with suppress(RuntimeError):  # no home
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "islandgp" / name
 

@@ -35,9 +35,9 @@ def steer(
     distance = hypot(dx, dy)
     leg = (dx / distance, dy / distance, inf)
     span = distance - reach  # how far the way leads
-    passed: list[Circle] = []
-    while (rock := _first(x, y, leg[0], leg[1], span, obstacles)) and rock not in passed:
-        passed.append(rock)
+    overtaken: list[Circle] = []
+    while (rock := _first(x, y, leg[0], leg[1], span, obstacles)) and rock not in overtaken:
+        overtaken.append(rock)
         leg = _tangent(x, y, leg[0], leg[1], rock)
         span = leg[2]
     return leg
@@ -189,7 +189,7 @@ class IslandRobot:
         if self.charging and not self.driving:
             self.battery = min(FULL, self.battery + steps * self.charge)
             return
-        used = steps * (self.drain_moving if self.driving else self.drain_standing)
+        charge = steps * (self.drain_moving if self.driving else self.drain_standing)
         self.odometer += steps * self.driving
-        self.battery -= used
-        self.spent += used
+        self.battery -= charge
+        self.spent += charge

@@ -95,12 +95,12 @@ def draw_schedule(world: IslandWorld, seed: int) -> Schedule:
     first = [_velocity(people.speed, a) for a in rng.uniform(0, tau, people.count)]
     low, high = (max(1, round(s / world.episode.step)) for s in people.turn_every)
     most = steps // low + 1
-    when = rng.integers(low, high + 1, (people.count, most)).cumsum(axis=1)
+    turn_steps = rng.integers(low, high + 1, (people.count, most)).cumsum(axis=1)
     angles = rng.uniform(0, tau, (people.count, most))
     turns = sorted(
         (step, h, *_velocity(people.speed, angle))
         for h in range(people.count)
-        for step, angle in zip(when[h].tolist(), angles[h].tolist(), strict=True)
+        for step, angle in zip(turn_steps[h].tolist(), angles[h].tolist(), strict=True)
         if step <= steps
     )
     return Schedule(

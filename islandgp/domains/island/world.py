@@ -187,11 +187,11 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
                 f"robot.pickup_reach: expected at most robot.perception={self.robot.perception:g},"
                 f" found {self.robot.pickup_reach:g}"
             )
-        for name, who in (("robot", self.robot), ("humanoids", self.humanoids)):
-            most = WALL + who.radius
-            if who.speed * self.episode.step > most:  # it could come out on a wall's other side
+        for name, body in (("robot", self.robot), ("humanoids", self.humanoids)):
+            most = WALL + body.radius
+            if body.speed * self.episode.step > most:  # it could come out on a wall's other side
                 raise ValueError(
-                    f"episode.step: expected at most {most / who.speed:g} s ({most:g} m at"
+                    f"episode.step: expected at most {most / body.speed:g} s ({most:g} m at"
                     f" {name}.speed), found {self.episode.step:g} s; lower one of them"
                 )
         if self.humanoids.speed > self.robot.speed:

@@ -61,5 +61,5 @@ class MiniGrid(Stepped):
         if seed is not None:
             level = self.world.levels[seed % len(self.world.levels)]
             return f"The level is {level}, its mission: {mission(level, seed)}."
-        shown = "; ".join(f"{level} ({mission(level, 0)})" for level in self.world.levels)
-        return f"{super().about()} The levels, each with a mission that it may have: {shown}."
+        levels = "; ".join(f"{level} ({mission(level, 0)})" for level in self.world.levels)
+        return f"{super().about()} The levels, each with a mission that it may have: {levels}."

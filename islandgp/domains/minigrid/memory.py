@@ -135,5 +135,5 @@ def spread(row: int, opaque: int) -> tuple[int, int]:
         if not more:
             break
         clear |= more
-    seen = (row | clear | clear << 1 | clear >> 1) & ROW
-    return seen, (clear | clear << 1 | clear >> 1) & ROW
+    visible = (row | clear | clear << 1 | clear >> 1) & ROW
+    return visible, (clear | clear << 1 | clear >> 1) & ROW

@@ -124,17 +124,17 @@ class GridRobot:
         if new:
             self.log("seen", new)
         memory, places = self.memory, self._places
-        seen, carrying = memory.seen, self.env.carrying
+        squares, carrying = memory.seen, self.env.carrying
         dx, dy = STEPS[direction]
         self.here, self.front = memory.at(x, y), memory.at(x + dx, y + dy)
         self._known = {
             "carryingKey": carrying is not None and carrying.type == "key",
-            "keySeen": places["key"] & seen != 0,
-            "doorSeen": places["door"] & seen != 0,
-            "lockedDoorSeen": places["locked"] & seen != 0,
-            "objectSeen": places["object"] & seen != 0,
-            "thingSeen": places["thing"] & seen != 0,
-            "goalSeen": places["goal"] & seen != 0,
+            "keySeen": places["key"] & squares != 0,
+            "doorSeen": places["door"] & squares != 0,
+            "lockedDoorSeen": places["locked"] & squares != 0,
+            "objectSeen": places["object"] & squares != 0,
+            "thingSeen": places["thing"] & squares != 0,
+            "goalSeen": places["goal"] & squares != 0,
             "moreToSee": memory.frontier != 0,
             "facingDoor": (places["door"] | places["locked"]) & self.front != 0,
             "stepsLeft": 100.0 * self.left / self.steps,
@@ -267,8 +267,8 @@ class GridRobot:
 
     def measures(self) -> Mapping[str, float]:
         """See `Simulation`."""
-        seen = self.memory.seen.bit_count() / self.memory.inside.bit_count()
-        return {"reward": self.reward, "explored": 100.0 * seen}
+        share = self.memory.seen.bit_count() / self.memory.inside.bit_count()
+        return {"reward": self.reward, "explored": 100.0 * share}
 
     def scene(self) -> Scene:
         """See `Simulation`: MiniGrid's own picture, with the field of view."""

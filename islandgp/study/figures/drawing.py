@@ -93,11 +93,11 @@ def arm_styles(study: Comparison) -> Iterator[tuple[Arm, Style]]:
 
 def nth_style(i: int, palette: tuple[str, ...] = PALETTE) -> Style:
     """The style of the i-th arm, or with PALE of the i-th category; 64 styles are distinct."""
-    again = i // len(palette)  # number of earlier styles with the same colour
+    repetition = i // len(palette)  # number of earlier styles with the same colour
     return Style(
         palette[i % len(palette)],
-        LINES[(i + again) % len(LINES)],
-        MARKERS[(i + 3 * again) % len(MARKERS)],
+        LINES[(i + repetition) % len(LINES)],
+        MARKERS[(i + 3 * repetition) % len(MARKERS)],
         HATCHES[i % len(HATCHES)],
     )
 

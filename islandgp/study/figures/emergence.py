@@ -40,14 +40,14 @@ def _boxes(axes: Axes, study: Comparison) -> None:
 
     n, tiers = study.generations, study.milestones
     strip = max(1.0, 0.1 * n)  # style high the strip 'never' is, in generations
-    never, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
+    never_y, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
     missing = False
     for arm, style, k, at, width in drawing.groups(study, len(tiers)):
         firsts = [first(run, tiers[k]) for run in arm.runs]
-        _box(axes, at, box(firsts, never), width, style)
+        _box(axes, at, box(firsts, never_y), width, style)
         axes.scatter(
             drawing.sideways(at, len(firsts), width),
-            [never if g is None else g for g in firsts],
+            [never_y if g is None else g for g in firsts],
             s=16,
             zorder=3,
             label=drawing.named(arm) if k == 0 else None,
@@ -61,7 +61,7 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     if missing:
         axes.axhspan(n - 0.5, top, color="#f1f1f1", zorder=0)
         beside = axes.get_yaxis_transform()
-        axes.text(-0.02, never, "never", transform=beside, va="center", ha="right", fontsize=8)
+        axes.text(-0.02, never_y, "never", transform=beside, va="center", ha="right", fontsize=8)
     ticks = MaxNLocator(nbins=8, integer=True).tick_values(0, n - 1)
     axes.set_xlim(-0.5, len(tiers) - 0.5)
     axes.set_ylim(-0.5, top if missing else n)
@@ -71,11 +71,11 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     axes.grid(visible=False, axis="x")
 
 
-def box(firsts: Firsts, never: float) -> dict[str, float]:
-    """Median, quartiles and extremes over all runs; those among censored runs are at `never`."""
+def box(firsts: Firsts, never_y: float) -> dict[str, float]:
+    """Median, quartiles and extremes over all runs; those among censored runs are at `never_y`."""
     shares = {"whislo": 0.0, "q1": 0.25, "med": 0.5, "q3": 0.75, "whishi": 1.0}
     quantiles = {name: quantile(firsts, share) for name, share in shares.items()}
-    return {name: never if g is None else g for name, g in quantiles.items()}
+    return {name: never_y if g is None else g for name, g in quantiles.items()}
 
 
 def _box(

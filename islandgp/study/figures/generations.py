@@ -109,8 +109,8 @@ def _patterns_over_time(axes: Axes, arm: Arm, study: Comparison) -> None:
     base = np.zeros(study.generations - 1)
     for i, pattern in enumerate(Pattern):
         style = drawing.nth_style(i, drawing.PALE)
-        chosen = [[g.pattern == pattern for g in run.guidance[: len(base)]] for run in arm.runs]
-        row = np.mean(chosen, axis=0)
+        is_pattern = [[g.pattern == pattern for g in run.guidance[: len(base)]] for run in arm.runs]
+        row = np.mean(is_pattern, axis=0)
         axes.bar(
             range(len(base)),
             row,

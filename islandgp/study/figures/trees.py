@@ -61,10 +61,10 @@ def late_evolved(study: Comparison) -> Specimen:
             for generation in _last_stage(run)
             for i in run.records[generation].individuals
         ),
-        key=lambda found: (
-            found[3].tree not in injected[found[1].seed, found[0].name],
-            tier in found[3].tiers,
-            found[3].fitness,
+        key=lambda candidate: (
+            candidate[3].tree not in injected[candidate[1].seed, candidate[0].name],
+            tier in candidate[3].tiers,
+            candidate[3].fitness,
         ),
     )
     values = {

@@ -24,7 +24,7 @@ def specialists_table(study: Comparison) -> Table:
     classes = study.classes
     labels = [name for name in classes.behaviours if name not in classes.specialists.of]
     known = study.paper.specialists if study.paper else None
-    theirs: Cells[Count] = {
+    paper_cells: Cells[Count] = {
         "mean ± SD": lambda row: spread(row.mean, row.sd, 1),
         "range": lambda row: f"{row.least}-{row.most}",
     }
@@ -35,7 +35,7 @@ def specialists_table(study: Comparison) -> Table:
             counts = [shown(name, s, classes) for run in arm.runs for s in run.snapshots]
             cells.append((f"{arm.name} mean ± SD", spread(*mean_sd(counts), 1)))
             cells.append((f"{arm.name} range", f"{min(counts)}-{max(counts)}"))
-        rows.append([*cells, *published(known, name, theirs)])
+        rows.append([*cells, *published(known, name, paper_cells)])
     sizes = {str(run.flat.get("gp.population")) for arm in study.arms for run in arm.runs}
     text = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
     if labels:
@@ -81,8 +81,8 @@ def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Tabl
     champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
     reference_trees = [g for g in results if g.seed is None]
     rows = [
-        [*_in_unseen_worlds(arm, mine), *_minus(mine, reference_trees)]
-        for arm, mine in champions.items()
+        [*_in_unseen_worlds(arm, of_arm), *_minus(of_arm, reference_trees)]
+        for arm, of_arm in champions.items()
     ]
     rows += [
         [*_in_unseen_worlds(g.arm, [g]), *_minus([], reference_trees)] for g in reference_trees
@@ -90,36 +90,36 @@ def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Tabl
     notes = [note("unseen", worlds=worlds)]
     if len(champions) < len(rows):
         notes.append(note("reference_trees"))
-    several = [(arm, mine) for arm, mine in champions.items() if len(mine) > 1]
-    for (a, first), (b, second) in combinations(several, 2):
+    replicated = [pair for pair in champions.items() if len(pair[1]) > 1]
+    for (a, first), (b, second) in combinations(replicated, 2):
         t = rank_test([g.unseen for g in first], [g.unseen for g in second])
         notes.append(note("unseen-test", a=a, b=b, u=number(t.u, 1), p=p_is(t)))
     return Table.of("generalisation", f"Best robots in {worlds} unseen worlds", rows, *notes)
 
 
-def _in_unseen_worlds(arm: str, mine: Sequence[Generalisation]) -> Row:
-    trained = [g.trained for g in mine if g.trained is not None]
-    unseen = [g.unseen for g in mine]
+def _in_unseen_worlds(arm: str, results: Sequence[Generalisation]) -> Row:
+    trained = [g.trained for g in results if g.trained is not None]
+    unseen = [g.unseen for g in results]
     yield "Trees", arm
-    yield "number", str(len(mine))
-    yield "worlds", str(mine[0].worlds)
+    yield "number", str(len(results))
+    yield "worlds", str(results[0].worlds)
     yield "trained (points)", spread(*mean_sd(trained)) if trained else NONE
-    yield "unseen (points)", spread(*mean_sd(unseen)) if len(mine) > 1 else number(unseen[0])
-    yield "worst world (points)", number(min(g.worst for g in mine))
-    if all(g.perturbed for g in mine):
-        robust = [fmean(g.perturbed) for g in mine]
-        several = len(mine) > 1
-        yield "perturbed (points)", spread(*mean_sd(robust)) if several else number(robust[0])
-        yield "worst perturbed (points)", number(min(min(g.perturbed) for g in mine))
-    for tier in mine[0].reached:
-        share = fmean(g.reached[tier] for g in mine)
+    yield "unseen (points)", spread(*mean_sd(unseen)) if len(results) > 1 else number(unseen[0])
+    yield "worst world (points)", number(min(g.worst for g in results))
+    if all(g.perturbed for g in results):
+        robust = [fmean(g.perturbed) for g in results]
+        has_several = len(results) > 1
+        yield "perturbed (points)", spread(*mean_sd(robust)) if has_several else number(robust[0])
+        yield "worst perturbed (points)", number(min(min(g.perturbed) for g in results))
+    for tier in results[0].reached:
+        share = fmean(g.reached[tier] for g in results)
         yield f"{title(tier)} in", f"{share:.0%} of the worlds"
 
 
-def _minus(mine: Sequence[Generalisation], reference_trees: Sequence[Generalisation]) -> Row:
+def _minus(results: Sequence[Generalisation], reference_trees: Sequence[Generalisation]) -> Row:
     """Mean difference of the best robots to each reference tree, with its interval over runs."""
     for y in reference_trees:
-        over = [g.minus(y).estimate for g in mine]
+        over = [g.minus(y).estimate for g in results]
         cell = signed_interval(mean_interval(over)) if over else NONE
         yield f"minus {y.arm} (points) [95 %]", cell
 

@@ -136,12 +136,12 @@ def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
     """The verdict of a test on a claim; `direction` as in `paper.Claim`."""
     if f.never:
         return NEVER
-    shown = f.p_bh < LEVEL
+    is_significant = f.p_bh < LEVEL
     if direction == 0:
         if alike(f, margin):
             return f"agrees: alike within ±{margin:,g}"
-        return f"differs: {_side(f)}, shown" if shown else UNDECIDED
-    if not shown:
+        return f"differs: {_side(f)}, shown" if is_significant else UNDECIDED
+    if not is_significant:
         return comparison_verdict(f, margin)
     return "agrees, shown" if (f.shift.estimate > 0) == (direction > 0) else "opposite, shown"
 

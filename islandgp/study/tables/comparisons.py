@@ -45,8 +45,12 @@ def families_note(findings: Sequence[Finding]) -> str:
     families = {(f.family, f.size): [g for g in findings if g.family == f.family] for f in findings}
     each = [
         f"'{name}', {size} comparisons"
-        + (f" ({', '.join(g.measure.label for g in mine)})" if len(families) > 1 else "")
-        for (name, size), mine in families.items()
+        + (
+            f" ({', '.join(g.measure.label for g in findings_of_family)})"
+            if len(families) > 1
+            else ""
+        )
+        for (name, size), findings_of_family in families.items()
     ]
     return f"p BH: Benjamini-Hochberg over the family {'; '.join(each)}."
 
@@ -119,10 +123,10 @@ def by_pair(
     study: Comparison, findings: Sequence[Finding], measures: Sequence[Measure]
 ) -> Iterator[tuple[str, str, list[Finding]]]:
     """For each pair of arms: suffixes of a table's key and title, and the findings of measures."""
-    keys, several = {m.key for m in measures}, len(study.pairs) > 1
+    keys, has_several_pairs = {m.key for m in measures}, len(study.pairs) > 1
     for a, b in ((a.name, b.name) for a, b in study.pairs):
         selected = [f for f in findings if f.arms == (a, b) and f.measure.key in keys]
-        yield *((f"-{a}-{b}", f": {a} against {b}") if several else ("", "")), selected
+        yield *((f"-{a}-{b}", f": {a} against {b}") if has_several_pairs else ("", "")), selected
 
 
 def paper_tables(
@@ -250,8 +254,8 @@ def median_tables(study: Comparison, findings: Sequence[Finding]) -> Iterator[Ta
 def _medians(f: Finding) -> Row:
     digits = DIGITS[f.measure.unit]
     for arm, sample, ends in zip(f.arms, f.samples, f.endless, strict=True):
-        never = all(v is None for v in sample)
-        middle = "never" if never else interval(median_interval(ends), digits)
+        is_unreached = all(v is None for v in sample)
+        middle = "never" if is_unreached else interval(median_interval(ends), digits)
         yield f"median {arm} [95 %]", middle
     apart = bootstrap(f.endless, median_difference)
     yield "difference of medians [95 %]", interval(apart, digits)

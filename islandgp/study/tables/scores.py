@@ -102,15 +102,15 @@ def _digits(rows: Sequence[ScoreRow]) -> int:
 def _reasons(rows: Sequence[ScoreRow]) -> list[str]:
     """Notes on cells with a dash."""
     reasons = []
-    shown = [i for row in rows for i in (row.mean, row.improvement) if i is not None]
-    if any(isnan(i.low) and not isnan(i.estimate) for i in shown):
+    intervals = [i for row in rows for i in (row.mean, row.improvement) if i is not None]
+    if any(isnan(i.low) and not isnan(i.estimate) for i in intervals):
         reasons.append(note("few-runs", fewest=MIN_VALUES, world=MIN_PER_WORLD))
     if any(isnan(row.mean.estimate) for row in rows):
         reasons.append(note("no-scale"))
     worlds = list(dict.fromkeys(row.world for row in rows if row.world != ALL_WORLDS))
-    have = {(row.world, row.arm) for row in rows}
+    cells = {(row.world, row.arm) for row in rows}
     missing_worlds = {
-        arm: [world for world in worlds if (world, arm) not in have]
+        arm: [world for world in worlds if (world, arm) not in cells]
         for arm in dict.fromkeys(row.arm for row in rows)
     }
     for arm, missing in missing_worlds.items():

@@ -85,7 +85,10 @@ def overhead_table(study: Comparison) -> Table:
         "table-14",
         "Table 14. Computational overhead of a run",
         (
-            *(row(label, [_cell(o, what, n) for o in each], key) for label, key, what, n in _ROWS),
+            *(
+                row(label, [_cell(o, value, n) for o in each], key)
+                for label, key, value, n in _ROWS
+            ),
             row(f"Time to the first {study.classes.tier_title(tier)} (s)", times),
         ),
         note("overhead"),
@@ -93,8 +96,8 @@ def overhead_table(study: Comparison) -> Table:
     )
 
 
-def _cell(o: Overheads, what: str | Callable[[Overheads], str], digits: int) -> str:
-    return spread(*mean_sd(o[what]), digits) if isinstance(what, str) else what(o)
+def _cell(o: Overheads, value: str | Callable[[Overheads], str], digits: int) -> str:
+    return spread(*mean_sd(o[value]), digits) if isinstance(value, str) else value(o)
 
 
 def episodes_table(study: Comparison) -> Table:
