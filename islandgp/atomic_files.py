@@ -21,7 +21,7 @@ def usable(folder: Path) -> Iterator[None]:
     except OSError as error:
         raise RunError(
             f"Expected a folder to read and write in {folder}, found: {error.strerror or error};"
-            " correct that and repeat the command, or choose another place with runs=... ."
+            " correct that and repeat the command, or choose another place with runs=..."
         ) from error
 
 

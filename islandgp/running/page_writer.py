@@ -46,7 +46,7 @@ class PageWriter:
         except RunError as error:
             if not self._warned:
                 self._warned = True
-                print(f"islandgp: no new {NAME_OF_PAGE}: {brief(error)}", file=sys.stderr)
+                print(f"islandgp: no new {NAME_OF_PAGE}: {error}", file=sys.stderr)
 
 
 def write_page(folder: RunFolder, status: Status) -> Path:
