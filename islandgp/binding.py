@@ -40,7 +40,7 @@ class NodeStatus(IntEnum):
     FAILURE = FAILURE
     SUCCESS = SUCCESS
     RUNNING = RUNNING
-    ABORTED = ABORTED  # it was running and has been stopped; no tick of a whole tree ends so
+    ABORTED = ABORTED  # stopped while running; never the result of a whole tree
 
 
 _STATUSES: Final = {**{int(status): status for status in NodeStatus}, AGAIN: NodeStatus.RUNNING}
@@ -199,7 +199,7 @@ class RobotTree:
 
     def _stop(self) -> None:
         try:
-            with ExitStack() as stops:  # each is called, also where one raises
+            with ExitStack() as stops:  # all are called, even if one raises
                 for leaf in reversed(self._by_place.values()):
                     if leaf.running:
                         stops.callback(leaf.stop)

@@ -113,7 +113,7 @@ def imported(path: str) -> Any:
 def function(
     name: str, table: Mapping[str, Function], check: Callable[..., None] | None = None
 ) -> Function:
-    """An entry of a table, or a user's function "module:function".
+    """Looks up an entry of a table, or imports a user's function "module:function".
 
     Args:
         name: of the entry, or path of the function.

@@ -1,6 +1,6 @@
 """Trust in run folders: which code, servers and files of a run's folder this process may use.
 
-A folder may come from a stranger. Its files must not be links. The classes and
+A folder may be from an unknown source. Its files must not be links. The classes and
 servers that its configuration names are used only if the user's own configuration or command names
 them as well.
 """

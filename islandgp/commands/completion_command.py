@@ -100,5 +100,5 @@ def _query(arguments: Sequence[str], word: str) -> list[str]:
         *USER_ERRORS,
         ConfigError,
         SystemExit,
-    ):  # of words that are not yet written to their end
+    ):  # of incomplete words
         return []

@@ -1,7 +1,7 @@
 """The whole configuration as one frozen value, validated before anything starts.
 
 The model of each group is defined next to the code that uses it. This module combines them and
-checks conflicts between groups. No other module uses Hydra's configuration object.
+checks conflicts between groups. No other module uses Hydra's configuration objects.
 """
 
 from __future__ import annotations

@@ -75,7 +75,7 @@ def cores() -> int:
 
 def _start(problem: Problem, limit: float) -> None:
     global _problem, _limit
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     killed_with_parent()  # the server of forks, which ends with the run
     Thread(target=_end_with_parent, daemon=True).start()
     _problem, _limit = problem, limit
@@ -115,8 +115,8 @@ def start_forkserver(domain: str) -> None:
         from multiprocessing import forkserver, resource_tracker  # which other systems lack
 
         _set_imports(domain)
-        # Ctrl-C is this process's to handle. The server inherits that the signal is blocked; else
-        # it would print a traceback while it imports. A resource tracker's start unblocks it.
+        # This process handles Ctrl-C. The server inherits the blocked signal; otherwise it
+        # would print a traceback during its imports. A resource tracker unblocks it when it starts.
         resource_tracker.ensure_running()
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -184,7 +184,7 @@ class Processes:
             return self._one_by_one(jobs, done)
 
     def _submitted(self, job: Job) -> Future[Outcome]:
-        """Raises BrokenProcessPool, also where workers cannot be started."""
+        """Submits a job. Raises BrokenProcessPool, also if workers cannot be started."""
         try:
             return self._pool.submit(_run, job)
         except (EOFError, OSError) as error:  # the forkserver was killed or cannot be reached
@@ -259,10 +259,10 @@ def _end(pool: ProcessPoolExecutor) -> None:
 
 
 def _kill_fork_server() -> None:
-    """Kills the forkserver, and returns when it is dead; a new one is started when it is needed.
+    """Kills the forkserver and waits for its death; a new one is started when it is needed.
 
-    A suspended one never reports worker exits, and shutdown() would hang. One that is about to die
-    accepts no connection, but multiprocessing takes it for alive and starts no other.
+    A suspended one never reports worker exits, and shutdown() would hang. A dying one
+    accepts no connections, but multiprocessing considers it alive and does not start another.
     """
     if os.name != "posix":
         return

@@ -192,7 +192,7 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
         raise _no_cluster(settings.address, error) from error
     try:
         ray.init(**options)
-    except Exception as error:  # Ray raises bare ones, too, as where its start takes too long
+    except Exception as error:  # Ray also raises bare exceptions, e.g. if its start takes too long
         if settings.address == "local":
             raise EvaluationError(
                 f"Expected Ray to start on this machine, found that it cannot ({brief(error)});"

@@ -81,7 +81,7 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
     tournament_children: tuple[int, int]  # least and most
     diversity_targets: tuple[
         float, float
-    ]  # Eq. (3): at or above the first the least slots, below the second the most
+    ]  # Eq. (3): from the first on, the fewest slots; below the second, the most
     niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
 
     @model_validator(mode="after")

@@ -28,7 +28,7 @@ RANDOM: Final = "a random tree, as it was drawn"
 BRED: Final = "bred, no injected ancestor"
 HEIR: Final = "bred, with an injected ancestor"
 EDITED: Final = "edited by the supervisor"
-UNCHANGED: Final = "injected, as it is: "  # prefix of the tree's source
+UNCHANGED: Final = "injected, unchanged: "  # prefix of the tree's source
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +198,7 @@ def giver(run: Run, injected: IndividualRecord) -> str:
 
 
 def most_injected(arms: Iterable[Arm]) -> tuple[str, str, int] | None:
-    """The library tree that all runs injected most often: name, text, times; None: none at all."""
+    """Name, text and count of the library tree that the runs injected most often, or None."""
     runs = [run for arm in arms for run in arm.runs]
     counts = Counter(g.tree for run in runs for g in run.guidance if g.injected and g.tree)
     names = {text: name for run in runs for text, name in library_names(run.config).items()}

@@ -196,7 +196,7 @@ class Editor:
         )
 
     def edits(self, view: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
-        """At most `supervisor.edits` edits, each with the counter that it shall raise."""
+        """At most `supervisor.edits` edits, each with the counter that it should raise."""
         fittest = best_of(view.individuals, self.context.constraints)
         advised = set(self._advised)
         untried: dict[str, Iterator[Edit]] = {}  # by counter

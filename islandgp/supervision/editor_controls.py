@@ -47,7 +47,7 @@ class RandomTree(Editor):
 
 
 class ConstantSettings(EditorSettings, frozen=True, extra="forbid"):
-    """The editor's settings, and the counter that every edit shall raise."""
+    """The editor's settings, and the counter that every edit should raise."""
 
     counter: str | None = None
     """A counter in the requirements of a milestone. None: the counter of the first behaviour in

@@ -26,7 +26,7 @@ REPEATED: Final = (
     *("phase", "pattern", "target", "intervention"),
     *("risk", "reasoning", "rationale"),
 )
-"""Fields of the record that are repeated as they are."""
+"""Fields of the record that are repeated unchanged."""
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):

@@ -49,7 +49,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
     """
 
     def job(config: DictConfig) -> None:
-        # joblib's workers leave a start method of their own as the default, with which
+        # joblib's workers set their own start method as the default, with which
         # the evaluator's processes cannot start.
         multiprocessing.set_start_method(None, force=True)
         plain, settings = read(config)

@@ -36,7 +36,7 @@ Outcome = tuple[float, ...] | None
 """A job's objectives; () if it failed, None if it was pruned."""
 
 Launch = Callable[[Sequence[Sequence[str]], int], Sequence[JobReturn]]
-"""Hydra's launcher: the overrides of jobs and the number of the first; what they returned."""
+"""Hydra's launcher: (overrides of the jobs, number of the first) -> their results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def search(
 ) -> None:
     """Runs the trials, and writes the best into the file `results`.
 
-    A job returns its objectives, or None where it was stopped before its end; it failed where one
+    A job returns its objectives, or None if it was pruned; it failed where one
     of them is not a number. The settings are the keys of `conf/hydra/sweeper/optuna.yaml`, which
     `running.search` has checked; without a pruner every trial runs to its end.
     """

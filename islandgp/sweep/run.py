@@ -262,4 +262,4 @@ def tie_joblib_workers() -> None:
                 *args, initializer=partial(end_with_parent, os.getpid()), **options
             )
 
-    register_parallel_backend("loky", Tied)  # by which name Hydra's launcher asks for it
+    register_parallel_backend("loky", Tied)  # the name that Hydra's launcher uses

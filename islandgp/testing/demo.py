@@ -1,4 +1,4 @@
-"""`python -m islandgp.testing.demo`: supervision by a language model, whole, without a key.
+"""`python -m islandgp.testing.demo`: a complete run with a language model, without a key.
 
 A run with supervisor=llm against a server with a mock model, with a fault in every
 third answer; then the same run again from its transcript, with no server.
@@ -54,7 +54,7 @@ def demo(overrides: Sequence[str]) -> int:
         "progress=off",
         *overrides,
     ]
-    os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not reach a server of ours
+    os.environ.pop("ANTHROPIC_API_KEY", None)  # it must not be sent to the mock server
     with MessagesServer(every(3, FAULTS)) as server:
         url = f"supervisor.policy.base_url={server.url}"
         code = main(["supervisor=llm", url, *QUICK, f"runs={home / 'live'}", *common])

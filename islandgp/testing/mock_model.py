@@ -1,8 +1,8 @@
-"""A mock of a language model: rules over the prompt's text, with noise and faults. No model.
+"""A mock of a language model: rules over the prompt's text, with noise and faults.
 
-It reads nothing but the prompt, as a model does, so that the whole path can be measured
-without one. Rules of Tables 7 and 8 choose a phase and a target; where informed prompts contain
-fates and traces, it goes by them. Its results do not predict those of a real model.
+Like a model it reads only the prompt, so all other parts can be tested without a model. Rules of
+Tables 7 and 8 choose a phase and a target; if an informed prompt has the fates of earlier trees and
+traces, the rules use them. The results do not predict those of a real model.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Any, Final, Self
 from islandgp.testing.faults import ANSWER_FAULTS, Fault, Script, no_faults, spoiled
 from islandgp.testing.mock_model import MockModel
 
-WAIT: Final = 60.0  # s that a silent or dripping answer goes on at most
+WAIT: Final = 60.0  # longest duration of a silent or dripping answer, s
 
 
 _ERRORS: Final[dict[Fault, tuple[int, str, str, dict[str, str]]]] = {
@@ -49,9 +49,16 @@ class MessagesServer:
         delay: float = 0.0,
         port: int = 0,
     ) -> None:
-        """A server that knows schemas, takes temperatures and counts tokens, or not.
+        """Starts a server on this machine.
 
-        It thinks `delay` s, and listens at `port` of this machine; 0: at one that is free.
+        Args:
+            script: the fault of each request.
+            answer: makes the text of an answer from a request.
+            structured: True if it supports JSON schemas.
+            temperature: True if it accepts a temperature.
+            usage: True if it counts tokens.
+            delay: seconds before each answer.
+            port: to listen at; 0: any free port.
         """
         self.script, self.answer, self.delay = script, answer, delay
         self.structured, self.temperature, self.usage = structured, temperature, usage
@@ -63,7 +70,7 @@ class MessagesServer:
 
     @property
     def url(self) -> str:
-        """For `supervisor.policy.base_url`."""
+        """The value for `supervisor.policy.base_url`."""
         return f"http://127.0.0.1:{self._http.server_port}"
 
     def __enter__(self) -> Self:

@@ -73,7 +73,10 @@ class SyncProcess:
     def _listen(self, on_event: OnEvent) -> None:
         """Pass the child's events on; when it has ended, a last event with the reason."""
         assert self.process.stdout is not None
-        with suppress(ValueError), self.process.stdout as lines:  # a killed child cuts its line off
+        with (
+            suppress(ValueError),
+            self.process.stdout as lines,
+        ):  # the last line of a killed child may be incomplete
             for line in lines:
                 event = json.loads(line)
                 on_event(SyncEvent(**{**event, "kind": EventKind(event["kind"])}))

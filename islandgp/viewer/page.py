@@ -55,4 +55,4 @@ def filled(name: str, parts: Mapping[str, str]) -> str:
     All are replaced in one pass, so text in a title or in data is never taken for a placeholder.
     """
     page = _PLACE.sub(lambda place: parts[place[1]], part(name))
-    return page.encode("utf-8", "replace").decode()  # halves of characters, as in file names
+    return page.encode("utf-8", "replace").decode()  # lone surrogates, as in names of files

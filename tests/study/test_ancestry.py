@@ -55,13 +55,13 @@ def test_copies_are_followed_back_to_where_the_tree_arose() -> None:
     """Drawn, bred, or given as it is, by the name of the library's file."""
     run = _run()
     assert provenance(run, run.records[3].individuals) == [
-        "injected, as it is: poor",
+        "injected, unchanged: poor",
         RANDOM,
         BRED,
         BRED,
         HEIR,
         HEIR,
-        "injected, as it is: poor",
+        "injected, unchanged: poor",
     ]
 
 
@@ -69,7 +69,7 @@ def test_a_tree_from_outside_the_library_has_its_writer_s_name() -> None:
     """A language model's tree is called by its supervisor."""
     guided = guidance(tree=OTHER, injected=True, source="llm")
     run = fake_run(best=[1.0] * 4, populations=POPULATIONS, guided=guided)
-    assert provenance(run, run.records[3].individuals[-1:]) == ["injected, as it is: llm"]
+    assert provenance(run, run.records[3].individuals[-1:]) == ["injected, unchanged: llm"]
     assert most_injected([fake_arm("llm", [run])]) is None
 
 
@@ -85,7 +85,7 @@ def test_the_tables_show_how_common_descent_is() -> None:
     study = compare_arms([fake_arm("expert", [_run()]), fake_arm("baseline", [rival])])
     assert [i.id for i in final_elite(study.arms[0].runs[0])] == ["3.0"]
     rows = {row[0]: row[1:] for row in champion_sources_table(study).rows}
-    assert rows["injected, as it is: poor"] == ("1", "100%", "0", "0%")
+    assert rows["injected, unchanged: poor"] == ("1", "100%", "0", "0%")
     assert rows[RANDOM] == ("0", "0%", "1", "100%")
     assert rows[HEIR] == ("0", "0%", "0", "0%")
     base = rows["for comparison: population with an injected ancestor"]

@@ -66,7 +66,7 @@ Memory: TypeAlias = ActionMemory | BranchMemory | RepeaterMemory | ParallelMemor
 
 
 class TickTarget(NamedTuple):
-    """A node that a tick shall reach."""
+    """A node that a tick should reach."""
 
     place: int
     stays_running: bool  # True: it is RUNNING after the tick; False: it is ticked

@@ -69,7 +69,7 @@ def moves(
 class _Tick:
     """One tick, on one blackboard.
 
-    Each method yields the moves of a node that end with one of the statuses `wanted`, the first
+    Each method yields the moves of a node that end with one of the given statuses, the first
     statuses first, and that reach the target, if there is one.
     """
 

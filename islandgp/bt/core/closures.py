@@ -15,8 +15,8 @@ Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
 ReportStopped: TypeAlias = Callable[[int, int], None]
 """Called when a subtree is stopped, with the position of its first node and that after its last.
 
-Positions are in document order. The watch is called, the nodes are not: an action learns of the
-abort at its next start, by `fresh=True`.
+Positions are in document order. It calls the watch but not the nodes: the next call of an aborted
+action has `fresh=True`.
 """
 
 

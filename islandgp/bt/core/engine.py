@@ -306,4 +306,4 @@ def compares_keys(tree: Node, key: str) -> bool:
 
 
 def _ignore(first: int, end: int) -> None:
-    """Do nothing, where nobody asks which parts are stopped."""
+    """Does nothing; used if no caller needs to know which parts are stopped."""

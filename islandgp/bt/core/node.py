@@ -25,7 +25,7 @@ RUNNING lets a simulator skip ticks: as long as no condition changes its truth a
 action stays RUNNING, a tick would only resume the same actions. A node returns AGAIN instead if its
 next tick may do something else although nothing changes: a repetition is due, a node counts ticks,
 or a reactive composite starts its earlier children again. The caller must then tick the tree in the
-next step. Composites and decorators pass AGAIN on as they pass RUNNING on; logs, exports and
+next step. Composites and decorators pass AGAIN on like RUNNING; logs, exports and
 `STATUS_NAMES` show it as RUNNING. An action never returns it.
 """
 

@@ -102,7 +102,7 @@ class Source:
 
 @lru_cache(maxsize=1)  # a file may have thousands of warnings
 def plain(text: str) -> str:
-    """The text with line ends "\\n" and without a byte order mark: what places are counted in."""
+    """The text with line ends "\\n" and without a byte order mark: in which places are counted."""
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -57,7 +57,7 @@ def occurrences(text: str) -> Iterator[Occurrence]:
     """All names of subtrees, constants and parameters in a text, which may have errors."""
     tokens = code_words(text)
     owner, parameters, body_end = "", set[str](), -1
-    of_uses: list[bool] = []  # of each open bracket, whether it follows a `use` and its name
+    of_uses: list[bool] = []  # for each open bracket: True if it follows a `use` and its name
     at = 0
     while at < len(tokens):
         token, previous = tokens[at], tokens[at - 1].text if at else ""
@@ -183,7 +183,7 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
 
 
 def _name_conflict(symbol: Symbol, new: str, text: str, folder: Path) -> str:
-    """The kind of the symbol that has a name already; "" if none has."""
+    """The kind of the symbol that already has the name; "" if there is none."""
     kinds = ("subtree",) if symbol.kind == "subtree" else ("constant", "parameter")
     for source in (text, *mentioned(text, folder).values()):
         for each in occurrences(source):

@@ -299,7 +299,7 @@ def _text_of(attributes: Mapping[str, str]) -> str:
 
 
 def _comment(text: str) -> str:
-    """A comment as XML can have it."""
+    """The text as a valid XML comment."""
     return "".join(c for c in text if c.isprintable()).replace("--", "- -").replace("--", "- -")
 
 
@@ -353,7 +353,7 @@ def _model(kind: str) -> Iterator[str]:
 
 
 def _script(expr: ConditionExpr) -> str:
-    """A condition in the library's script language, in which && and || bind equally."""
+    """A condition in the library's script language, in which && and || have equal precedence."""
     if isinstance(expr, Condition):
         flag = {"is": expr.key, "not": f"!{expr.key}"}.get(expr.operator)
         return flag or condition_text(expr)

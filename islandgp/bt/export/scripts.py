@@ -56,7 +56,7 @@ class _Script:
         if match is None or match[1] in ("&&", "||", ")"):
             self._fail()
         if match[1] == "!":
-            # It binds more than a comparison, so a flag or brackets follow.
+            # It has a higher precedence than a comparison, so a flag or brackets follow.
             following = _WORD.match(self._code, self._at)
             if following is None or following["operator"]:
                 self._fail()

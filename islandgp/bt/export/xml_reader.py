@@ -83,6 +83,6 @@ def read_xml(text: str, *, name: str) -> Element:
         parser.Parse(text, True)
     except expat.ExpatError as error:
         fail(f"not XML: {expat.ErrorString(error.code)}", error.lineno, error.offset + 1)
-    except UnicodeEncodeError as error:  # half a character; expat reads bytes
+    except UnicodeEncodeError as error:  # a lone surrogate; expat reads bytes
         fail("not XML: it is not UTF-8 text", text.count("\n", 0, error.start) + 1, 1)
     return roots[0]

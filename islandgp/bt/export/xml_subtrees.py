@@ -64,7 +64,7 @@ class SubtreeReader(ABC):
         self.root = root
         self._trees = trees_of(root, name, folder)
         self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
-        self._names = {*RESERVED, *vocabulary.actions}  # that no other subtree can have
+        self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
         self._open: list[str] = []  # trees that are being read
         self._nodes = 0  # of the tree that is being read, so far
         self.level = 0  # in it

@@ -29,7 +29,7 @@ class Crowded(Exception):
 
 
 class Functions(NamedTuple):
-    """The compiled functions, by the addresses of their arguments."""
+    """The compiled functions; their arguments are addresses."""
 
     run: Any
     look: Any
@@ -79,7 +79,7 @@ def _at_hand() -> bool:
 
 @cache
 def _functions() -> Functions | None:
-    """The compiled functions, or None where numba or a folder for its results is missing."""
+    """The compiled functions, or None if numba or a folder for its results is missing."""
     if not _can_compile():
         return None
     try:
@@ -96,7 +96,7 @@ def _functions() -> Functions | None:
 
 
 def _function(address: int, *kinds: type) -> Callable[..., None]:
-    """A function of numba's calling convention: the result and errors go to its first arguments."""
+    """A function in numba's calling convention: two further arguments for the result and errors."""
     scratch = engine.data_address(_SCRATCH)
     function = PYFUNCTYPE(c_int, c_int64, c_int64, *kinds)(address)
     return partial(function, scratch, scratch)

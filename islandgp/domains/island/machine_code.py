@@ -53,7 +53,7 @@ _EXECUTORS: Final[list[Any]] = []  # they own the memory of the code
 
 
 def _target() -> Any:
-    """This processor, as LLVM knows it."""
+    """LLVM's description of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.Target.from_default_triple().create_target_machine(

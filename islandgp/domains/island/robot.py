@@ -21,7 +21,7 @@ from islandgp.domains.island.schedule import Circle
 from islandgp.domains.island.world import FAR, ROCK_MARGIN, IslandWorld
 
 SHORTEST_LEG = 1.0  # m: around a rock the robot drives chords of at least this length
-TOUCHING = 1e-9  # m: a way that comes this near to a circle's rim does not cross it
+TOUCHING = 1e-9  # m; a way this close to a circle's rim does not cross it
 
 
 def steer(
@@ -96,7 +96,7 @@ class IslandRobot:
         """`thresholds`: battery levels in percent that the tree compares with."""
         step, self.settings = world.episode.step, world.robot
         self.body = engine.handle(body)
-        self.x, self.y = world.start  # m, as last looked at
+        self.x, self.y = world.start  # m, at the last look
         self.load = 0  # items
         self.laps = 0  # patrol rounds finished
         self.waypoint = 0  # index of the next waypoint
@@ -118,7 +118,7 @@ class IslandRobot:
         self.charging = False  # in this step; standing only
         self.rolling = False  # the body may have a velocity
         self.wish = self.goal = (-1.0, -1.0, 0.0)  # x, y, reach: of this tick, of the present leg
-        self.lead = inf  # m by which the wish is nearer than others
+        self.lead = inf  # m by which this goal is nearer than others
         self.heading = 1 + 0j  # unit direction of the leg
         self.leg_end = 0  # step at which the next leg is planned
         self.odometer = 0  # steps spent driving
@@ -142,7 +142,7 @@ class IslandRobot:
         self.driving = True
 
     def same_choice(self) -> float:
-        """Metres to drive until another goal may be nearer.
+        """Metres to drive until another goal may become nearer.
 
         On a straight leg none can be, as long as the goal lies ahead.
         """

@@ -26,7 +26,7 @@ class Schedule:
     obstacles: tuple[Circle, ...]
     garbage: tuple[complex, ...]  # positions at the start, x + iy
     humanoids: tuple[tuple[float, float, float, float], ...]  # x, y, vx, vy at the start
-    # Cues, by step; in both, the last is never played.
+    # Events by step. The last of each has the step FAR, which no episode reaches.
     spawns: tuple[Spawn, ...]
     turns: tuple[Turn, ...]
 

@@ -24,7 +24,7 @@ assert tuple(VOCABULARY.keys) == (
     "foundGarbage",
     "isHumanoidWantToClear",
 )
-TOGETHER = 20  # steps within which looks at humanoids are done together
+TOGETHER = 20  # looks at humanoids that are due within so many steps are done together
 
 
 def sense(island: State, *, always: bool = False) -> bool:

@@ -67,9 +67,9 @@ class Space:
         self._positions = np.frombuffer(self._buffer.float_buf(), dtype=complex)
 
     def run(self, steps: int, dt: float) -> int:
-        """Up to `steps` >= 1 steps of `dt` seconds: the one that ends in a contact is the last.
+        """Simulates up to `steps` >= 1 steps of `dt` seconds, until one ends in a contact.
 
-        Returns how many it were.
+        Returns the number of steps.
         """
         space, step, touching = self.handle, engine.step, self.contacts.touching
         for done in range(1, steps + 1):
@@ -79,14 +79,14 @@ class Space:
         return steps
 
     def reset(self, world: IslandWorld, schedule: Schedule) -> None:
-        """Back to step 0, on a day with as many humanoids."""
+        """Resets the space to step 0 of a schedule with as many humanoids."""
         self.space.remove(*(thing for mover in self._movers for thing in mover))
         self.contacts.begun.clear()
         self.contacts.touching.clear()
         self.contacts.flag[0] = False
         starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
         for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
-            body.update_position(body, 0)  # an overlap that is left over moves it no more
+            body.update_position(body, 0)  # a remaining overlap no longer moves it
             body.position, body.velocity = (x, y), (vx, vy)
             self.space.add(body, shape)
 
@@ -112,7 +112,7 @@ def idle_spaces(
     obstacles: tuple[Circle, ...],  # noqa: ARG001
     humanoids: int,  # noqa: ARG001 -- how many
 ) -> list[Space]:
-    """Spaces of ended episodes in such worlds; an episode takes one out, and puts it back."""
+    """Spaces of ended episodes in such worlds, to be used again."""
     return []
 
 
@@ -167,7 +167,7 @@ def _watch_contacts(
             contacts.begun.append(other)
 
     def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
-        # When a space is thrown away the engine separates everything, maybe after the index.
+        # When a space is deleted, the engine separates all contacts, perhaps after `index` is gone.
         contacts.touching.discard(index.get(arbiter.shapes[1], 0))
         contacts.flag[0] = bool(contacts.touching)
 

@@ -56,21 +56,21 @@ class State:
     ground: Ground
     humanoids: Humanoids
     event_log: IslandEventLog
-    spaces: list[Space]  # which take the physics at the end
+    spaces: list[Space]  # to which `physics` returns at the end
     board: list[float]  # the blackboard, in the order of VOCABULARY
     dt: float  # s a step
     walk: float  # m that a humanoid moves in a step, at most
     step: int = 0
-    booked: int = 0  # step until which time is in the account
+    booked: int = 0  # the step up to which time is accounted for
     changed: bool = False  # a flag of the blackboard, since the last tick
     spawn: int = 0  # index of the schedule's next garbage
     turn: int = 0  # index of the schedule's next turn of a humanoid
     wake: int = FAR  # a step at which the tree has to be ticked
-    free: float = 0.0  # m to drive until an action of the last tick, fresh, would do something else
-    shaken: bool = False  # touched a step ago: the engine still moves overlapping bodies apart
+    free: float = 0.0  # m to drive until a fresh call of the last tick's action has another result
+    shaken: bool = False  # had a contact a step ago; the engine may still separate bodies
     status: int = FAILURE  # of the tree's last tick
-    stirred: bool = False  # this tick changed something that the next one can depend on
-    restarted: bool = False  # in this tick a leaf started whose action other leaves have as well
+    stirred: bool = False  # this tick changed something on which the next may depend
+    restarted: bool = False  # a leaf started in this tick whose action other leaves share
     acted: bool = False  # a non-movement action happened in this tick
     idle: int = 0  # steps of idleness so far
     last_action: int = 0  # step of the last non-movement action
@@ -110,7 +110,14 @@ class State:
 def build_island(
     world: IslandWorld, seed: int, award: Award, thresholds: tuple[float, ...]
 ) -> State:
-    """The island of `seed` at step 0. `thresholds`: as a Robot has them."""
+    """Builds the island at step 0.
+
+    Args:
+        world: settings of the island.
+        seed: of the world.
+        award: points by event.
+        thresholds: battery levels in percent that the tree compares with.
+    """
     schedule = draw_schedule(world, seed)
     spaces = idle_spaces(world, schedule.obstacles, len(schedule.humanoids))
     try:
@@ -120,7 +127,7 @@ def build_island(
         physics = build_space(world, schedule)
     robot = IslandRobot(world, physics.robot, schedule.obstacles, thresholds)
     walk = world.humanoids.speed * world.episode.step
-    # Who has walked into a wall or a rock, or into both, is pushed out by less than it is too deep.
+    # The engine pushes a humanoid out of walls and rocks by less than the depth of the overlaps.
     pushed = 2 * max(0.0, walk - physics.space.collision_slop)
     return State(
         world=world,

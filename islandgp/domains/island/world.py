@@ -16,8 +16,8 @@ NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 WALL = 1.0  # m, half the thickness of a wall, outside the island
 ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
-MOST_CELLS = 100_000  # of ground: as many are 15 ms and 10 MB for each world
-MOST_CUES = 1_000_000  # items of garbage, and turns of humanoids, that a schedule holds
+MOST_CELLS = 100_000  # of ground; they take 15 ms and 10 MB per world
+MOST_CUES = 1_000_000  # most items of garbage, and most turns of humanoids, in a schedule
 FAR = 1 << 29  # a step that no episode reaches
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
@@ -110,9 +110,9 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def cell(self) -> float:
-        """Metres that a cell of ground is wide: the robot's sight, and two steps besides.
+        """The width of a cell of ground in metres: the range of perception and two steps.
 
-        A look from anywhere in a cell and its surroundings may be left by a step.
+        So all garbage in sight of a robot in a cell, or one step outside, is in the nine cells.
         """
         return self.robot.perception + 2 * self.robot.speed * self.episode.step
 

@@ -31,7 +31,7 @@ class Memory:
         self._tall = height + 2 * VIEW
         self.inside = sum(self.at(x, y) for x in range(width) for y in range(height))
         self.seen = self.free = 0
-        self._seen_down = 0  # the same as `seen`, column by column
+        self._seen_down = 0  # `seen`, column by column
         self._opaque = (1 << self.stride * self._tall) - 1  # row by row
         self._opaque_down = self._opaque  # column by column
 

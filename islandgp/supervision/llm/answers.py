@@ -163,7 +163,7 @@ class RejectionStage(StrEnum):
     GRAMMAR = "grammar"
     NAMES = "names"
     LIMITS = "limits"
-    COPY = "copy"  # the tree is known already
+    COPY = "copy"  # the tree exists already
     LINT = "lint"  # `islandgp check` warns of the tree
     EDITS = "edits"  # no edit makes a usable tree
 
@@ -180,8 +180,8 @@ class Rejection:
 class Accepted:
     """An accepted answer."""
 
-    guidance: Guidance  # with the fields that were asked for
-    change: str = ""  # that was made to the answer, or ""
+    guidance: Guidance  # with the requested fields
+    change: str = ""  # change made to the answer, or ""
     others: tuple[Node, ...] = ()  # further candidates for the tree
 
 

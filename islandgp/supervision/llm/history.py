@@ -113,7 +113,7 @@ class RunHistory:
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
-    """Best first; equals in slot order."""
+    """The individuals by fitness, best first; equal ones in slot order."""
     return sorted(individuals, key=lambda i: -i.fitness)
 
 
@@ -150,7 +150,7 @@ class RunValues:
     """Values for a generation's prompts, and their costs."""
 
     values: dict[str, str]
-    episodes: int  # that were run for them
+    episodes: int  # simulated for them
 
 
 def constant_values(settings: InformedSettings, context: RunContext) -> dict[str, str]:

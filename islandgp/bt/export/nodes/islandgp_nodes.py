@@ -31,7 +31,9 @@ class When(Decorator):
         self.condition = condition
         self.stops_itself = abort in ("self", "both")
         self.interrupts = abort in ("lower", "both")
-        self.seen = None  # the condition when last asked; None: not since the composite started
+        self.seen = (
+            None  # the last value of the condition; None: not evaluated since the composite started
+        )
 
     def holds(self):
         """True if the condition holds now."""
@@ -111,7 +113,7 @@ class Interruptible(Composite):
         return current
 
     def _forget(self, first):
-        """Guards from that branch on are not observed until they are asked again."""
+        """Guards from that branch on are not observed until they are evaluated again."""
         for branch, guard in self.guards:
             if branch >= first:
                 guard.seen = None
