@@ -20,7 +20,7 @@ from islandgp.study.generalise import controls as evaluate_controls
 from islandgp.study.generalise import generalise, reference_trees
 from islandgp.study.plan import check_plan, parse_plan
 from islandgp.study.report import ComparisonReport, build
-from islandgp.study.select import MLFLOW, find, named, parse_arm, select
+from islandgp.study.select import MLFLOW, RunEntry, arms_of_sweep, find, named, parse_arm, select
 from islandgp.study.table import Table
 from islandgp.study.tables.claims import comparison_verdict, estimate_cells
 from islandgp.study.writing import metrics, write
@@ -29,6 +29,7 @@ from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place
 
 EPILOG = """\b
+Without --arm, the arms are those of the sweep: runs that differ only in seed.
 A selection is a list of KEY=VALUE of the configuration, separated by spaces:
   --arm expert="supervisor=expert" --arm baseline="supervisor=baseline"
   --arm a="name=study seed=range(30) supervisor=llm" --arm b="my_sweep"
@@ -39,14 +40,22 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
 
 @click.command(epilog=EPILOG)
 @click.option(
-    "--arm", "arms", multiple=True, required=True, metavar='NAME="SELECTION"', help="One arm."
+    "--arm",
+    "arms",
+    multiple=True,
+    metavar='NAME="SELECTION"',
+    help="One arm.  [default: each arm of the sweep]",
 )
 @click.option(
     "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of the runs."
 )
 @click.option("--name", default=None, help="Use only the runs of this sweep.")
 @click.option(
-    "-o", "--out", type=FOLDER, default=None, help="Folder for the report.  [default: study/<arms>]"
+    "-o",
+    "--out",
+    type=FOLDER,
+    default=None,
+    help="Folder for the report.  [default: study/<arms>, study/<sweep> without --arm]",
 )
 @click.option(
     "--primary",
@@ -110,12 +119,19 @@ def command(
     place = _place(uri, experiment)
     selections = [parse_arm(arm) for arm in arms]
     with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
-        study_arms, notes = _select(selections, runs, name, place, Path(scratch))
+        if selections:
+            study_arms, notes = _select(selections, runs, name, place, Path(scratch))
+        else:
+            study_arms, notes = arms_of_sweep(_available(runs, name))
     fetched = [selection.startswith(MLFLOW) for _, selection in selections]
-    sources = [*([] if all(fetched) else [str(runs)]), *([place.uri] if any(fetched) else [])]
+    sources = [
+        *([] if fetched and all(fetched) else [str(runs)]),
+        *([place.uri] if any(fetched) else []),
+    ]
     study = compare_arms(study_arms, force=force, notes=notes, sources=sources)
     check_plan(plan, study)
-    folder = out or Path("study") / "-".join(arm.name for arm in study.arms)
+    title = "-".join(arm.name for arm in study.arms) if selections else study.arms[0].runs[0].name
+    folder = out or Path("study") / title
     check_folder(folder)
     make = partial(Processes, workers=workers or cores())
     references = reference_trees(study)
@@ -149,19 +165,23 @@ def _select(
     """The arms, with notes on omitted runs."""
     study_arms: list[Arm] = []
     notes: list[str] = []
-    on_disk = None
+    available: list[RunEntry] | None = None
     for arm, selection in selections:
         if selection.startswith(MLFLOW):
             folders = fetch(place, selection.removeprefix(MLFLOW).strip(), cache)
-            available = [run for folder in folders for run in find(folder)]
+            runs_of_arm = [run for folder in folders for run in find(folder)]
         else:
-            if on_disk is None:
-                on_disk = find(runs) if name is None else named(name, find(runs))
-            available = on_disk
-        arm_runs, remarks = select(arm, selection, available)
-        study_arms.append(arm_runs)
+            available = _available(runs, name) if available is None else available
+            runs_of_arm = available
+        selected, remarks = select(arm, selection, runs_of_arm)
+        study_arms.append(selected)
         notes += remarks
     return study_arms, notes
+
+
+def _available(runs: Path, name: str | None) -> list[RunEntry]:
+    """The runs in a folder, of one sweep if it is named."""
+    return find(runs) if name is None else named(name, find(runs))
 
 
 def _results(report: ComparisonReport) -> list[str]:

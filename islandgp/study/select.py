@@ -22,6 +22,7 @@ from islandgp.plain import DECODE_ERRORS, from_plain
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
+from islandgp.sweep.folder import arm_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,9 @@ SHORT_KEYS: Final = {
 
 MLFLOW: Final = "mlflow:"
 """Prefixes of MLflow filter strings, which `tracking.fetch` handles."""
+
+UNSUPERVISED: Final = "baseline"
+"""The supervisor that does not guide the search; its arms are compared with all others."""
 
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
 _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
@@ -196,12 +200,49 @@ def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[s
     """
     selection = parse_selection(text)
     fitting = [run for run in runs if matches(run, selection)]
-    finished = [run for run in fitting if run.finished]
-    if not finished:
+    if not any(run.finished for run in fitting):
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
-    selected = sorted(map(read, finished), key=lambda r: (r.seed, str(r.path)))
+    return _arm(name, text, fitting)
+
+
+def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
+    """The arms of a sweep, with notes on omitted runs.
+
+    An arm has the runs that differ only in their seed; its name is that of its supervisor, with the
+    settings that differ between arms. Arms without a supervisor (`baseline`) are the last.
+
+    Raises:
+        StudyError: the runs are of several sweeps, or have fewer than two arms with finished runs.
+    """
+    if len(names := sorted({str(run.flat["name"]) for run in runs})) > 1:
+        raise StudyError(
+            f"Expected --name or --arm, as there are runs of {len(names)} sweeps, found neither.\n"
+            "There are:\n  " + "\n  ".join(overview(runs))
+        )
+    members: dict[str, list[RunEntry]] = defaultdict(list)
+    for run in runs:
+        members[arm_of(run.path) or str(run.flat["supervisor.name"])].append(run)
+    finished = {label: group for label, group in members.items() if any(r.finished for r in group)}
+    if len(finished) < 2:
+        raise StudyError(
+            f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'};"
+            " run a sweep such as supervisor=baseline,expert, or select arms by --arm."
+        )
+    ordered = sorted(finished.items(), key=lambda each: each[0].startswith(UNSUPERVISED))
+    arms, notes = [], list[str]()
+    for label, group in ordered:
+        name = re.sub(r"[^\w.+-]+", "-", label)
+        arm, remarks = _arm(name, f"supervisor={label}", group)
+        arms.append(arm)
+        notes += remarks
+    return arms, notes
+
+
+def _arm(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
+    """The arm of the finished ones of these runs, and notes on the others."""
+    selected = sorted((read(r) for r in runs if r.finished), key=lambda r: (r.seed, str(r.path)))
     notes: tuple[str, ...] = ()
-    if left_out := [f.path.name for f in fitting if not f.finished]:
+    if left_out := [r.path.name for r in runs if not r.finished]:
         notes = (
             f"{name}: {len(left_out)} unfinished runs are left out ({', '.join(left_out[:3])}"
             f"{', ...' * (len(left_out) > 3)}); the command that started them finishes them.",

@@ -24,7 +24,7 @@ def _documented(start: str) -> list[list[str]]:
 
 
 SWEEP, STUDY_SWEEP = _documented("python -m islandgp")
-SMALL, THREE, STUDY = _documented("islandgp compare")
+SWEEP_ARMS, SMALL, THREE, STUDY = _documented("islandgp compare")
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +53,19 @@ def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) 
     page = (home / "study" / "expert-baseline" / "index.html").read_text()
     assert "Best robots in 2 unseen worlds" in page
     assert "4" in page
+
+
+def test_without_arms_a_sweep_has_those_of_its_settings(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same runs and tests as with a selection for each; the folder has the sweep's name."""
+    by_sweep = _compare(home, [*SWEEP_ARMS[2:], "--worlds", "0"], monkeypatch)
+    selected = _compare(home, [*SMALL[2:], "--worlds", "0", "-o", "selected"], monkeypatch)
+    assert by_sweep.exit_code == selected.exit_code == 0, by_sweep.output
+    for file in ("runs.csv", "tests.csv"):
+        assert (home / "study" / "smoke" / file).read_text() == (
+            home / "selected" / file
+        ).read_text()
 
 
 @pytest.mark.usefixtures("blank")

@@ -15,6 +15,7 @@ from islandgp.results import load
 from islandgp.study.library import reference_trees
 from islandgp.study.select import (
     RunEntry,
+    arms_of_sweep,
     find,
     in_short,
     matches,
@@ -246,3 +247,30 @@ def test_a_library_of_another_version_is_one_clear_error() -> None:
         RunError, match=r"found library\.colour: .*; look at the run with the version"
     ):
         reference_trees({"library": {"folder": None, "colour": "red"}})
+
+
+def test_arms_of_a_sweep_are_named_and_ordered(tmp_path: Path) -> None:
+    """By supervisor and settings, those without a supervisor last; unfinished runs are noted."""
+    for supervisor in ("baseline", "expert"):
+        for seed in (0, 1):
+            run = fake_run(supervisor, seed)
+            write_run(
+                run, tmp_path / f"{supervisor}-{seed}", finished=(supervisor, seed) != ("expert", 1)
+            )
+    arms, notes = arms_of_sweep(find(tmp_path))
+    assert [(arm.name, arm.selection, arm.seeds) for arm in arms] == [
+        ("expert", "supervisor=expert", (0,)),
+        ("baseline", "supervisor=baseline", (0, 1)),
+    ]
+    assert "expert: 1 unfinished runs are left out (expert-1)" in notes[0]
+
+
+def test_a_sweep_must_be_named_and_have_two_arms() -> None:
+    """Otherwise the error lists the sweeps, or the arms."""
+    with pytest.raises(StudyError, match=r"--name or --arm, as there are runs of 2 sweeps") as info:
+        arms_of_sweep([_entry(), _entry(name="other")])
+    assert "name=other supervisor=expert: 1 runs, seeds 0" in str(info.value)
+    with pytest.raises(StudyError, match="two arms or more with finished runs, found expert;"):
+        arms_of_sweep([_entry(), _entry(seed=1)])
+    with pytest.raises(StudyError, match="found none;"):
+        arms_of_sweep([])
