@@ -130,7 +130,6 @@ def in_the_way(folder: Path) -> str:
         return ""
     named = ", ".join(files)
     return (
-        f"Expected Python's own and installed modules, found {named} in {folder}, which takes the"
-        " place of one;"
-        " give it another name."
+        f"Expected Python's own and installed modules, found {named} in {folder}, which hides one"
+        " of them; rename it."
     )

@@ -88,7 +88,7 @@ def no_ending(result: object, step: object) -> str:
     """The message for a result of `step` that is not a text."""
     hint = "; leave `yield` out of it" if isgenerator(result) else ""
     return (
-        'Expected why the episode is over from `step`, a text, or "" to go on, found'
+        'Expected why the episode is over from `step`, a text, or "" to continue, found'
         f" {short_repr(result)}{hint}{defined_in(step)}."
     )
 

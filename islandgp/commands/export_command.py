@@ -73,7 +73,7 @@ def command(
     if form == "btcpp" and not plain and behaviortree_cpp.needs_header(tree):
         click.echo(
             f"needs {behaviortree_cpp.HEADER}, which `islandgp export --header -o"
-            f" {behaviortree_cpp.HEADER}` writes; --plain does without it",
+            f" {behaviortree_cpp.HEADER}` writes; --plain avoids it",
             err=True,
         )
 

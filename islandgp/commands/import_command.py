@@ -53,8 +53,8 @@ def command(
     form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
     if form is None:
         raise TreeError(
-            f"{name}: expected JSON or BehaviorTree.CPP XML, found neither; what is written in the"
-            " language needs no import, and --from names a form"
+            f"{name}: expected JSON or BehaviorTree.CPP XML, found neither; a tree in the"
+            " language needs no import; --from sets the format"
         )
     if identity is not None and form == "json":
         raise TreeError(
@@ -71,7 +71,9 @@ def command(
         for line, column, loss in imported.differences
     ]
     if strict and losses:
-        raise TreeError("\n".join([*losses, "Nothing is written; leave out --strict to take it."]))
+        raise TreeError(
+            "\n".join([*losses, "Nothing is written; leave out --strict to accept it."])
+        )
     named = vocabulary.domain not in (default_domain(), UNNAMED)
     write_text(
         output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(imported.text)

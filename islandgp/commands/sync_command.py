@@ -43,7 +43,7 @@ def _sync(root: Path, place: Place | None) -> dict[Path, Exception]:
     for path in done.sent:
         click.echo(f"sent       {path}")
     click.echo(
-        f"{root}: {len(done.sent)} sent, {len(done.known)} were there already,"
+        f"{root}: {len(done.sent)} sent, {len(done.known)} already there,"
         f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"
     )
     return dict(done.failed)

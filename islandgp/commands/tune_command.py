@@ -178,4 +178,4 @@ def _comparison_lines(comparison: NumberComparison) -> Iterator[str]:
     difference = interval(comparison.difference, "+")
     yield f"  difference: {difference}, better in {comparison.better} worlds"
     if not comparison.accepted:
-        yield "Nothing better was found: the difference may be chance, so the numbers stay."
+        yield "Nothing better was found: the difference may be chance. The numbers are unchanged."

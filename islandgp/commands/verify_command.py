@@ -42,7 +42,7 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
     except RunError as error:
         return Soundness.DAMAGED, str(error)
     if finished and read_manifest(folder.path) is None:
-        return Soundness.UNKNOWN, "written by an older version; its records are as it wrote them"
+        return Soundness.UNKNOWN, "written by an older version; its records have not changed"
     return (
         Soundness.VERIFIED,
         f"{generations} generations, {'finished' if finished else 'unfinished'}",
@@ -102,13 +102,15 @@ def _check_records(folder: RunFolder, generations: int, expected: str | None) ->
                 f"{sums.name}: it differs from the records, which are as they were written"
             )
     if finished and records.path.stat().st_size != sum(map(len, lines)):
-        raise RunError("generations.jsonl: there is more in it than the run's generations")
+        raise RunError("generations.jsonl: it has more lines than the run has generations")
     costs = Lines(path / "costs.jsonl", "costs of generations", Cost)
     if sum(1 for _ in costs.whole()) < generations:
-        raise RunError("costs.jsonl: seconds of generations are missing; the run goes on without")
+        raise RunError(
+            "costs.jsonl: times of generations are missing; the run continues without them"
+        )
     values = [records.value(line, i) for i, line in enumerate(lines)]
     if values and not (path / "best.bt").exists():
-        raise RunError("best.bt: it is missing; the run's command makes it again")
+        raise RunError("best.bt: it is missing; the run's command restores it")
     if not values or not finished:
         return  # the best tree may be of a generation that is being recorded
     champion = folder.summary()["champion"]["record"]

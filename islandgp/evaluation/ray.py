@@ -196,7 +196,7 @@ def _connect(settings: RaySettings) -> tuple[Any, bool]:
         if settings.address == "local":
             raise EvaluationError(
                 f"Expected Ray to start on this machine, found that it cannot ({brief(error)});"
-                " make room, and give the command again."
+                " make room, and repeat the command."
             ) from error
         if isinstance(error, ValueError) or "any running" in str(error):
             raise _no_cluster(settings.address, error) from error
@@ -231,7 +231,7 @@ def _no_cluster(address: str, error: Exception) -> EvaluationError:
 
 def _refused(address: str, error: Exception) -> EvaluationError:
     return EvaluationError(
-        f"Expected to join the Ray cluster at {address!r}, found that it does not take us"
+        f"Expected to join the Ray cluster at {address!r}, found that it rejects the connection"
         f" ({brief(error)}); its version of Ray and Python must be this one's, and its token, if"
         " it has one: RAY_AUTH_MODE=token, and RAY_AUTH_TOKEN or ~/.ray/auth_token."
     )

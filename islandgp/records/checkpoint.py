@@ -93,7 +93,7 @@ def sound_state(
             continue
         if damage:
             reason = damage[0].partition(";")[0].rstrip(".")
-            warn(f"{reason}; going on from the checkpoint of generation {state.generation}.")
+            warn(f"{reason}; continuing from the checkpoint of generation {state.generation}.")
             file.replace(newest)
         return state
     raise RunError(damage[0])
@@ -108,7 +108,7 @@ def _must_be_new(newest: Path, generations: Lines, warn: Callable[[str], None]) 
             " restore it, or use resume=never for a new folder beside this one."
         )
     if n:
-        warn(f"There is no {newest}: the run begins again at generation 0.")
+        warn(f"There is no {newest}: the run restarts at generation 0.")
 
 
 def _with_history(file: Path, generations: Lines, sums: Path) -> RunState:

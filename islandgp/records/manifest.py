@@ -63,7 +63,7 @@ class DamagedFile:
         return self.damage is Damage.MISSING and self.name in RESTORABLE
 
     def __str__(self) -> str:
-        remedy = "; the command of the run makes it again" * self.restorable
+        remedy = "; the command of the run restores it" * self.restorable
         return f"{self.name}: {self.damage}{remedy}"
 
 

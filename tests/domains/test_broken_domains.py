@@ -104,10 +104,11 @@ EPISODES = [
     ('self.placed += event == "placed"', '1 / (event == "picked")',
      "Expected no error, found ZeroDivisionError: division by zero", "1 / (event"),
     ('self.log("tick")', "yield",
-     'Expected why the episode is over from `step`, a text, or "" to go on, found <generator object'
-     " Robot.step>; leave `yield` out of it", "def step"),
+     'Expected why the episode is over from `step`, a text, or "" to continue, found <generator'
+     " object Robot.step>; leave `yield` out of it", "def step"),
     ('return "task done" if self.placed == self.world.blocks else ""', "return 1",
-     'Expected why the episode is over from `step`, a text, or "" to go on, found 1', "def step"),
+     'Expected why the episode is over from `step`, a text, or "" to continue, found 1',
+     "def step"),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": "3"}',
      "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
      " `sense`, found '3'", "def sense"),

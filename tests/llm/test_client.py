@@ -338,7 +338,7 @@ def test_redirects_are_not_followed() -> None:
 @pytest.mark.parametrize(
     ("status", "body", "kind", "message"),
     [
-        (200, b'{"object": "chat.completion", "choices": []}', "foreign", "OpenAI's language"),
+        (200, b'{"object": "chat.completion", "choices": []}', "foreign", "OpenAI's format"),
         (200, b'{"error": "Unexpected endpoint (POST /v1/messages)"}', "not_found", "Unexpected"),
         (200, b'{"error": {"message": "busy", "code": 502}}', "malformed", "with an error: busy"),
         (200, b'{"error": null}', "malformed", "with an error: None"),
@@ -354,7 +354,7 @@ def test_redirects_are_not_followed() -> None:
 def test_errors_of_other_servers_have_different_kinds(
     status: int, body: bytes, kind: str, message: str
 ) -> None:
-    """An answer in OpenAI's language, an unknown address, a gateway that gave up waiting."""
+    """An answer in OpenAI's format, an unknown address, a gateway that gave up waiting."""
     answer = mocked(body, status)
     assert isinstance(answer, Failure)
     assert answer.kind == kind

@@ -382,7 +382,7 @@ def test_an_address_with_a_version_too_many(address: str) -> None:
     [
         (FailureKind.NOT_FOUND, "status 404", True),
         (FailureKind.NOT_FOUND, "status 404: model: qwen3", False),
-        (FailureKind.FOREIGN, "an answer in OpenAI's language", True),
+        (FailureKind.FOREIGN, "an answer in OpenAI's format", True),
     ],
 )
 def test_a_server_that_speaks_only_openai_s_language(
@@ -392,7 +392,9 @@ def test_a_server_that_speaks_only_openai_s_language(
     llm, client = supervisor(lambda request, n: Failure(kind, message))  # noqa: ARG005
     with pytest.raises(SupervisionError) as excinfo:
         llm.start()
-    assert ("LiteLLM's proxy before it, see docs/llm.md, Any model" in str(excinfo.value)) == remedy
+    assert (
+        "LiteLLM's proxy in front of it, see docs/llm.md, Any model" in str(excinfo.value)
+    ) == remedy
     assert ("supervisor.policy.model" in str(excinfo.value)) == (kind is FailureKind.NOT_FOUND)
     assert len(client.requests) == 1
 

@@ -179,9 +179,9 @@ def test_the_command_reports_a_damaged_folder_in_a_line(home: Path, islandgp: Cl
     closed_run(home / "others/one", home)
     result = islandgp("sync", home / "runs", home / "others")
     assert result.code == 2
-    assert "1 sent, 0 were there already" in result.out
+    assert "1 sent, 0 already there" in result.out
     assert "correct what each line names" in result.err
-    assert "0 sent, 0 were there already, 0 without tracking, 1 not sent" in result.out
+    assert "0 sent, 0 already there, 0 without tracking, 1 not sent" in result.out
     assert f"{bad.path / 'about.json'}, found a damaged file (changed)" in result.err
     assert "Traceback" not in result.err
 

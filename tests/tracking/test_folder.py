@@ -135,7 +135,7 @@ def test_a_damaged_checkpoint_costs_one_generation(tmp_path: Path) -> None:
     (folder.path / "checkpoint.json").write_text("{")
     generation, (line,) = resumed_from(folder)
     assert generation == 3
-    assert re.search(r"checkpoint\.json, found a damaged file.*; going on from .* 3\.$", line)
+    assert re.search(r"checkpoint\.json, found a damaged file.*; continuing from .* 3\.$", line)
     folder.append(steps()[3])
     assert resumed_from(folder) == (4, [])
     assert (folder.path / "generations.jsonl").read_bytes() == records
@@ -179,7 +179,7 @@ def test_a_run_that_begins_again_reports_it(tmp_path: Path) -> None:
     (folder.path / "checkpoint.json").unlink()
     generation, (line,) = resumed_from(folder)
     assert generation == 0
-    assert line.endswith("the run begins again at generation 0.")
+    assert line.endswith("the run restarts at generation 0.")
 
 
 def test_a_record_that_is_cut_costs_one_generation(tmp_path: Path) -> None:

@@ -293,13 +293,13 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     monkeypatch.chdir(home)
     closed_run(home / "runs/a/one", home, 2)
     first = CliRunner().invoke(islandgp, ["sync"])
-    assert "1 sent, 0 were there already, 0 without tracking, 0 not sent" in first.output
+    assert "1 sent, 0 already there, 0 without tracking, 0 not sent" in first.output
     second = CliRunner().invoke(islandgp, ["sync", "runs/a"])
-    assert "0 sent, 1 were there already" in second.output
+    assert "0 sent, 1 already there" in second.output
     third = CliRunner().invoke(islandgp, ["sync", "nowhere"])
     assert isinstance(third.exception, TrackingError)
     elsewhere = CliRunner().invoke(islandgp, ["sync", "--uri", "sqlite:///mlflow.db"])
-    assert "0 sent, 1 were there already" in elsewhere.output
+    assert "0 sent, 1 already there" in elsewhere.output
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ def write(file: str, text: str) -> Callable[[Path], None]:
         (remove("generations.jsonl"), "generations.jsonl: missing"),
         (edit("generations.sha256", b"1 ", b"1 0"), "generations.sha256: changed"),
         (remove("generations.sha256"), "generations.sha256: missing"),
-        (remove("best.bt"), "best.bt: missing; the command of the run makes it again"),
+        (remove("best.bt"), "best.bt: missing; the command of the run restores it"),
         (write("best.bt", "PatrolWaypoint\n"), "best.bt: changed"),
         (edit("summary.json", b'"final_mean": ', b'"final_mean": 9'), "summary.json: changed"),
         (write("summary.json", "{"), "summary.json: changed"),
@@ -111,7 +111,7 @@ def test_every_damaged_file_is_named(one: Path) -> None:
     for change in (write("costs.jsonl", ""), remove("lineage.csv"), write("x y", "")):
         change(one)
     assert verified(one)[1].partition(": damaged: ")[2] == (
-        "costs.jsonl: changed; lineage.csv: missing; the command of the run makes it again;"
+        "costs.jsonl: changed; lineage.csv: missing; the command of the run restores it;"
         " x y: added\n"
     )
 

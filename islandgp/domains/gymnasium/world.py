@@ -192,7 +192,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
             components={
                 "reward": "the environment's own reward",
                 "length": "points for lasting",
-                "signals": "points for what the configuration looks for",
+                "signals": "points for the configured signals",
             },
             events={**REWARD_EVENTS, **signals},
             counters={

@@ -137,8 +137,8 @@ class AnthropicClient:
             if encoding := response.extensions.get(ENCODING):
                 return Failure(
                     FailureKind.MALFORMED,
-                    "expected a body that is not compressed, as was asked for, found the"
-                    f" encoding {self._line(encoding)}; turn compression off in the server",
+                    "expected an uncompressed body, as requested, found the encoding"
+                    f" {self._line(encoding)}; turn compression off in the server",
                 )
             return read_message(response.content, self._line, self._hide)
         except anthropic.APIStatusError as error:
@@ -175,7 +175,7 @@ class AnthropicClient:
 
 
 def _late(seconds: float) -> Failure:
-    return Failure(FailureKind.TIMEOUT, f"no whole answer within {seconds:g} s")
+    return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s")
 
 
 def _unconnected(cause: BaseException) -> FailureKind:
@@ -271,7 +271,7 @@ def _other_language(message: Any, line: Callable[[str], str]) -> Failure | None:
     if not isinstance(message, dict) or "content" in message:
         return None
     if "choices" in message:
-        return Failure(FailureKind.FOREIGN, "an answer in OpenAI's language")
+        return Failure(FailureKind.FOREIGN, "an answer in OpenAI's format")
     if "error" not in message:
         return None
     error = message["error"]

@@ -283,13 +283,13 @@ _MUTATED: Final = {
     True: "Each individual is mutated with this chance, also the best\n"
     "ones and a tree that you write.",
     False: "Each child is mutated with this chance; the best individuals\n"
-    "and a tree that you write are kept as they are.",
+    "and a tree that you write are kept unchanged.",
 }
 _JOINS: Final = {
     # by gp.mutate_elites: whether an injected tree is mutated
     True: "It joins the next generation as an equal: it is\n"
     "mutated, evaluated and selected like all others.",
-    False: "It joins the next generation as it is: it is\n"
+    False: "It joins the next generation unchanged: it is\n"
     "evaluated and selected like all others; mutation leaves it alone.",
 }
 
@@ -360,7 +360,7 @@ def _curriculum(context: RunContext) -> Iterator[str]:
     stages = [context.curriculum.stages[k] for k in _stages(context)]
     if any(stage.multipliers for stage in stages):
         yield (
-            "The curriculum multiplies components of the points; the report tells the factors of"
+            "The curriculum multiplies components of the points; the report has the factors of"
             " the next generation."
         )
     if len({tuple(sorted(stage.multipliers.items())) for stage in stages}) > 1:

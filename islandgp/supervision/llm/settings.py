@@ -56,7 +56,7 @@ def check_address(url: str) -> None:
         raise ValueError(
             f"expected an address without the path of a request, such as {address}, found"
             f" {path[0]} at its end; the client adds /v1/messages. A server that speaks only"
-            " OpenAI's language needs LiteLLM's proxy before it, see docs/llm.md, Any model"
+            " OpenAI's API needs LiteLLM's proxy in front of it, see docs/llm.md, Any model"
         )
 
 

@@ -60,7 +60,7 @@ Way = tuple[bool, float | None]
 _WAYS = """\
 Expected a key or an address for supervisor=llm, found none. There are four ways:
   1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
-  2. a local server that speaks its language (Ollama, vLLM, llama.cpp):
+  2. a local server with the same API (Ollama, vLLM, llama.cpp):
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
   3. Amazon Bedrock, Google Vertex AI or Microsoft Foundry:
      supervisor.policy.service=bedrock, vertex or foundry (docs/llm.md, Clouds);
@@ -356,7 +356,7 @@ def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
     cloud = CLOUDS.get(settings.service)
     address = settings.address or ""
     openai = (
-        "a server that speaks only OpenAI's language needs LiteLLM's proxy before it, see"
+        "a server with OpenAI's API only needs LiteLLM's proxy in front of it, see"
         " docs/llm.md, Any model"
     )
     remedy = {
