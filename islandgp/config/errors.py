@@ -31,6 +31,7 @@ USER_ERRORS: Final = (
     OmegaConfBaseException,
     yaml.YAMLError,
     ValueError,
+    TypeError,  # for a word in place of a number after a list; others are faults of the program
     OSError,
     RecursionError,
 )
@@ -112,8 +113,12 @@ class Mistake(NamedTuple):
 
 
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for an error of composing these overrides."""
+    """The message for an error of composing these overrides. Raises a TypeError of the program."""
     mistake, text = Mistake(error, overrides, source), str(error)
+    if isinstance(error, TypeError):
+        if line := _no_entry(overrides, source):
+            return line
+        raise error
     if isinstance(error, yaml.YAMLError):
         return _yaml(error)
     if isinstance(error, RecursionError):
@@ -145,7 +150,9 @@ def _no_such_key(mistake: Mistake, match: re.Match[str]) -> str:
             f"{key}: expected a group that the chosen files have an option of, found none; write"
             f" +{key}=OPTION for an option on top of that file"
         )
-    return _unknown(key, _chosen(mistake.overrides, mistake.source))
+    return _no_entry(mistake.overrides, mistake.source) or _unknown(
+        key, _chosen(mistake.overrides, mistake.source)
+    )
 
 
 def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
@@ -157,6 +164,8 @@ def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
 
 
 def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
+    if line := _no_entry(mistake.overrides, mistake.source):
+        return line
     cause = mistake.error.__cause__
     return f"{match[1]}: {_short(cause)}" if isinstance(cause, Exception) else ""
 
@@ -194,6 +203,7 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
     ),
     (r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", _no_such_option),
     (r"\AError merging override ([\s\S]*)", _cannot_merge),
+    (r"\Ainvalid literal for int\(\)", lambda m, _: _no_entry(m.overrides, m.source)),
 )
 """Patterns in Hydra's messages, with the replacement: a template, or a function. "" keeps Hydra's
 first line."""
@@ -286,6 +296,25 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
             f"{key}={option}: expected the name of an option, found {option};"
             f" there are {', '.join(options)}; for none leave it out"
         )
+    return ""
+
+
+def _no_entry(overrides: Sequence[str], source: ConfigSource) -> str:
+    """The message for the first key with an entry of a list that the list does not have, or ""."""
+    config = _chosen(overrides, source)
+    for override in parsed(overrides, source.loader()):
+        value, parts = config, override.key_or_group.split(".")
+        for i, part in enumerate(parts):
+            if isinstance(value, dict):
+                value = value.get(part)
+            elif isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+                value = value[int(part)]
+            elif isinstance(value, list):
+                numbers = f"a number from 0 to {len(value) - 1}" if value else "no further key"
+                return (
+                    f"{override.key_or_group}: expected {numbers} after {'.'.join(parts[:i])},"
+                    f" which is a list of {len(value)}, found {part}"
+                )
     return ""
 
 

@@ -129,6 +129,15 @@ ONE_LINE = [
     (["+rewards.maxima.fun=3"], "rewards.maxima.fun: expected one of garbage, battery, humanoid,"),
     (["rewards.normalize=true", "rewards.maxima.idle=0"],
      "rewards.maxima.idle: expected a number above 0, as normalize is on"),
+    (["curriculum.stages.4.multipliers.garbage=2"],
+     "curriculum.stages.4.multipliers.garbage: expected a number from 0 to 3 after"
+     " curriculum.stages, which is a list of 4, found 4"),
+    (["++curriculum.stages.last.multipliers.garbage=2"],
+     "curriculum.stages.last.multipliers.garbage: expected a number from 0 to 3 after"
+     " curriculum.stages, which is a list of 4, found last"),
+    (["++curriculum.stages.last=2"],
+     "curriculum.stages.last: expected a number from 0 to 3 after"),
+    (["~curriculum.stages.7"], "curriculum.stages.7: expected a number from 0 to 3 after"),
     (["+curriculum.stages.2.multipliers.trash=3"],
      "curriculum.stages.2.multipliers.trash: expected one of garbage, battery, humanoid,"),
     (["classes.behaviours.charging=chargings"],
