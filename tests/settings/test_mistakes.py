@@ -152,8 +152,8 @@ ONE_LINE = [
      "search.ranking='luck': input should be 'evidence' or 'fitness'"),
     (["search=hill", "search.factory=islandgp.gp.plan:Plan"],
      "search.factory: expected a class with Settings, make, start, ask and tell, found"),
-    (["search.factory=tests.settings.searches:Unsaid"],
-     "search.factory: expected <class 'tests.settings.searches.Unsaid'> with a class attribute"
+    (["search.factory=tests.settings.searches:Undeclared"],
+     "search.factory: expected <class 'tests.settings.searches.Undeclared'> with a class attribute"
      " uses, a frozenset of some of 'edits', 'rate', 'tree', found None"),
     (["search.factory=tests.settings.searches:Forgetful"],
      "search.factory: expected <class 'tests.settings.searches.Forgetful'> with a class attribute"
