@@ -277,11 +277,7 @@ class Domain(Protocol):
         ...
 
     def run_episode(
-        self,
-        tree: Node,
-        seed: int,
-        weights: Mapping[str, float],
-        observer: Observer | None = None,
+        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:
         """Runs one episode. The outcome is a function of the first three arguments.
 

@@ -96,9 +96,5 @@ def _query(arguments: Sequence[str], word: str) -> list[str]:
         GlobalHydra.instance().clear()
         plugin = BashCompletion(source.loader())
         return plugin._query(config_name=source.name, line=" ".join([*arguments, word]))
-    except (
-        *USER_ERRORS,
-        ConfigError,
-        SystemExit,
-    ):  # of incomplete words
+    except (*USER_ERRORS, ConfigError, SystemExit):  # of incomplete words
         return []

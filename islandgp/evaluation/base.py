@@ -12,11 +12,7 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
-from islandgp.evaluation.perturbation import (
-    Perturbation,
-    PerturbedWorlds,
-    recorded_perturbation,
-)
+from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, recorded_perturbation
 from islandgp.evaluation.worlds import staged
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in

@@ -110,12 +110,7 @@ def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
 
 
 def jobs_of(
-    plan: Plan,
-    generation: int,
-    slot: int,
-    individual: Individual,
-    text: str,
-    worlds: Sequence[int],
+    plan: Plan, generation: int, slot: int, individual: Individual, text: str, worlds: Sequence[int]
 ) -> list[Job]:
     """The episodes of the individual in a slot; `text` is its canonical text."""
     n, stage = plan.gp.episodes, plan.curriculum.stage(generation)

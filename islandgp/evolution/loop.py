@@ -130,12 +130,7 @@ class _Loop:
         now = record.snapshot
         multipliers = self.parts.plan.curriculum.multipliers(now.stage)
         return GenerationView(
-            now,
-            record.worlds,
-            multipliers,
-            record.individuals,
-            self.guidance,
-            trials=record.trials,
+            now, record.worlds, multipliers, record.individuals, self.guidance, trials=record.trials
         )
 
     def step(self, state: RunState) -> Step:

@@ -333,10 +333,7 @@ def validate(
 
 
 def _validation(
-    worlds: Sequence[int],
-    outcomes: Sequence[Outcome],
-    classes: Classes,
-    constraints: Constraints,
+    worlds: Sequence[int], outcomes: Sequence[Outcome], classes: Classes, constraints: Constraints
 ) -> Validation:
     mean, low, high = interval([o.fitness for o in outcomes])
     reached = [tiers(o, classes) for o in outcomes]

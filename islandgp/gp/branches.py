@@ -34,13 +34,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import leaf_of, written
 from islandgp.bt.core.vocabulary import Key
-from islandgp.gp.random_trees import (
-    TreeSpace,
-    moved_number,
-    random_abort,
-    random_leaf,
-    random_term,
-)
+from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
 if TYPE_CHECKING:  # variation imports this module
     from islandgp.gp.variation import MutationSettings

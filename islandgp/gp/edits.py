@@ -12,13 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, ClassVar, Final
 
-from pydantic import (
-    AfterValidator,
-    ConfigDict,
-    FiniteFloat,
-    PlainSerializer,
-    PlainValidator,
-)
+from pydantic import AfterValidator, ConfigDict, FiniteFloat, PlainSerializer, PlainValidator
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.condition import terms, with_term

@@ -11,13 +11,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
-from islandgp.bt.core.condition import (
-    FLAG_OPERATORS,
-    OPERATORS,
-    Condition,
-    ConditionExpr,
-    combine,
-)
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
 from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of

@@ -17,13 +17,7 @@ from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
 from islandgp.plain import to_json
-from islandgp.scoring.constraints import (
-    NO_CONSTRAINTS,
-    Constraints,
-    Merit,
-    merit,
-    violation,
-)
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, Merit, merit, violation
 from islandgp.scoring.generation_stats import ALIASES, GenerationStats
 
 

@@ -16,14 +16,7 @@ from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import (
-    Advice,
-    Evaluated,
-    Individual,
-    Origin,
-    Tree,
-    edited_individuals,
-)
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree, edited_individuals
 from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
 from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutate
@@ -141,11 +134,7 @@ class GenerationPlan:
 
 
 def new_generation(
-    plan: Plan,
-    streams: Streams,
-    state: SearchState,
-    contents: GenerationPlan,
-    breeding: Breeding,
+    plan: Plan, streams: Streams, state: SearchState, contents: GenerationPlan, breeding: Breeding
 ) -> Iterator[Individual]:
     """Yields the individuals of a generation, `gp.population` of them, in slot order.
 

@@ -19,14 +19,7 @@ from pydantic import Field
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
-from islandgp.scoring.constraints import (
-    NO_COUNTERS,
-    Merit,
-    limited,
-    merit,
-    running_mean,
-    violation,
-)
+from islandgp.scoring.constraints import NO_COUNTERS, Merit, limited, merit, running_mean, violation
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,

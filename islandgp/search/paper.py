@@ -8,13 +8,7 @@ from typing import Any, ClassVar, Final
 
 from islandgp.gp.allocation import next_population, update_behaviour_archive
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import (
-    Advice,
-    BehaviourBest,
-    Evaluated,
-    Individual,
-    Origin,
-)
+from islandgp.gp.population import Advice, BehaviourBest, Evaluated, Individual, Origin
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.variation import mutate
 from islandgp.scoring.generation_stats import diversity

@@ -33,14 +33,7 @@ from islandgp.gp.evidence import estimate
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Tree
 from islandgp.gp.selection import by_rank
-from islandgp.scoring.constraints import (
-    NO_COUNTERS,
-    Merit,
-    limited,
-    merit,
-    running_mean,
-    violation,
-)
+from islandgp.scoring.constraints import NO_COUNTERS, Merit, limited, merit, running_mean, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import (
     BreedingSearch,

@@ -60,9 +60,7 @@ class RandomSearch:
         purpose = Stream.DIVERSITY if g else Stream.INITIAL  # the streams of `search=paper`
         random = [
             Individual(
-                f"{g}.{slot}",
-                self._tree(streams(purpose, generation=g, slot=slot)),
-                Origin.RANDOM,
+                f"{g}.{slot}", self._tree(streams(purpose, generation=g, slot=slot)), Origin.RANDOM
             )
             for slot in range(len(injected), n)
         ]

@@ -114,12 +114,7 @@ class SupervisorQueue:
     """
 
     def __init__(
-        self,
-        supervisor: Supervisor,
-        *,
-        seed: int,
-        lag: int,
-        vocabulary: Vocabulary | None = None,
+        self, supervisor: Supervisor, *, seed: int, lag: int, vocabulary: Vocabulary | None = None
     ) -> None:
         """Starts the thread.
 

@@ -213,9 +213,7 @@ class BoardSets:
         if not borders:
             return parts[0]
         diagram = _Diagram(
-            key,
-            tuple(cuts[at] for at in borders),
-            (*(parts[at] for at in borders), parts[-1]),
+            key, tuple(cuts[at] for at in borders), (*(parts[at] for at in borders), parts[-1])
         )
         if diagram not in self._numbers:
             self._numbers[diagram] = len(self._diagrams)

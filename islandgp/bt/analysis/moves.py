@@ -282,12 +282,7 @@ class _Tick:
         return self.moves(children[branch], memory, inside, target)
 
     def _known(
-        self,
-        place: int,
-        first: int,
-        running: int,
-        known: Sequence[bool | None],
-        checked: Set[int],
+        self, place: int, first: int, running: int, known: Sequence[bool | None], checked: Set[int]
     ) -> tuple[bool | None, ...]:
         """The known values of guards after a tick that began with the branch `first`."""
         values: list[bool | None] = []

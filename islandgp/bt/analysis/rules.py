@@ -137,11 +137,7 @@ class _MemoryOrigin(NamedTuple):
 
 
 def _explored(
-    machine: Machine,
-    rule: Rule,
-    forbidden: Boards,
-    places: Sequence[int],
-    vocabulary: Vocabulary,
+    machine: Machine, rule: Rule, forbidden: Boards, places: Sequence[int], vocabulary: Vocabulary
 ) -> RuleResult:
     """Searches breadth-first for a sequence of ticks that breaks the rule."""
     cells, is_complete = _cells(machine)

@@ -64,10 +64,7 @@ _SPELLING = {
 
 
 def syntax_error(
-    source: Source,
-    error: UnexpectedInput,
-    tokens: Iterator[Token],
-    vocabulary: Vocabulary | None,
+    source: Source, error: UnexpectedInput, tokens: Iterator[Token], vocabulary: Vocabulary | None
 ) -> TreeError:
     """The error for a text that the grammar doesn't accept.
 

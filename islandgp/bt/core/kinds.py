@@ -310,11 +310,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         arguments=(
             Argument("condition", Sort.CONDITION),
             Argument(
-                "abort",
-                Sort.WORD,
-                "what a change of the condition stops",
-                ABORTS,
-                default="both",
+                "abort", Sort.WORD, "what a change of the condition stops", ABORTS, default="both"
             ),
         ),
         look=Look(

@@ -55,11 +55,7 @@ class Offer:
 
 
 def offers(
-    text: str,
-    offset: int,
-    vocabulary: Vocabulary,
-    folder: Path,
-    domains: Sequence[str] = (),
+    text: str, offset: int, vocabulary: Vocabulary, folder: Path, domains: Sequence[str] = ()
 ) -> list[Offer]:
     """Completions at a position, including the word that is being typed there.
 

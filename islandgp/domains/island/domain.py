@@ -93,11 +93,7 @@ class Island:
         )
 
     def run_episode(
-        self,
-        tree: Node,
-        seed: int,
-        weights: Mapping[str, float],
-        observer: Observer | None = None,
+        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:
         """See `Domain`. With an observer the tree is ticked in every step."""
         try:
