@@ -3,10 +3,10 @@
     python docs/comparators.py [--seeds N] [--worlds A,B] [--arms "A;B"] [--report]
     python docs/comparators.py --random-trees [--worlds A,B]
 
-Runs what is missing in `runs/`, evaluates each run's best robot in worlds that chose nothing, and
-writes docs/comparators/: raw scores, tables, profiles, curves. It can be stopped and started again
-at any time: a run that is unfinished goes on, and a score that is in scores/WORLD.json is kept.
-Several processes can work side by side, each on other worlds.
+Does the missing runs in `runs/`, evaluates each run's best robot in unseen worlds, and writes
+docs/comparators/: raw scores, tables, profiles, curves. It can be stopped and started again at any
+time: unfinished runs are resumed, and scores in scores/WORLD.json are kept. Several processes can
+run at the same time, each for other worlds.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 import islandgp
+from islandgp.atomic_files import write_atomic
 from islandgp.bt.core.language import to_text
 from islandgp.records.folder import RunFolder
 from islandgp.search.base import SearchState
@@ -71,7 +72,7 @@ PAIRS: Final = (
     ("racing, library", "compose"),
     ("racing, expert", "racing"),
 )
-"""Differences that the second table has, beside that from the tree written by hand."""
+"""Pairs of arms in the second table, which also compares each arm with the hand-written tree."""
 
 WITH_LIBRARY: Final = (
     "paper, expert",
@@ -81,7 +82,7 @@ WITH_LIBRARY: Final = (
     "racing, editor",
     "compose",
 )
-"""Arms that use written trees; only where the domain has a library."""
+"""Arms that use the trees of a library; only for domains with one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +93,12 @@ class World:
     by_hand: Path  # a tree for comparison
     config_dir: Path | None = None
     library: bool = False
-    arms: tuple[str, ...] = ()  # the only ones that run here; (): all
+    arms: tuple[str, ...] = ()  # that run in this world; (): all
     seeds: range = SEEDS
 
 
 ONE_POPULATION: Final = ("gp.population=60", "search.policy.restarts=1")
-"""`experiment=best` as it was before its restarts."""
+"""`experiment=best` without restarts."""
 
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PICK_PLACE: Final = ROOT / "examples" / "pick_place"
@@ -160,7 +161,7 @@ def arms_of(world: World) -> Iterator[str]:
 
 
 def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
-    """A run, made where it is missing, and its best robot's mean in unseen worlds."""
+    """Does a run if it is missing, and evaluates its best robot in the unseen worlds."""
     world, began = WORLDS[name], process_time()
     overrides = (*world.overrides, *ARMS[arm], f"name=comparators-{name}", f"seed={seed}", *QUIET)
     results = islandgp.run(*overrides, config_dir=world.config_dir)
@@ -181,12 +182,10 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
 def curve_of(folder: Path) -> list[tuple[int, float]]:
     """Episodes so far, and the highest fitness in training so far, POINTS times at most."""
     history = read_history(RunFolder(folder))
-    points = [
-        (round(n), round(top, 3)) for n, top in zip(history.episodes, history.top, strict=True)
-    ]
-    return [
-        points[i] for i in sorted({*np.linspace(0, len(points) - 1, POINTS).round().astype(int)})
-    ]
+    pairs = zip(history.episodes, history.top, strict=True)
+    points = [(round(n), round(top, 3)) for n, top in pairs]
+    indices = np.linspace(0, len(points) - 1, POINTS).round().astype(int)
+    return [points[i] for i in sorted({*indices})]
 
 
 def by_hand(name: str) -> float:
@@ -198,7 +197,7 @@ def by_hand(name: str) -> float:
 
 
 def raw_file(name: str) -> Path:
-    """Where the raw scores of a world are."""
+    """The file of a world's raw scores."""
     return FOLDER / "scores" / f"{name}.json"
 
 
@@ -211,12 +210,9 @@ def read_raw(name: str) -> dict[str, Any]:
 
 
 def write_raw(name: str, raw: dict[str, Any]) -> None:
-    """A world's raw scores, in one piece."""
-    file = raw_file(name)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    temporary = file.with_suffix(".tmp")
-    temporary.write_text(json.dumps(raw, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    temporary.replace(file)
+    """Writes a world's raw scores atomically."""
+    raw_file(name).parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(raw_file(name), (json.dumps(raw, indent=1, sort_keys=True) + "\n").encode())
 
 
 def seeds_of(raw: dict[str, Any], arms: Iterable[str]) -> dict[str, list[str]]:
@@ -230,7 +226,7 @@ def report() -> None:
     """The table, the profiles and the curves; arms with fewer than FEWEST seeds only as means."""
     raws = {name: read_raw(name) for name in WORLDS}
     scores: dict[str, dict[str, list[float]]] = {}
-    few = []
+    means = []  # of arms with few seeds
     for name, world in WORLDS.items():
         arms = raws[name]["arms"]
         compared = seeds_of(raws[name], arms_of(world))
@@ -238,7 +234,7 @@ def report() -> None:
             scores[name] = {
                 arm: [arms[arm][seed]["score"] for seed in seeds] for arm, seeds in compared.items()
             }
-        few += [
+        means += [
             f"- {name}, {arm}: {fmean(run['score'] for run in arms[arm].values()):,.1f}"
             f" ({len(arms[arm])} seeds)"
             for arm in arms_of(world)
@@ -255,12 +251,9 @@ def report() -> None:
         *table.notes,
         "",
         *differences({name: raws[name] for name in scores}),
-        *(
-            ["", f"Arms with fewer than {FEWEST} seeds, which are not compared:", "", *few]
-            if few
-            else []
-        ),
     ]
+    if means:
+        lines += ["", f"Arms with fewer than {FEWEST} seeds, which are not compared:", "", *means]
     (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
     profile_picture(by_world, label="Mean in unseen worlds").save(FOLDER)
@@ -279,15 +272,8 @@ def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
         for first, second, scores, others in pairs:
             test = paired_test(scores, others)
             label = f"{name}: {first} - {second}"
-            rows.append(
-                (
-                    label,
-                    f"{fmean(scores):,.1f}",
-                    len(scores),
-                    paired_difference(scores, others),
-                    test.p,
-                )
-            )
+            difference = paired_difference(scores, others)
+            rows.append((label, f"{fmean(scores):,.1f}", len(scores), difference, test.p))
     adjusted = benjamini_hochberg([row[-1] for row in rows])
     yield "| difference | mean of the first | runs | mean difference [95 %] | p | p BH |"
     yield "|---|---:|---:|---:|---:|---:|"
@@ -314,17 +300,14 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
         figure.subplots(len(raws), 1, squeeze=False).flat, raws.items(), strict=True
     ):
         for arm, seeds in seeds_of(raw, arms_of(WORLDS[name])).items():
-            runs = [
-                np.array(raw["arms"][arm][seed].get("curve") or [(0, np.nan)]) for seed in seeds
-            ]
-            runs = [run for run in runs if len(run) > 1]
+            curves = [raw["arms"][arm][seed].get("curve") or [] for seed in seeds]
+            runs = [np.array(curve) for curve in curves if len(curve) > 1]
             if runs:
                 at = np.linspace(max(r[0, 0] for r in runs), min(r[-1, 0] for r in runs), POINTS)
                 mean = np.mean([np.interp(at, run[:, 0], run[:, 1]) for run in runs], axis=0)
                 style = nth_style(places[arm])
-                axes.plot(
-                    at, mean, color=style.colour, linestyle=style.line, label=f"{arm} ({len(runs)})"
-                )
+                label = f"{arm} ({len(runs)})"
+                axes.plot(at, mean, color=style.colour, linestyle=style.line, label=label)
         axes.axhline(raw["by_hand"], color="black", linestyle=":", label="by hand, unseen worlds")
         axes.set(title=name, xlabel="episodes", ylabel="highest fitness so far")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, frameon=False)
@@ -334,7 +317,7 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
 
 
 def random_trees(names: Sequence[str]) -> None:
-    """The table of how many random trees do anything: RANDOM of each kind, a world each."""
+    """Writes the table of random trees: RANDOM of each kind, each in its own world."""
     lines = [
         "| world | random trees | earn points | show a behaviour | highest fitness |",
         "|---|---|---:|---:|---:|",
@@ -387,7 +370,7 @@ def main() -> None:
 def compare_searches(names: Sequence[str], arms: Sequence[str], seeds: int) -> None:
     """Measure the missing runs of the first `seeds` seeds of each world, and write the report."""
     for i in range(seeds):
-        for name in names:  # seed by seed: what is stopped has as many of each arm
+        for name in names:  # seed by seed, so that arms have equal numbers of runs if it is stopped
             if i >= len(WORLDS[name].seeds):
                 continue
             seed = WORLDS[name].seeds[i]
