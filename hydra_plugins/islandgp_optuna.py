@@ -1,4 +1,4 @@
-"""`hydra/sweeper=optuna`: where Hydra looks for sweepers. The search is `running.optuna_search`."""
+"""The sweeper of `hydra/sweeper=optuna`, which Hydra finds here; it runs `sweep.optuna_trials`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class OptunaSweeper(Sweeper):
         )
 
     def sweep(self, arguments: list[str]) -> None:
-        """Searches. See `Sweeper`."""
+        """Runs the search. See `Sweeper`."""
         from islandgp.sweep.optimiser import RESULTS
         from islandgp.sweep.optuna_trials import search
 

@@ -90,7 +90,7 @@ def search(
 
     A job returns its objectives, or None if it was pruned; it failed where one
     of them is not a number. The settings are the keys of `conf/hydra/sweeper/optuna.yaml`, which
-    `running.search` has checked; without a pruner every trial runs to its end.
+    `sweep.optimiser` has checked; without a pruner every trial runs to its end.
     """
     overrides = [*(f"{key}={value}" for key, value in params.items()), *arguments]
     last = {o.get_key_element(): o for o in OverridesParser.create().parse_overrides(overrides)}
