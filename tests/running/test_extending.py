@@ -32,10 +32,10 @@ IN_A_PROCESS = """
 import json, sys
 from pathlib import Path
 from islandgp.testing.domain_suite import DomainSuite
-from tests.running.commands import here
+from tests.running.commands import in_process
 
 DomainSuite.random_trees, DomainSuite.grown_trees = 2, 8
-say = here(Path.cwd())
+say = in_process(Path.cwd())
 print(json.dumps([say(*words) for words in json.loads(sys.argv[1])]))
 """
 
