@@ -29,7 +29,6 @@ from islandgp.gp.record import (
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, population_state
 from islandgp.search.base import Search, SearchState
-from islandgp.search.paper import Paper
 from islandgp.seeding import Streams
 from islandgp.supervision.base import GenerationView, Guidance, Supervisor
 from islandgp.supervision.guidance import Nameable, SupervisorQueue, decide, nameable
@@ -83,7 +82,10 @@ def evolve(
     Raises:
         EvaluationError, SupervisionError: the run cannot continue.
     """
-    search = Paper(plan) if search is None else search
+    if search is None:
+        from islandgp.search.paper import Paper  # only for this search
+
+        search = Paper(plan)
     start = (
         initial_state(plan, search) if start is None else restored(start, search, plan.vocabulary)
     )

@@ -14,7 +14,6 @@ from typing import Annotated, ClassVar, Final
 
 from pydantic import AfterValidator, ConfigDict, FiniteFloat, PlainSerializer, PlainValidator
 
-from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.condition import terms, with_term
 from islandgp.bt.core.kinds import REPEATS, kind_of
 from islandgp.bt.core.language import parse, to_text
@@ -348,6 +347,8 @@ def _tree(name: str, trees: Mapping[str, Node]) -> Node:
 
 def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
     """Raises ValueError if an edit adds a part that can never run or never succeed."""
+    from islandgp.bt.analysis.lint import warnings  # only for edits
+
     known, new = (
         [w.message for w in warnings(t, vocabulary) if w.code in ("unreachable", "never-succeeds")]
         for t in (before, after)

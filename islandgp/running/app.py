@@ -17,7 +17,7 @@ import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -39,8 +39,9 @@ from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
 from islandgp.running.run import check_parts, run
 from islandgp.running.stopping import as_ctrl_c
-from islandgp.sweep.optimiser import run_search
-from islandgp.sweep.run import Job, run_sweep
+
+if TYPE_CHECKING:
+    from islandgp.sweep.run import Job
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -116,12 +117,16 @@ def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     if search is not None:
         for end in jobs:
             check_parts(end.settings)
+        from islandgp.sweep.optimiser import run_search  # only for these sweeps
+
         return run_search(search, command_line(argv), launch)
     for n, one in enumerate(jobs):
         folder = RunFolder(one.folder)
         if not choose(folder, one.settings, redacted(one.config)).finished():
             check_parts(one.settings, frozenset(before.folder for before in jobs[:n]))
     if args.multirun:
+        from islandgp.sweep.run import run_sweep  # only for sweeps
+
         return run_sweep(jobs, command_line(argv), launch)
     _must_not_need_hydra(args.overrides)
     return _run_single(jobs[0], command_line(argv))

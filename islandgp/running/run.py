@@ -28,7 +28,6 @@ from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
-from islandgp.running.automatic_library import automatic_library
 from islandgp.running.best_robot import best_robot
 from islandgp.running.page_writer import PageWriter
 from islandgp.running.progress import Progress
@@ -110,6 +109,8 @@ def make_library(settings: Settings, domain: Domain) -> Library:
     """
     library, vocabulary = settings.library, domain.schema.vocabulary
     if library.folder is None:
+        from islandgp.running.automatic_library import automatic_library  # only without a folder
+
         return automatic_library(settings, domain, lambda: make_evaluator(settings))
     folder = library_folder(library.folder, domain)
     return read_library(library, folder, vocabulary, settings.classes)

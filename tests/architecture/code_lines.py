@@ -1,16 +1,21 @@
 """Lines of code by folder, without blank lines, comments and docstrings: `make lines`.
 
 python -m tests.architecture.code_lines [FOLDER]
+
+The last line counts the modules of the package that a default run imports.
 """
 
 from __future__ import annotations
 
 import ast
 import io
+import re
+import subprocess
 import sys
 import tokenize
 from collections import Counter
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 NO_CODE: Final = {
@@ -48,10 +53,32 @@ def by_folder(package: Path) -> Counter[str]:
     return counted
 
 
+def of_a_default_run(package: Path) -> int:
+    """The lines of code of the package's modules that a short default run imports."""
+    command = [sys.executable, "-X", "importtime", "-m", package.name]
+    command += ["gp.generations=1", "gp.population=4", "gp.validation=0", "tracking=off"]
+    with TemporaryDirectory() as runs:
+        done = subprocess.run(
+            [*command, f"runs={runs}"],
+            cwd=package.parent,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    names = set(re.findall(rf"\|\s+({package.name}(?:\.\w+)*)$", done.stderr, re.MULTILINE))
+    paths = [package.joinpath(*name.split(".")[1:]) for name in names]
+    modules = [(path.with_suffix(".py"), path / "__init__.py") for path in paths]
+    files = [module if module.exists() else folder for module, folder in modules]
+    return sum(code_lines(file.read_text(encoding="utf-8")) for file in files)
+
+
 def main(package: Path) -> None:
-    """Print a line for each folder, and the sum."""
+    """Print a line for each folder, the sum, and the lines that a default run imports."""
     counted = by_folder(package)
-    for folder, lines in [*sorted(counted.items()), ("in all", counted.total())]:
+    rows = [*sorted(counted.items()), ("in all", counted.total())]
+    if package.name == "islandgp":
+        rows.append(("of a run", of_a_default_run(package.resolve())))
+    for folder, lines in rows:
         print(f"{folder:12}{lines:8,}")
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from tests.architecture.code_lines import code_lines
+import pytest
+
+from tests.architecture.code_lines import code_lines, of_a_default_run
+from tests.architecture.sources import PACKAGE
 
 
 def test_blank_lines_comments_and_docstrings_are_no_code() -> None:
@@ -19,3 +22,9 @@ def area(width: float,
     return width * height
 '''
     assert code_lines(source) == 5
+
+
+@pytest.mark.process
+def test_a_default_run_imports_a_part_of_the_package() -> None:
+    """At most 15,000 lines of code; what only a sweep, a study or an error needs is not imported."""
+    assert 10_000 < of_a_default_run(PACKAGE) <= 15_000

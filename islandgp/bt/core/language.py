@@ -16,7 +16,6 @@ from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder, NodePlace
 from islandgp.bt.core.condition import ConditionExpr
-from islandgp.bt.core.diagnosis import syntax_error
 from islandgp.bt.core.includes import ParsedFile, gathered
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import to_text as to_text
@@ -161,6 +160,8 @@ def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bo
     try:
         return parser.parse(source.text, start=rule)
     except UnexpectedInput as error:
+        from islandgp.bt.core.diagnosis import syntax_error  # only for trees with errors
+
         raise syntax_error(source, error, parser.lex(source.text), vocabulary) from None
 
 
