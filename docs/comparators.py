@@ -63,12 +63,20 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "paper, editor": ("search=paper", "supervisor=editor"),
     "racing, editor": ("search=racing", "supervisor=editor"),
     "compose": ("search=compose", "supervisor=baseline"),
+    "paper, last stage": ("search=paper", "supervisor=baseline", "++curriculum.last_only=true"),
+    "racing, paper's operators": (
+        *("search=racing", "search/breeding=paper"),
+        *("supervisor=baseline", "search.policy.library=0"),
+    ),
 }
 PAIRS: Final = (
     ("racing", "random"),
     ("racing", "paper"),
     ("racing", "hill"),
+    ("racing", "paper, last stage"),
+    ("racing", "racing, paper's operators"),
     ("racing, expert", "compose"),
+    ("racing, expert", "racing, library"),
     ("racing, library", "compose"),
     ("racing, expert", "racing"),
 )
@@ -83,6 +91,9 @@ WITH_LIBRARY: Final = (
     "compose",
 )
 """Arms that use the trees of a library; only for domains with one."""
+
+STAGED: Final = ("paper, last stage", "racing, paper's operators")
+"""Controls, only on the island."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +167,7 @@ WORLDS: Final[dict[str, World]] = {
 def arms_of(world: World) -> Iterator[str]:
     """The arms that can run in a world."""
     for arm in world.arms or ARMS:
-        if world.library or arm not in WITH_LIBRARY:
+        if world.library or arm not in (*WITH_LIBRARY, *STAGED):
             yield arm
 
 

@@ -154,7 +154,7 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         return
     yield (
         f"{best}: {in_points(v['mean'])} points{_interval(v, '')} in {len(v['worlds'])}"
-        f" unseen world{'s' * (len(v['worlds']) != 1)}"
+        f" validation world{'s' * (len(v['worlds']) != 1)}"
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
     if shares:

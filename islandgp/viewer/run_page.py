@@ -118,7 +118,7 @@ def _best_robot(view: RunView) -> str:
         if n > 1
         else ""
     )
-    worlds = f"{n} unseen world{'s' * (n != 1)}"
+    worlds = f"{n} validation world{'s' * (n != 1)}"
     text = f"{name} earns {view.points(v['mean'])} points in {worlds}{between}"
     if v["yardstick"]:
         text += f", {view.points(v['difference'], '+')} against the tree {v['yardstick']},"

@@ -22,6 +22,6 @@ def test_small_points_have_three_digits() -> None:
         },
     }
     assert [*validated(champion)] == [
-        "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 unseen worlds",
+        "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 validation worlds",
         "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)",
     ]
