@@ -62,9 +62,9 @@ def load_average() -> float:
 
 def save(results: Sequence[Result], file: Path) -> None:
     """Writes results down beside those of other benchmarks that the file has."""
-    known = {r.benchmark: r for r in (load(file) if file.exists() else [])}
-    known |= {r.benchmark: r for r in results}
-    plain = [asdict(known[name]) for name in known]
+    results_by_name = {r.benchmark: r for r in (load(file) if file.exists() else [])}
+    results_by_name |= {r.benchmark: r for r in results}
+    plain = [asdict(results_by_name[name]) for name in results_by_name]
     file.write_text(json.dumps(plain, indent=1) + "\n", encoding="utf-8")
 
 

@@ -228,9 +228,11 @@ def write_raw(name: str, raw: dict[str, Any]) -> None:
 
 def seeds_of(raw: dict[str, Any], arms: Iterable[str]) -> dict[str, list[str]]:
     """The arms of a world that have FEWEST seeds, with the seeds that all of these have."""
-    known = {arm: {*raw["arms"][arm]} for arm in arms if len(raw["arms"].get(arm, ())) >= FEWEST}
-    common = sorted(set.intersection(*known.values())) if known else []
-    return dict.fromkeys(known, common)
+    seeds_by_arm = {
+        arm: {*raw["arms"][arm]} for arm in arms if len(raw["arms"].get(arm, ())) >= FEWEST
+    }
+    common = sorted(set.intersection(*seeds_by_arm.values())) if seeds_by_arm else []
+    return dict.fromkeys(seeds_by_arm, common)
 
 
 def report() -> None:
@@ -341,8 +343,10 @@ def random_trees(names: Sequence[str]) -> None:
             settings = experiment.settings
             plan = settings.plan(settings.make_domain())
             breeding = settings.search.settings().breeding
-            many = replace(plan, gp=plan.gp.model_copy(update={"population": RANDOM}))
-            trees = new_generation(many, Streams(9000), SearchState(0), GenerationPlan(), breeding)
+            large_plan = replace(plan, gp=plan.gp.model_copy(update={"population": RANDOM}))
+            trees = new_generation(
+                large_plan, Streams(9000), SearchState(0), GenerationPlan(), breeding
+            )
             outcomes = [
                 experiment.evaluate(to_text(i.tree), [world_seed])[0]
                 for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)

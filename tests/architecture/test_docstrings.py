@@ -86,8 +86,8 @@ def _raises(node: ast.AST) -> bool:
 
 def test_the_documented_surface_is_documented() -> None:
     """Each public function has a description of every argument, its result and its errors."""
-    lacking = [f"{name}: {', '.join(g)}" for name, function in surface() if (g := gaps(function))]
-    assert lacking == []
+    missing = [f"{name}: {', '.join(g)}" for name, function in surface() if (g := gaps(function))]
+    assert missing == []
 
 
 def test_a_gap_is_found() -> None:

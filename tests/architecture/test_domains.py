@@ -21,24 +21,24 @@ EXCEPTIONS = {
 
 def test_no_module_imports_a_domain() -> None:
     """Not even inside a function: a domain comes from configuration alone."""
-    known = {
+    importers = {
         f"{i.module} imports {i.name}"
         for i in imports()
         if below(i.name, "islandgp.domains") and not below(i.module, "domains")
     }
-    assert known == set()
+    assert importers == set()
 
 
 def test_domains_do_not_know_each_other() -> None:
     """Nor does one import anything of another one's folder."""
-    known = {
+    importers = {
         f"{i.module} imports {i.name}"
         for i in imports()
         if below(i.module, "domains")
         and below(i.name, "islandgp.domains")
         and i.module.split(".")[1:2] != i.name.split(".")[2:3]
     }
-    assert known == set()
+    assert importers == set()
 
 
 def test_domains_know_the_contract_and_no_more() -> None:
@@ -48,12 +48,12 @@ def test_domains_know_the_contract_and_no_more() -> None:
         "sensors",
         "time_limit",
     )
-    used = {
+    imported = {
         i.name.removeprefix("islandgp.")
         for i in imports()
         if below(i.module, "domains") and i.top == "islandgp"
     }
-    assert {name for name in used if not any(below(name, place) for place in allowed)} == set()
+    assert {name for name in imported if not any(below(name, place) for place in allowed)} == set()
 
 
 def sources() -> list[Path]:

@@ -142,7 +142,7 @@ def test_every_module_has_a_layer() -> None:
 
 def test_imports_go_one_way() -> None:
     """Nothing imports from a later layer, not even inside a function."""
-    wrong = [
+    violations = [
         f"{i.module} imports {i.name}"
         for i in imports()
         if i.top == "islandgp"
@@ -150,17 +150,17 @@ def test_imports_go_one_way() -> None:
         and i.module not in NAMES_ONLY
         and layer(target) > layer(i.module)
     ]
-    assert wrong == []
+    assert violations == []
 
 
 @pytest.mark.parametrize("pair", list(combinations(["supervision", "evaluation"], 2)))
 def test_neighbours_do_not_know_each_other(pair: tuple[str, str]) -> None:
     """Supervisors know no evaluator, and evaluators no supervisor."""
     for one, other in (pair, pair[::-1]):
-        known = [
+        violations = [
             i for i in imports() if below(i.module, one) and below(i.name, f"islandgp.{other}")
         ]
-        assert known == []
+        assert violations == []
 
 
 @pytest.mark.parametrize("library", MAY_IMPORT)
@@ -261,8 +261,8 @@ def declared() -> set[str]:
 
 def test_dependencies_are_declared() -> None:
     """Every import is in pyproject.toml, in the dependencies or in an extra."""
-    used = {i.top for i in imports()} - set(sys.stdlib_module_names) - {"islandgp"}
-    assert {DISTRIBUTIONS.get(name, name) for name in used} - declared() == set()
+    imported = {i.top for i in imports()} - set(sys.stdlib_module_names) - {"islandgp"}
+    assert {DISTRIBUTIONS.get(name, name) for name in imported} - declared() == set()
 
 
 def test_dependencies_are_documented() -> None:

@@ -69,6 +69,6 @@ def test_deap_gives_each_individual_its_fitness() -> None:
     batch.start(world)
     with batch.pool(1, world) as workers:
         fitnesses = batch.run_batch(batch.toolbox(workers), jobs)
-    alone = [run_peer_episode(t, world, s, points()).fitness for t in trees for s in range(2)]
-    assert fitnesses == alone
+    singles = [run_peer_episode(t, world, s, points()).fitness for t in trees for s in range(2)]
+    assert fitnesses == singles
     assert len(set(fitnesses)) > 1

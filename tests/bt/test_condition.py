@@ -96,20 +96,20 @@ def test_what_follows(first: ConditionExpr, second: ConditionExpr) -> None:
 
 def test_a_not_in_an_or_denies() -> None:
     """`foundGarbage or not lap < 3` holds where lap is 5: the `not` is no word to pass over."""
-    known = parse_condition("not foundGarbage and lap >= 5", VOCABULARY)
+    premise = parse_condition("not foundGarbage and lap >= 5", VOCABULARY)
     expr = parse_condition("foundGarbage or not lap < 3", VOCABULARY)
-    assert not excludes((known,), expr)
-    assert implies((known,), expr)
+    assert not excludes((premise,), expr)
+    assert implies((premise,), expr)
 
 
 @examples(max_examples=150, deadline=None)
-@given(expr=EXPRESSIONS, known=EXPRESSIONS)
-def test_shorter(expr: ConditionExpr, known: ConditionExpr) -> None:
+@given(expr=EXPRESSIONS, premise=EXPRESSIONS)
+def test_shorter(expr: ConditionExpr, premise: ConditionExpr) -> None:
     """A shorter condition is the same where what is known holds, and shortening it ends there."""
-    shorter = shortened(expr, (known,))
-    assert shortened(shorter, (known,)) == shorter
-    for board in boards(expr, known):
-        if holds(known, board, PLACES):
+    shorter = shortened(expr, (premise,))
+    assert shortened(shorter, (premise,)) == shorter
+    for board in boards(expr, premise):
+        if holds(premise, board, PLACES):
             assert holds(shorter, board, PLACES) == holds(expr, board, PLACES)
 
 

@@ -78,12 +78,12 @@ def test_another_domain_is_reported_before_its_names() -> None:
         ("domian island PatrolWaypoint", 1, "'domian'"),
     ],
 )
-@pytest.mark.parametrize("known", [True, False])
-def test_a_wrong_line(text: str, column: int, message: str, known: bool) -> None:
+@pytest.mark.parametrize("with_vocabulary", [True, False])
+def test_a_wrong_line(text: str, column: int, message: str, with_vocabulary: bool) -> None:
     """Each mistake is found where it is, with the domain's words and without."""
     with pytest.raises(TreeError) as excinfo:
-        parse(text, VOCABULARY if known else None)
-    if known or "domian" not in text:
+        parse(text, VOCABULARY if with_vocabulary else None)
+    if with_vocabulary or "domian" not in text:
         assert excinfo.value.column == column
         assert message in str(excinfo.value)
 

@@ -205,8 +205,8 @@ def test_subtrees_of_an_export_are_those_of_the_arguments() -> None:
     xml = behaviortree_cpp.to_xml(parse(FILE, BOT, marked=True), BOT, step_s=0.1)
     assert '<BehaviorTree ID="guarded_battery_reserve_Charge">' in xml
     assert '<BehaviorTree ID="fetch_dock_0_3">' in xml
-    again = parse(read_tree(xml, BOT).text, BOT, marked=True)
-    assert behaviortree_cpp.to_xml(again, BOT, step_s=0.1) == xml
+    imported = parse(read_tree(xml, BOT).text, BOT, marked=True)
+    assert behaviortree_cpp.to_xml(imported, BOT, step_s=0.1) == xml
 
 
 @st.composite

@@ -200,8 +200,8 @@ def test_a_program_gives_words(tmp_path: Path) -> None:
     assert robot.tick() == 1
     values["reserve"] = 5
     assert robot.tick() == 0
-    for wrong in ("parked", 3, 0.5, None):
-        values["mode"] = wrong
+    for word in ("parked", 3, 0.5, None):
+        values["mode"] = word
         with pytest.raises(DomainError, match="one of idle, docking, driving as the value of"):
             robot.tick()
 
@@ -237,11 +237,11 @@ def test_conditions_of_actions() -> None:
     text = "when mode == idle { Dock }"
     assert "it needs mode == docking" in str(warnings(text, vocabulary)[0])
     schema = SimpleSchema(vocabulary)
-    again = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
-    assert again == vocabulary
+    copy = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
+    assert copy == vocabulary
     with pytest.raises(DomainError, match="at least one word"):
         declared('{"domain": "b", "actions": {}, "keys": {"k": {"words": []}}}', "", name="b.json")
-    assert to_text(guarded(again.actions["Dock"].to_start[0], leaf("Dock"))) == (
+    assert to_text(guarded(copy.actions["Dock"].to_start[0], leaf("Dock"))) == (
         "when mode == docking { Dock }\n"
     )
     assert parse_condition("mode == docking and charge < reserve", vocabulary).parts == needs  # type: ignore[union-attr]

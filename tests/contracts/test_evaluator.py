@@ -171,9 +171,9 @@ class Deadly:
         return self.inner.multipliers(0 if stage == DEADLY else stage)
 
 
-def deadly(once: Path | None = None) -> Problem:
+def deadly(marker: Path | None = None) -> Problem:
     """The setting with such a curriculum."""
-    return replace(setting(), curriculum=Deadly(setting().curriculum, once))  # type: ignore[arg-type]
+    return replace(setting(), curriculum=Deadly(setting().curriculum, marker))  # type: ignore[arg-type]
 
 
 KILLER = Job(TREES[1], DEADLY, 9_001)

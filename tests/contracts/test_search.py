@@ -134,11 +134,11 @@ def test_the_suite_has_all_searches() -> None:
 
 def test_the_same_seed_gives_the_same_records(case: Case) -> None:
     """And another seed gives others."""
-    again = case.run("supervisor.inject=true", supervisor=Sometimes())
+    repeated = case.run("supervisor.inject=true", supervisor=Sometimes())
     other = case.run("supervisor.inject=true", supervisor=Sometimes(), seed=2)
-    assert list(lines(again)) == list(lines(straight(case)))
+    assert list(lines(repeated)) == list(lines(straight(case)))
     assert [i.tree for i in other[0].record.individuals] != [
-        i.tree for i in again[0].record.individuals
+        i.tree for i in repeated[0].record.individuals
     ]
 
 
@@ -378,9 +378,9 @@ def test_the_champion_is_feasible_before_fit(case: Case) -> None:
     """It is the best of all individuals by Deb's rules."""
     steps = limited(case)
     everyone = [i for step in steps for i in step.record.individuals]
-    worth = {i.id: (-broken(case, i.counters), i.fitness) for i in everyone}
-    best = max(everyone, key=lambda i: worth[i.id])
-    assert worth[steps[-1].champion.record.id] == worth[best.id]
+    ranking = {i.id: (-broken(case, i.counters), i.fitness) for i in everyone}
+    best = max(everyone, key=lambda i: ranking[i.id])
+    assert ranking[steps[-1].champion.record.id] == ranking[best.id]
 
 
 @pytest.mark.slow

@@ -147,9 +147,9 @@ def test_order_does_not_matter(name: str) -> None:
     straight = MAKERS[name]()
     for state in states:
         straight.advise(state, np.random.default_rng(1))
-    again = [straight.advise(s, np.random.default_rng(2)) for s in reversed(states)]
+    reversed_advice = [straight.advise(s, np.random.default_rng(2)) for s in reversed(states)]
     fresh = [MAKERS[name]().advise(s, np.random.default_rng(2)) for s in reversed(states)]
-    assert again == fresh
+    assert reversed_advice == fresh
 
 
 @pytest.mark.parametrize(
@@ -157,10 +157,10 @@ def test_order_does_not_matter(name: str) -> None:
 )
 def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
     """Each file of conf/supervisor names a class with Settings, make and the option's own name."""
-    chosen = composed(f"supervisor={option}").supervisor
-    assert chosen.name == option
-    assert chosen.factory.name == option
-    assert isinstance(chosen.settings(), chosen.factory.Settings)
+    part = composed(f"supervisor={option}").supervisor
+    assert part.name == option
+    assert part.factory.name == option
+    assert isinstance(part.settings(), part.factory.Settings)
     settings = composed(f"supervisor={option}")
     assert run_context(settings, tmp_path).folder == tmp_path
 

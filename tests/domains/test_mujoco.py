@@ -82,16 +82,16 @@ def test_a_backend_that_aborts_is_left_out() -> None:
 
 def test_backends_are_tried_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Up to the first that renders."""
-    tried: list[str] = []
+    backends: list[str] = []
 
     def renders(name: str) -> bool:
-        tried.append(name)
+        backends.append(name)
         return name == "osmesa"
 
     monkeypatch.setattr(rendering, "BACKENDS", ("egl", "osmesa", "glfw"))
     monkeypatch.setattr(rendering, "_renders", renders)
     assert rendering.choose_backend()
-    assert (tried, os.environ["MUJOCO_GL"]) == (["egl", "osmesa"], "osmesa")
+    assert (backends, os.environ["MUJOCO_GL"]) == (["egl", "osmesa"], "osmesa")
 
 
 def test_a_chosen_backend_is_the_only_one_tried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -121,8 +121,8 @@ def test_the_commands_work(islandgp: Cli, tmp_path: Path, world: str) -> None:
     """Check, play, trace, replay and export, on a tree whose first line names the domain."""
     tree, quick = BY_HAND[world], ("--set", SHORT[0])
     assert "no warnings" in islandgp("check", tree).out
-    played = islandgp("play", tree, "--seeds", 2, "--json", *quick)
-    assert (played.code, len(json.loads(played.out))) == (0, 2)
+    result = islandgp("play", tree, "--seeds", 2, "--json", *quick)
+    assert (result.code, len(json.loads(result.out))) == (0, 2)
     assert "points in" in islandgp("trace", tree, *quick).out
     page, file = tmp_path / "page.html", tmp_path / "tree.xml"
     assert islandgp("replay", tree, "-o", page, *quick).code == 0
@@ -502,10 +502,10 @@ def test_a_missing_extra_names_its_remedy(
 def test_each_stage_has_its_levels() -> None:
     """The curriculum of MiniGrid begins with levels that need two skills."""
     problem = composed("domain=minigrid").problem()
-    played = [problem.at(stage).world.levels for stage in range(3)]  # type: ignore[attr-defined]
-    assert "Unlock" in played[0]
-    assert "LockedRoom" in played[2]
-    assert played[2] == problem.domain.world.levels  # type: ignore[attr-defined]
+    levels = [problem.at(stage).world.levels for stage in range(3)]  # type: ignore[attr-defined]
+    assert "Unlock" in levels[0]
+    assert "LockedRoom" in levels[2]
+    assert levels[2] == problem.domain.world.levels  # type: ignore[attr-defined]
     assert replace(problem, stages=()).at(0) is problem.domain
 
 

@@ -31,13 +31,13 @@ SHORT_RUN = (*OWN, *TINY, "gp.validation=0", "evaluator=serial")
 def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The working folder: a copy of the tutorial's example."""
     shutil.copytree(EXAMPLE, tmp_path, dirs_exist_ok=True)
-    known = sys.modules.pop("pick_place", None)  # that of another test
+    module = sys.modules.pop("pick_place", None)  # that of another test
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     yield tmp_path
     sys.modules.pop("pick_place", None)
-    if known is not None:
-        sys.modules["pick_place"] = known
+    if module is not None:
+        sys.modules["pick_place"] = module
 
 
 def test_a_domain_without_actions_is_refused(

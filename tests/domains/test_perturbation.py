@@ -56,8 +56,8 @@ def test_noise() -> None:
     assert values[:, 1].min() >= 0
     assert values[:, 1].max() <= 10
     assert values[:, 1].std() == pytest.approx(2, rel=0.1)
-    again = sensors(1, 0)
-    assert [again([1, 5, 0.5]) for _ in range(3)] == values[:3].tolist()
+    repeated = sensors(1, 0)
+    assert [repeated([1, 5, 0.5]) for _ in range(3)] == values[:3].tolist()
     other = sensors(1, 0, seed=2)
     assert other([1, 5, 0.5]) != values[0].tolist()
 
@@ -124,10 +124,10 @@ def test_faultless_sensors_change_nothing() -> None:
 def test_outcomes_do_not_depend_on_the_order() -> None:
     """Nor on what ran before: a worker may get any episode."""
     perturbation: dict[str, Any] = {"world": {"robot.speed": [8, 12]}, "noise": 3, "delay": 20}
-    forth = outcomes(problem(**perturbation), [1, 2, 3])
-    back = outcomes(problem(**perturbation), [3, 2, 1, 3])
-    assert back == [*forth[::-1], forth[2]]
-    assert forth != outcomes(composed(SHORT).problem(), [1, 2, 3])
+    forwards = outcomes(problem(**perturbation), [1, 2, 3])
+    backwards = outcomes(problem(**perturbation), [3, 2, 1, 3])
+    assert backwards == [*forwards[::-1], forwards[2]]
+    assert forwards != outcomes(composed(SHORT).problem(), [1, 2, 3])
 
 
 def test_training() -> None:

@@ -81,7 +81,7 @@ def test_actions_are_made_of_the_space_s_type() -> None:
 
 
 @pytest.mark.parametrize(
-    ("actions", "none", "fits", "wrong", "message"),
+    ("actions", "default", "valid", "invalid", "message"),
     [
         (spaces.Discrete(3, start=-1), -1, 1, 2, "-1 to 1"),
         (
@@ -94,13 +94,13 @@ def test_actions_are_made_of_the_space_s_type() -> None:
     ],
 )
 def test_choices_that_do_not_begin_at_0(
-    actions: Any, none: Any, fits: Any, wrong: Any, message: str
+    actions: Any, default: Any, valid: Any, invalid: Any, message: str
 ) -> None:
     """The configuration has the environment's own numbers; without a choice it is the first."""
     flattened = of(spaces.Discrete(2), actions)
-    assert flattened.none == none
-    assert flattened.fault(fits) == ""
-    assert flattened.fault(wrong) == message
+    assert flattened.none == default
+    assert flattened.fault(valid) == ""
+    assert flattened.fault(invalid) == message
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> Iterator[Run]:
     """Runs the program in an empty folder; returns what it printed."""
-    known = sys.modules.pop("pick_place", None)  # that of another test
+    module = sys.modules.pop("pick_place", None)  # that of another test
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(EXAMPLE))
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
@@ -125,8 +125,8 @@ def run(
 
     yield output_of
     sys.modules.pop("pick_place", None)
-    if known is not None:
-        sys.modules["pick_place"] = known
+    if module is not None:
+        sys.modules["pick_place"] = module
 
 
 @pytest.mark.slow
@@ -158,7 +158,7 @@ def test_a_language_model_supervises_it(tmp_path: Path, run: Run) -> None:
     (record,) = (tmp_path / "live").rglob("generations.jsonl")
     sources = [json.loads(line)["guidance"] for line in record.read_text().splitlines()][:-1]
     assert {guidance["source"] for guidance in sources} == {"llm"}
-    again = f"supervisor.policy.transcript='{record.parent}'"
-    run(*common, "supervisor=replay", again, "runs=again")
+    replayed = f"supervisor.policy.transcript='{record.parent}'"
+    run(*common, "supervisor=replay", replayed, "runs=again")
     (repeated,) = (tmp_path / "again").rglob("generations.jsonl")
     assert repeated.read_bytes() == record.read_bytes()

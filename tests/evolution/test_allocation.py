@@ -216,8 +216,8 @@ def test_behavioural_elites(population: tuple[Evaluated, ...], seed: int) -> Non
     elites = [i.parents[0] for i in new if i.origin in (Origin.ELITE, Origin.BEHAVIOURAL_ELITE)]
     assert len(elites) == len(set(elites))
     for behaviour in BEHAVIOURS:
-        doing = [e for e in ranked(population) if behaviour in e.labels.behaviours]
-        assert not doing or doing[0].individual.id in elites
+        performers = [e for e in ranked(population) if behaviour in e.labels.behaviours]
+        assert not performers or performers[0].individual.id in elites
 
 
 def test_resurrection() -> None:
@@ -228,8 +228,8 @@ def test_resurrection() -> None:
         "humanoid": BehaviourBest("2.5", TREES[3], 0, 500.0),
     }
     new = built(population, archive=archive)
-    back = [(i.parents, i.tree) for i in new if i.origin is Origin.RESURRECTED]
-    assert back == [(("2.5",), TREES[3])]
+    resurrected = [(i.parents, i.tree) for i in new if i.origin is Origin.RESURRECTED]
+    assert resurrected == [(("2.5",), TREES[3])]
 
 
 def test_nothing_to_resurrect() -> None:
@@ -241,8 +241,11 @@ def test_nothing_to_resurrect() -> None:
 def test_an_ancestor_comes_back_once() -> None:
     """The best of two behaviours that died out takes one slot, and a third behaviour the other."""
     population = people([outcome()] * 30)
-    twice, once = BehaviourBest("2.5", TREES[3], 0, 500.0), BehaviourBest("3.3", TREES[1], 0, 400.0)
-    new = built(population, archive={"humanoid": twice, "balanced": twice, "charging": once})
+    first, second = (
+        BehaviourBest("2.5", TREES[3], 0, 500.0),
+        BehaviourBest("3.3", TREES[1], 0, 400.0),
+    )
+    new = built(population, archive={"humanoid": first, "balanced": first, "charging": second})
     assert [i.parents for i in new if i.origin is Origin.RESURRECTED] == [("2.5",), ("3.3",)]
 
 
@@ -252,8 +255,8 @@ def test_remember() -> None:
     archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
     assert {name: a.id for name, a in archive.items()} == {"pickup": "4.0", "charging": "4.1"}
     later = people([outcome(fitness=4.0, pickups=1), outcome(fitness=6.0, charges=1)])
-    again = update_behaviour_archive(archive, later, BEHAVIOURS, 0)
-    assert (again["pickup"], again["charging"].fitness) == (archive["pickup"], 6.0)
+    updated = update_behaviour_archive(archive, later, BEHAVIOURS, 0)
+    assert (updated["pickup"], updated["charging"].fitness) == (archive["pickup"], 6.0)
     assert archive["charging"].fitness == 5.0, "the archive given is not changed"
 
 
@@ -261,13 +264,13 @@ def test_remember_by_stage() -> None:
     """Another stage, another scale: a tree that shows a behaviour in a later one is remembered."""
     first = people([outcome(fitness=9.0, pickups=1), outcome(fitness=9.0, charges=1)])
     archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
-    again = update_behaviour_archive(
+    updated = update_behaviour_archive(
         archive, people([outcome(fitness=4.0, pickups=1)]), BEHAVIOURS, 1
     )
-    assert (again["pickup"].fitness, again["charging"].fitness) == (4.0, 9.0)
+    assert (updated["pickup"].fitness, updated["charging"].fitness) == (4.0, 9.0)
     assert (
-        update_behaviour_archive(again, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1)
-        == again
+        update_behaviour_archive(updated, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1)
+        == updated
     )
 
 

@@ -229,10 +229,10 @@ def test_the_grid_of_a_domain() -> None:
     settings = composed()
     axes = settings.archive.axes(settings.classes)
     assert axes == dict.fromkeys(("pickups", "interactions", "charges", "deliveries"), EDGES)
-    many = settings.classes.model_copy(
+    classes = settings.classes.model_copy(
         update={"behaviours": {f"b{i}": f"c{i // 2}" for i in range(12)}}
     )
-    assert list(settings.archive.axes(many)) == ["c0", "c1", "c2", "c3"]
+    assert list(settings.archive.axes(classes)) == ["c0", "c1", "c2", "c3"]
     (line,) = ArchiveSettings(cells={"odd": (0, 1)}).faults(SCHEMA)
     assert line.startswith("archive.cells.odd: expected one of pickups, ")
 
@@ -312,15 +312,15 @@ def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
     straight = go()
     expected = list(lines(straight))
     for at, step in enumerate(straight[:-1], 1):
-        again = go(step.state)
-        assert list(lines(again)) == expected[at:]
-        assert again[-1].archive == straight[-1].archive
+        resumed = go(step.state)
+        assert list(lines(resumed)) == expected[at:]
+        assert resumed[-1].archive == straight[-1].archive
 
 
 def test_an_old_state_has_none() -> None:
     """A run goes on from a state of a version without archives, with an empty one."""
     step = run()[3]
     assert step.state is not None
-    again = run(start=replace(step.state, archive=()))
-    assert again[0].record.archive is not None
-    assert again[0].record.individuals == run()[4].record.individuals
+    resumed = run(start=replace(step.state, archive=()))
+    assert resumed[0].record.archive is not None
+    assert resumed[0].record.individuals == run()[4].record.individuals

@@ -129,13 +129,13 @@ def test_wrap_puts_one_guard_above_a_node(tree: Node, seed: int) -> None:
 def test_extend_changes_one_action(tree: Node, seed: int) -> None:
     """Another action, or a sequence of actions, is in one's place, or beside it in a sequence."""
     new = changed("extend", tree, seed)
-    back = []
+    restored = []
     for i, node in places(new):
         if node.action or actions_alone(node):
-            back += [replace_at(new, i, old) for old in walk(tree) if old.action]
+            restored += [replace_at(new, i, old) for old in walk(tree) if old.action]
         if node.kind == "sequence" and len(node.children) == 2:
-            back += [replace_at(new, i, child) for child in node.children]
-    assert tree in back
+            restored += [replace_at(new, i, child) for child in node.children]
+    assert tree in restored
 
 
 def actions_alone(node: Node) -> bool:
@@ -213,9 +213,9 @@ def test_fulfil_asks_what_the_action_declares(tree: Node, seed: int) -> None:
 
 
 def _needed(action: str) -> object:
-    known = VOCABULARY.action(action)
-    needed = list(dict.fromkeys((*known.to_start, *known.to_succeed)))
-    return combine("and", needed) if needed else None
+    declared = VOCABULARY.action(action)
+    conditions = list(dict.fromkeys((*declared.to_start, *declared.to_succeed)))
+    return combine("and", conditions) if conditions else None
 
 
 @pytest.mark.parametrize(
@@ -392,10 +392,10 @@ def test_random_lists_act() -> None:
     for seed in range(300):
         for branch in random_list(np.random.default_rng(seed), SPACE).children[:-1]:
             first = next(node for node in walk(branch) if node.action)
-            needed = VOCABULARY.action(first.action).to_start
-            if needed:
+            conditions = VOCABULARY.action(first.action).to_start
+            if conditions:
                 guards += 1
-                declared += branch.args[0] == combine("and", needed)
+                declared += branch.args[0] == combine("and", conditions)
     assert 0.4 < declared / guards < 0.65
 
 

@@ -51,9 +51,9 @@ def test_round_trip(states: list[RunState], tmp_path: Path) -> None:
 
 def test_the_same_bytes(saved: Path, tmp_path: Path) -> None:
     """Writing a state that was read gives the same file."""
-    again = tmp_path / "again.json"
-    save_state(again, read_checkpoint(saved)[0])
-    assert again.read_bytes() == saved.read_bytes()
+    copy = tmp_path / "again.json"
+    save_state(copy, read_checkpoint(saved)[0])
+    assert copy.read_bytes() == saved.read_bytes()
 
 
 def test_a_checkpoint_does_not_grow(states: list[RunState], tmp_path: Path) -> None:
@@ -73,8 +73,8 @@ def test_resume_through_the_file(states: list[RunState], tmp_path: Path) -> None
         save_state(tmp_path / "checkpoint.json", state)
         checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
         start = replace(checkpoint, history=state.history)
-        again = run(supervisor=Constant(0.5), start=start)
-        assert list(lines(again)) == expected[state.generation :]
+        resumed = run(supervisor=Constant(0.5), start=start)
+        assert list(lines(resumed)) == expected[state.generation :]
 
 
 @examples(max_examples=150)

@@ -199,10 +199,10 @@ def test_an_edited_tree_is_compared_with_its_parent_in_the_same_world() -> None:
     for step in steps[1:]:
         trials = step.record.trials
         assert trials
-        known = {i.id: i for i in step.record.individuals}
+        by_id = {i.id: i for i in step.record.individuals}
         for trial in trials:
-            assert known[trial.id].fitness == trial.fitness
-            assert known[trial.id].parents[0] == trial.parent
+            assert by_id[trial.id].fitness == trial.fitness
+            assert by_id[trial.id].parents[0] == trial.parent
         texts = {i.tree for i in step.record.individuals}
         parents = {parent_text(steps, trial.parent) for trial in trials}
         assert step.cost.episodes == 12 + len(parents - texts)
@@ -253,8 +253,8 @@ def test_resuming_with_edits(lag: int) -> None:
 
     for at, step in enumerate(straight[:-1], 1):
         past = records(straight)[:at]
-        again = list(evolve(run_plan, 1, Edits(), Fake(), start=step.state, past=past))
-        assert list(lines(again)) == expected[at:]
+        resumed = list(evolve(run_plan, 1, Edits(), Fake(), start=step.state, past=past))
+        assert list(lines(resumed)) == expected[at:]
 
 
 def test_edits_are_refused_where_there_are_no_slots() -> None:

@@ -77,15 +77,17 @@ def test_parents_exist() -> None:
     history = records(run(plan("gp.population=30"), evaluator=Dying()))
     assert all(i.parents == () for i in history[0].individuals)
     names = [{i.id for i in record.individuals} for record in history]
-    back = []
+    resurrected = []
     for before, record in enumerate(history[1:]):
         for i in record.individuals:
             if i.origin == "resurrected":
-                back.append(i)
+                resurrected.append(i)
             else:
                 assert set(i.parents) <= names[before]
-    assert {i.parents[0] for i in back} <= names[0]
-    assert len(back) >= 6, "the humanoid class dies out in generation 1 and comes back six times"
+    assert {i.parents[0] for i in resurrected} <= names[0]
+    assert len(resurrected) >= 6, (
+        "the humanoid class dies out in generation 1 and comes back six times"
+    )
 
 
 def test_unmutated_elites_keep_their_trees() -> None:
@@ -310,9 +312,9 @@ def test_resume_from_any_state(lag: int) -> None:
     straight = run(run_plan, Probe())
     expected = list(lines(straight))
     for at, step in enumerate(straight[:-1], 1):
-        again = run(run_plan, Probe(), start=step.state)
-        assert list(lines(again)) == expected[at:]
-        assert again[-1].champion == straight[-1].champion
+        resumed = run(run_plan, Probe(), start=step.state)
+        assert list(lines(resumed)) == expected[at:]
+        assert resumed[-1].champion == straight[-1].champion
 
 
 def test_costs() -> None:

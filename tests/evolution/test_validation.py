@@ -67,8 +67,8 @@ def record(generation: int, stage: int, *fitness: float) -> dict[str, Any]:
 class Worlds:
     """An evaluator in which a tree's worth is known, and each world adds some luck."""
 
-    def __init__(self, worth: dict[str, float]) -> None:
-        self.worth = worth
+    def __init__(self, points: dict[str, float]) -> None:
+        self.worth = points
         self.jobs: list[Job] = []
         self.simulated = 0
 
@@ -137,11 +137,11 @@ def test_a_single_candidate_is_measured() -> None:
 @given(seed=st.integers(0, 1000))
 def test_validation_worlds_trained_nobody(seed: int) -> None:
     """They come from a separate stream, and worlds that a run used are left out."""
-    used = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
-    worlds = validation_seeds(seed, used, 50)
+    training = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
+    worlds = validation_seeds(seed, training, 50)
     assert len(set(worlds)) == 50
-    assert not used & set(worlds)
-    assert validation_seeds(seed, used | {worlds[0]}, 49) == worlds[1:]
+    assert not training & set(worlds)
+    assert validation_seeds(seed, training | {worlds[0]}, 49) == worlds[1:]
 
 
 @pytest.mark.parametrize(

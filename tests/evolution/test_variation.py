@@ -215,13 +215,13 @@ def test_numbers_stay_on_their_grid() -> None:
 def test_a_kind_without_weight_never_appears() -> None:
     """`gp.trees.kinds` holds for mutation as for random trees."""
     trees = tree_settings()
-    few = trees.model_copy(update={"kinds": {**trees.kinds, "parallel": 0.0, "when": 0.0}})
+    fewer_kinds = trees.model_copy(update={"kinds": {**trees.kinds, "parallel": 0.0, "when": 0.0}})
     start = parse("selector { sequence { PatrolWaypoint SeekCharger } inverter { SeekCharger } }")
     kinds = Counter()
     for seed in range(300):
         rng = np.random.default_rng(seed)
         new, _ = mutate(
-            rng, start, rate=1.0, space=space(trees=few), settings=composed().gp.mutation
+            rng, start, rate=1.0, space=space(trees=fewer_kinds), settings=composed().gp.mutation
         )
         kinds.update(n.kind for n in walk(new))
     assert set(kinds) == {"action", "selector", "sequence", "inverter", "repeater"}

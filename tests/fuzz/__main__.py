@@ -93,9 +93,11 @@ def by_command(name: str, data: bytes) -> str:
     command = [sys.executable, "-c", "from islandgp.cli import main; main()", *arguments, file]
     process = subprocess.run(command, capture_output=True, check=False, cwd=place())
     output = process.stdout + process.stderr
-    wrong = process.returncode not in (0, 1, 2) or b"Traceback" in output
+    failed = process.returncode not in (0, 1, 2) or b"Traceback" in output
     return (
-        f"exit code {process.returncode}: {output.decode(errors='replace')[-150:]}" if wrong else ""
+        f"exit code {process.returncode}: {output.decode(errors='replace')[-150:]}"
+        if failed
+        else ""
     )
 
 
@@ -105,13 +107,15 @@ def inputs_by_target(options: list[str] | None, inputs: int) -> dict[str, int]:
     Raises:
         ValueError: a name that no target has, or a number that is none.
     """
-    known = targets()
-    requests = dict(word.partition("=")[::2] for word in options or known)
-    if unknown := sorted(set(requests) - set(known)):
-        raise ValueError(f"there is no target {', '.join(unknown)}; there are {', '.join(known)}")
-    shares = sum(known[name].share for name, number in requests.items() if not number)
+    known_targets = targets()
+    requests = dict(word.partition("=")[::2] for word in options or known_targets)
+    if unknown := sorted(set(requests) - set(known_targets)):
+        raise ValueError(
+            f"there is no target {', '.join(unknown)}; there are {', '.join(known_targets)}"
+        )
+    shares = sum(known_targets[name].share for name, number in requests.items() if not number)
     return {
-        name: int(number) if number else max(1, round(inputs * known[name].share / shares))
+        name: int(number) if number else max(1, round(inputs * known_targets[name].share / shares))
         for name, number in requests.items()
     }
 
@@ -153,7 +157,7 @@ def main() -> int:
     for name, number in numbers.items():
         result = rows[name] = search(targets()[name], number, args.seed)
         samples = result.samples if name in COMMANDS else []
-        result.breaks += [(data, wrong) for data in samples if (wrong := by_command(name, data))]
+        result.breaks += [(data, fault) for data in samples if (fault := by_command(name, data))]
         print(
             f"{name:<12}{result.inputs:>8}{result.accepted:>8}{result.inputs - result.accepted:>9}"
             f"{result.slowest:>8.2f} s{len(samples):>10}",

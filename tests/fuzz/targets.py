@@ -224,8 +224,8 @@ def runs() -> tuple[Path, Path]:
     policy = {"format": 1, "teacher": "expert", "target": leaf, "rate": rate, "report": report}
     for folder in (complete, stopped):
         (folder / "policy.json").write_bytes(as_json(policy))
-        sent = {"uri": "sqlite:///m.db", "experiment": "e", "identity": "i1", "run": "r"}
-        (folder / "tracking.json").write_bytes(as_json(sent))
+        sync_state = {"uri": "sqlite:///m.db", "experiment": "e", "identity": "i1", "run": "r"}
+        (folder / "tracking.json").write_bytes(as_json(sync_state))
     return complete, stopped
 
 

@@ -116,12 +116,12 @@ def test_the_ledger_goes_on_after_a_resumption(tmp_path: Path) -> None:
     """It is a sum over the transcript, so another process has the same sums."""
     first, _ = supervisor(answering(rate={"mutation_rate": 9}), folder=tmp_path)
     run_of(first, 3)
-    again, client = supervisor(answering(), folder=tmp_path)
-    again.start()
+    resumed, client = supervisor(answering(), folder=tmp_path)
+    resumed.start()
     assert client.requests == []
-    assert again.spent() == first.spent()
-    assert again.spent()["rejected_fields"] == 6
-    assert again.spent()["fallback_rates"] == 3
+    assert resumed.spent() == first.spent()
+    assert resumed.spent()["rejected_fields"] == 6
+    assert resumed.spent()["fallback_rates"] == 3
 
 
 @pytest.mark.parametrize(
@@ -335,11 +335,11 @@ def test_cache_reads_are_counted_and_priced() -> None:
 
 def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
     """Each kill loses an answer that was asked for: the cap holds over all processes together."""
-    sent = []
+    numbers = []
 
     def killed(request: Request, n: int) -> Reply | Failure:
-        sent.append(n)
-        if len(sent) in (2, 3, 4):
+        numbers.append(n)
+        if len(numbers) in (2, 3, 4):
             raise KeyboardInterrupt
         return answering()(request, n)
 
@@ -348,7 +348,7 @@ def test_requests_of_a_killed_run_count(tmp_path: Path) -> None:
         llm, _ = supervisor(killed, "caps.requests=5", run_context=run_context)
         with suppress(KeyboardInterrupt):
             run_of(llm, 8)
-    assert len(sent) == 5
+    assert len(numbers) == 5
     assert llm.spent()["requests"] == 5
     assert llm.spent()["uncounted_requests"] == 3
 
@@ -373,7 +373,7 @@ def test_no_moment_of_a_kill_passes_a_cap(
     tmp_path: Path, cap: str, name: str, most: float, every: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Killed again and again, before and after each line is written and before each answer."""
-    moments, sent = [], []
+    moments, requests = [], []
 
     def moment() -> None:
         moments.append(1)
@@ -386,7 +386,7 @@ def test_no_moment_of_a_kill_passes_a_cap(
         moment()
 
     def answer(request: Request, n: int) -> Reply | Failure:
-        sent.append(request)
+        requests.append(request)
         moment()
         return answering(tree=failed(FailureKind.TIMEOUT))(request, n)
 
@@ -400,7 +400,7 @@ def test_no_moment_of_a_kill_passes_a_cap(
         with suppress(Killed):
             run_of(llm, 8)
         spent.append(llm.spent())
-    assert len(sent) <= spent[-1]["requests"]
+    assert len(requests) <= spent[-1]["requests"]
     assert max(costs[name] for costs in spent) <= most
     assert [costs["requests"] for costs in spent] == sorted(costs["requests"] for costs in spent)
 
@@ -472,11 +472,11 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     transcript = Transcript(tmp_path / "transcript.jsonl")
     call = Call(3, "rate", 0)
     transcript.add(Sent(call, 1, Usage(700, 2048)))
-    again = Transcript(tmp_path / "transcript.jsonl")
-    assert again.lost() == [Sent(call, 1, Usage(700, 2048))]
+    reread = Transcript(tmp_path / "transcript.jsonl")
+    assert reread.lost() == [Sent(call, 1, Usage(700, 2048))]
     price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
-    ledger = Ledger(again, price, caps)
+    ledger = Ledger(reread, price, caps)
     assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
     assert "input_tokens=700" in ledger.over(Usage(1, 0))
 
@@ -497,15 +497,15 @@ def test_a_transcript_that_lacks_requests_is_refused(tmp_path: Path, loss: str) 
     file.unlink()
     if loss in changed:
         file.write_bytes(changed[loss])
-    again, client = supervisor(answering(), folder=tmp_path)
+    resumed, client = supervisor(answering(), folder=tmp_path)
     with pytest.raises(SupervisionError, match=r"Expected the 7 requests .* start again at 0") as e:
-        again.start()
+        resumed.start()
     assert "Restore the transcript, or start the run again with resume=never" in str(e.value)
     assert client.requests == []
     file.write_bytes(content)
-    once_more, client = supervisor(answering(), folder=tmp_path)
-    once_more.start()
-    assert once_more.spent() == llm.spent()
+    restored, client = supervisor(answering(), folder=tmp_path)
+    restored.start()
+    assert restored.spent() == llm.spent()
 
 
 @pytest.mark.parametrize("costs", [b"", b"{}\n", b"not json\n", b'{"llm": {"requests": []}}\n'])

@@ -33,11 +33,11 @@ def test_unchanged_requests() -> None:
     """Without a cache, alone, to several models, or with prompts that are long enough."""
     from dataclasses import replace
 
-    both = {"rate": RATE, "tree": TREE}
-    apart = {"rate": RATE, "tree": replace(TREE, model=LARGE)}
-    enough = {part: replace(request, model=LARGE) for part, request in both.items()}
-    assert shared_prompts(both, settings()) == both
-    for requests in ({"rate": RATE}, apart, enough, {}):
+    one_model = {"rate": RATE, "tree": TREE}
+    two_models = {"rate": RATE, "tree": replace(TREE, model=LARGE)}
+    enough = {part: replace(request, model=LARGE) for part, request in one_model.items()}
+    assert shared_prompts(one_model, settings()) == one_model
+    for requests in ({"rate": RATE}, two_models, enough, {}):
         assert shared_prompts(requests, CACHED) == requests
 
 

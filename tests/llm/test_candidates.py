@@ -90,8 +90,8 @@ def test_each_generation_has_its_trial_world() -> None:
     run_context, domain = scripted()
     for generation in (3, 3, 4):
         try_out(candidate("pickup"), TREES[1:2], state(generation), run_context)
-    first, again, later = domain.seeds[::2]
-    assert first == again != later
+    first, repeated, later = domain.seeds[::2]
+    assert first == repeated != later
 
 
 def test_a_trial_has_the_world_of_the_stage_that_the_tree_will_join() -> None:
@@ -121,8 +121,8 @@ def test_if_none_can_be_used_the_first_error_is_the_reason() -> None:
     rejection = checked("FlyHome", "selector {")
     assert isinstance(rejection, Rejection)
     assert rejection.stage is RejectionStage.NAMES
-    for wrong in ([], "x", [7]):
-        reply = reply_of({"trees": wrong, "target": "rare", "rationale": "r"})
+    for trees in ([], "x", [7]):
+        reply = reply_of({"trees": trees, "target": "rare", "rationale": "r"})
         answer = check_proposal(reply, Limits(3, 5), VOCABULARY, CLASSES.targets, 2)
         assert isinstance(answer, Rejection)
         assert answer.stage is RejectionStage.FIELDS

@@ -79,8 +79,8 @@ def test_what_is_sent() -> None:
     with MessagesServer() as server, client_of(server.url) as client:
         client.send(full, seconds=5)
         client.send(ASK, seconds=5)
-    sent, plain = server.requests
-    assert sent == {
+    body, plain = server.requests
+    assert body == {
         "model": "m",
         "system": [{"type": "text", "text": "s", "cache_control": {"type": "ephemeral"}}],
         "max_tokens": 9,
@@ -213,11 +213,11 @@ def test_thinking_and_effort_are_sent() -> None:
     )
     with MessagesServer() as server, client_of(server.url) as client:
         client.send(request, seconds=5)
-    (sent,) = server.requests
-    assert sent["thinking"] == {"type": "adaptive"}
-    assert sent["output_config"]["effort"] == "low"
-    assert sent["output_config"]["format"]["schema"] == {"type": "object"}
-    assert (sent["top_k"], sent["temperature"]) == (3, 0.7)
+    (body,) = server.requests
+    assert body["thinking"] == {"type": "adaptive"}
+    assert body["output_config"]["effort"] == "low"
+    assert body["output_config"]["format"]["schema"] == {"type": "object"}
+    assert (body["top_k"], body["temperature"]) == (3, 0.7)
 
 
 def test_only_text_blocks_are_read() -> None:
@@ -270,16 +270,16 @@ def test_an_endless_body_is_left() -> None:
             except OSError:
                 return
 
-    sent: list[int] = []
+    chunks: list[int] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
-        thread = threading.Thread(target=flood, args=(server, sent))
+        thread = threading.Thread(target=flood, args=(server, chunks))
         thread.start()
         with client_of(f"http://127.0.0.1:{server.getsockname()[1]}") as client:
             answer = client.send(ASK, seconds=10)
         thread.join()
     assert isinstance(answer, Failure)
     assert str(MAX_BODY) in answer.message
-    assert sum(sent) < 4 * MAX_BODY
+    assert sum(chunks) < 4 * MAX_BODY
 
 
 def test_a_huge_answer_is_cut() -> None:
@@ -311,9 +311,9 @@ def test_retry_after_in_milliseconds_is_read(header: str, seconds: float) -> Non
     answer = mocked(b"{}", 429, **{"retry-after-ms": header, "retry-after": "9"})
     assert isinstance(answer, Failure)
     assert answer.retry_after == seconds
-    alone = mocked(b"{}", 429, **{"retry-after-ms": "250"})
-    assert isinstance(alone, Failure)
-    assert alone.retry_after == 0.25
+    without_seconds = mocked(b"{}", 429, **{"retry-after-ms": "250"})
+    assert isinstance(without_seconds, Failure)
+    assert without_seconds.retry_after == 0.25
 
 
 def test_retry_after_may_be_a_date() -> None:

@@ -56,7 +56,7 @@ def test_every_estimate_of_the_document_runs(line: str) -> None:
 
 def test_no_command_is_left_out() -> None:
     """The tests above and below know every sort of command that the document has."""
-    known = (
+    programs = (
         "python -m islandgp ",
         "islandgp estimate",
         "islandgp transcript",
@@ -66,7 +66,7 @@ def test_no_command_is_left_out() -> None:
         "export",
     )
     assert len(COMMANDS) > 8
-    assert all(line.startswith(known) for line in COMMANDS)
+    assert all(line.startswith(programs) for line in COMMANDS)
 
 
 @pytest.mark.slow

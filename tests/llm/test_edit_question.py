@@ -154,8 +154,8 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     entries = [json.loads(line) for line in lines]
     parts = {line["part"] for line in entries if line["line"] == "attempt"}
     assert parts == {"probe", "rate", "edits", "edits 2"}
-    again = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
-    assert [s.record for s in again] == [s.record for s in steps]
+    replay = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
+    assert [s.record for s in replay] == [s.record for s in steps]
     models = {
         line["request"]["model"]
         for line in entries

@@ -88,12 +88,12 @@ def free_port() -> int:
 
 
 @contextmanager
-def started(command_line: list[str], url: str, folder: Path, **more: str) -> Iterator[None]:
+def started(command_line: list[str], url: str, folder: Path, **variables: str) -> Iterator[None]:
     """A server of the environment, until it answers at `url`, to the end."""
     command = [str(HOME / "bin" / command_line[0]), *command_line[1:]]
     with (folder / "server.txt").open("w") as log:
         process = subprocess.Popen(
-            command, cwd=folder, env={**os.environ, **more}, stdout=log, stderr=log
+            command, cwd=folder, env={**os.environ, **variables}, stdout=log, stderr=log
         )
         try:
             due = monotonic() + PATIENCE
@@ -165,8 +165,8 @@ def test_a_model_behind_openai_s_language_supervises(
     assert body["model"] == "qwen3"
     assert body["response_format"]["json_schema"]["schema"]["required"]
     assert not any(b"sk-of-mine-01" in f.read_bytes() for f in folder.rglob("*") if f.is_file())
-    again = ["supervisor=replay", f"supervisor.policy.transcript='{folder}'"]
-    assert main([*SHORT[:-1], *again, f"runs='{tmp_path / 'again'}'"]) == 0
+    replay = ["supervisor=replay", f"supervisor.policy.transcript='{folder}'"]
+    assert main([*SHORT[:-1], *replay, f"runs='{tmp_path / 'again'}'"]) == 0
     replayed = next((tmp_path / "again").rglob("generations.jsonl"))
     assert replayed.read_bytes() == (folder / "generations.jsonl").read_bytes()
 

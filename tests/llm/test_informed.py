@@ -183,11 +183,11 @@ def test_prompts_have_a_largest_size() -> None:
 @pytest.mark.parametrize("lag", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_runs_repeat_and_go_on(tmp_path: Path, lag: int) -> None:
     """Live, replayed, and stopped and gone on: the same bytes, also with faults and a lag."""
-    again = ("gp.generations=6", "world.episode.length=20", f"supervisor.lag={lag}")
-    overrides = (*again, INFORMED)
+    common = ("gp.generations=6", "world.episode.length=20", f"supervisor.lag={lag}")
+    overrides = (*common, INFORMED)
     with MessagesServer(every(4, [Fault.UNKNOWN_ACTION, Fault.HTML])) as server:
         steps = live(server, tmp_path / "live", *overrides)
-    assert lines(replayed(tmp_path / "live", tmp_path / "again", *again)) == lines(steps)
+    assert lines(replayed(tmp_path / "live", tmp_path / "again", *common)) == lines(steps)
     assert steps[-1].cost.llm["episodes"] >= 6 - 1 - lag
     with MessagesServer() as server:
         whole_run = live(server, tmp_path / "whole", *overrides)
@@ -251,9 +251,9 @@ def test_spans_are_cut_where_the_actions_change() -> None:
     ]
     assert spans(["a"] * 7) == [Stretch(0, 7, Counter({"a": 7}))]
     assert spans([]) == []
-    many = [f"{i // 10}" for i in range(600)]
-    assert len(spans(many)) == SPANS
-    assert sum(spans(many)[1:], spans(many)[0]).actions == Counter(many)
+    statuses = [f"{i // 10}" for i in range(600)]
+    assert len(spans(statuses)) == SPANS
+    assert sum(spans(statuses)[1:], spans(statuses)[0]).actions == Counter(statuses)
 
 
 def test_stories_are_bounded_lines() -> None:
@@ -289,8 +289,8 @@ def test_the_transcript_counts_episodes_once(tmp_path: Path) -> None:
         live(server, tmp_path, *overrides)
         live(server, tmp_path, *overrides)
     text = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8")
-    played = [json.loads(line) for line in text.splitlines() if '"line": "played"' in line]
-    assert [line["generation"] for line in played] == [0, 1, 2]
+    entries = [json.loads(line) for line in text.splitlines() if '"line": "played"' in line]
+    assert [line["generation"] for line in entries] == [0, 1, 2]
 
 
 def test_records_are_read_as_they_were_made(tmp_path: Path) -> None:

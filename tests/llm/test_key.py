@@ -273,9 +273,9 @@ def test_a_key_in_a_file_is_moved_to_the_environment() -> None:
     assert key_in([config, plain("supervisor=baseline")])
     assert os.environ["ANTHROPIC_API_KEY"] == KEY
     other = plain("supervisor=llm", "supervisor.policy.api_key=another")
-    for wrong in (lambda: key_in([config, other]), lambda: without_key([f"{NONE[:-4]}a,b"])):
+    for call in (lambda: key_in([config, other]), lambda: without_key([f"{NONE[:-4]}a,b"])):
         with pytest.raises(ConfigError, match="ANTHROPIC_API_KEY") as excinfo:
-            wrong()
+            call()
         assert KEY not in str(excinfo.value)
 
 

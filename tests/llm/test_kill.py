@@ -78,11 +78,13 @@ def test_kill_9_and_resume(tmp_path: Path, override: str) -> None:
         while not codes or codes[-1] != 0:
             codes.append(server.run(cut, *overrides))
             assert len(codes) < 5
-        again = len(server.requests)
+        count_with_kills = len(server.requests)
     assert codes == [-9, -9, -9, 0]
     records = [next(home.rglob("generations.jsonl")).read_bytes() for home in (straight, cut)]
     assert records[0] == records[1]
-    assert count < again <= count + 3 * 3  # all questions of a generation may be under way
+    assert (
+        count < count_with_kills <= count + 3 * 3
+    )  # all questions of a generation may be under way
 
 
 class NeverAnswers(Killing):
@@ -118,14 +120,14 @@ def test_no_number_of_kills_passes_a_cap(tmp_path: Path, cap: str, most: int) ->
             assert process.wait() == -9
             kills += 1
         assert server.run(tmp_path, *overrides) == 3  # the fallback supervised it
-        sent = server.requests
-    assert 2 <= len(sent) <= most
+        requests = server.requests
+    assert 2 <= len(requests) <= most
     *_, last = next(tmp_path.rglob("costs.jsonl")).read_text().splitlines()
     spent = json.loads(last)["llm"]
-    assert spent["requests"] == len(sent)
+    assert spent["requests"] == len(requests)
     # What the server could charge: a token for each three bytes, and the longest answers.
-    texts = [r["system"] + "".join(m["content"] for m in r["messages"]) for r in sent]
-    output = sum(r["max_tokens"] for r in sent[1:])
+    texts = [r["system"] + "".join(m["content"] for m in r["messages"]) for r in requests]
+    output = sum(r["max_tokens"] for r in requests[1:])
     charged = (sum(len(text.encode()) for text in texts) / 3 + 5 * output) / 1e6
     assert charged < spent["cost_usd_at_most"] < 0.035 * most / 2
     if cap == "usd=0.035":

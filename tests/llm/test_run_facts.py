@@ -59,15 +59,15 @@ def test_prompts_describe_when_worlds_change(key: str, sentence: str) -> None:
 
 def test_prompts_have_factors_if_the_curriculum_has_some() -> None:
     """Without any neither the fields nor the curriculum are mentioned."""
-    some = system("rate", context())
-    assert "next_multipliers.garbage" in some
-    assert "next_multipliers.patrol" not in some, "no stage names it"
+    with_factors = system("rate", context())
+    assert "next_multipliers.garbage" in with_factors
+    assert "next_multipliers.patrol" not in with_factors, "no stage names it"
     run_context = context()
     stage = run_context.curriculum.stages[0].model_copy(update={"multipliers": {}})
     flat = run_context.curriculum.model_copy(update={"stages": (stage,)})
-    none = replace(run_context, curriculum=flat)
-    assert "next_multipliers" not in system("rate", none)
-    assert run_facts(none)["curriculum"] == ""
+    without = replace(run_context, curriculum=flat)
+    assert "next_multipliers" not in system("rate", without)
+    assert run_facts(without)["curriculum"] == ""
 
 
 def test_prompts_have_length_and_endings_of_an_episode() -> None:

@@ -463,9 +463,9 @@ def test_a_resumed_run_learns_nothing_from_a_busy_moment_either(tmp_path: Path) 
     expected = [advise(straight, state(g)) for g in range(4)]
     first, _ = supervisor(busy(6), folder=tmp_path)
     answers = [advise(first, state(g)) for g in range(1)]
-    again, client = supervisor(answering(), folder=tmp_path)
-    assert "no answer yet" in again.start()
-    answers += [advise(again, state(g)) for g in range(1, 3)]
+    resumed, client = supervisor(answering(), folder=tmp_path)
+    assert "no answer yet" in resumed.start()
+    answers += [advise(resumed, state(g)) for g in range(1, 3)]
     assert all(r.schema and r.temperature == 0.7 for r in client.requests)
     last, client = supervisor(answering(), folder=tmp_path)
     assert "structured output, temperature 0.7" in last.start()
@@ -505,8 +505,8 @@ def test_an_outage_can_stop_the_run(tmp_path: Path) -> None:
     llm, _ = supervisor(unreachable, stop, folder=tmp_path)
     with pytest.raises(SupervisionError, match="on_outage=stop"):
         advise(llm, state(0))
-    again, _ = supervisor(answering(), stop, folder=tmp_path)
-    assert advise(again, state(0)).source == "llm"
+    resumed, _ = supervisor(answering(), stop, folder=tmp_path)
+    assert advise(resumed, state(0)).source == "llm"
 
 
 def test_an_outage_can_be_waited_out() -> None:
@@ -544,8 +544,8 @@ def test_a_useless_model_is_not_asked_to_the_end(most: int, tmp_path: Path) -> N
     assert len(client.requests) == 1 + questions
     reason = f"fallback: useless: no usable answer to {questions} questions in a row"
     assert answers[-1].notes == {"rate": reason, "tree": reason}
-    again, client = supervisor(answering(), *overrides, folder=tmp_path)
-    assert [advise(again, state(g)) for g in range(6)] == answers
+    resumed, client = supervisor(answering(), *overrides, folder=tmp_path)
+    assert [advise(resumed, state(g)) for g in range(6)] == answers
     assert client.requests == []
 
 
@@ -577,8 +577,8 @@ def test_answers_that_never_arrive_are_not_paid_to_the_end(
         f"fallback: useless: no usable answer to 10 questions in a row (the last: {kind}: a made"
     )
     assert all(note.startswith(reason) for g in answers[5:] for note in g.notes.values())
-    again, client = supervisor(answering(), folder=tmp_path)
-    assert [advise(again, state(g)) for g in range(12)] == answers
+    resumed, client = supervisor(answering(), folder=tmp_path)
+    assert [advise(resumed, state(g)) for g in range(12)] == answers
     assert client.requests == []
     replay = Replay(Adviser(llm.settings, context()), Transcript(tmp_path / "transcript.jsonl"))
     streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(12)]
@@ -713,8 +713,8 @@ def test_a_probe_that_failed_is_made_again(tmp_path: Path) -> None:
     first, _ = supervisor(lambda request, n: failed(FailureKind.UNREACHABLE), folder=tmp_path)  # noqa: ARG005
     with pytest.raises(SupervisionError, match="found unreachable"):
         first.start()
-    again, client = supervisor(answering(), folder=tmp_path)
-    assert "structured output" in again.start()
+    resumed, client = supervisor(answering(), folder=tmp_path)
+    assert "structured output" in resumed.start()
     assert len(client.requests) == 1
 
 
@@ -722,8 +722,8 @@ def test_a_resumed_run_asks_as_before(tmp_path: object) -> None:
     """The capabilities are in the transcript: no probe, even if the server changed."""
     first, _ = supervisor(answering(), folder=tmp_path)  # type: ignore[arg-type]
     line = first.start()
-    again, client = supervisor([], folder=tmp_path)  # type: ignore[arg-type]
-    assert again.start() == line
+    resumed, client = supervisor([], folder=tmp_path)  # type: ignore[arg-type]
+    assert resumed.start() == line
     assert client.requests == []
 
 
@@ -747,9 +747,9 @@ FACTS = "prices.facts.claude-haiku-4-5-20251001"
 def test_facts_of_a_model_are_printed(overrides: tuple[str, ...], line: str) -> None:
     """That it keeps no prompts as short as these, or that it is about to go."""
     llm, _ = supervisor(answering(), *overrides)
-    _, *more = llm.start().splitlines()
-    assert len(more) == bool(line)
-    assert line in "".join(more)
+    _, *lines = llm.start().splitlines()
+    assert len(lines) == bool(line)
+    assert line in "".join(lines)
 
 
 def test_an_alias_of_a_model() -> None:

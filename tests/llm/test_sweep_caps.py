@@ -33,12 +33,12 @@ def test_runs_share_the_cap_of_their_sweep(tmp_path: Path) -> None:
 @pytest.mark.parametrize("cap", ["requests=5", "output_tokens=9000"])
 def test_no_number_of_kills_passes_the_cap_of_a_sweep(tmp_path: Path, cap: str) -> None:
     """Each of ten processes in two runs is killed while it waits for its second answer."""
-    sent, lost = [], []
+    requests, lost_requests = [], []
 
     def script(request: Request, n: int) -> Reply | Failure:
-        sent.append(request)
+        requests.append(request)
         if n:
-            lost.append(request)
+            lost_requests.append(request)
             raise Killed
         return answering()(request, n)
 
@@ -48,9 +48,9 @@ def test_no_number_of_kills_passes_the_cap_of_a_sweep(tmp_path: Path, cap: str) 
         llm, _ = supervisor(script, f"sweep_caps.{cap}", run_context=run_context)
         with suppress(Killed):
             advise(llm, state(process // 2))
-    charged = 2048 * len(lost) + USAGE.output * (len(sent) - len(lost))
-    assert len(lost) >= 2
-    assert len(sent) == 5 if cap == "requests=5" else charged <= 9000
+    charged = 2048 * len(lost_requests) + USAGE.output * (len(requests) - len(lost_requests))
+    assert len(lost_requests) >= 2
+    assert len(requests) == 5 if cap == "requests=5" else charged <= 9000
 
 
 def test_a_refused_connection_takes_nothing(tmp_path: Path) -> None:
@@ -66,10 +66,10 @@ def test_a_refused_connection_takes_nothing(tmp_path: Path) -> None:
     assert total.requests == 2  # the probe and the question for a tree
     assert total.usd == pytest.approx(llm.spent()["cost_usd"])
     ledger.path.unlink()
-    again = SweepLedger(tmp_path, llm.settings.price, llm.settings.sweep_caps)
-    assert again.over(Bill(0, 0, 0, 0)) == ""
-    assert again._total.requests == 2
-    assert again._total.usd == pytest.approx(total.usd)
+    recounted = SweepLedger(tmp_path, llm.settings.price, llm.settings.sweep_caps)
+    assert recounted.over(Bill(0, 0, 0, 0)) == ""
+    assert recounted._total.requests == 2
+    assert recounted._total.usd == pytest.approx(total.usd)
 
 
 def test_a_line_that_was_cut_off_does_not_hide_the_next(tmp_path: Path) -> None:

@@ -151,8 +151,8 @@ def test_answers_that_never_arrive_whole_are_not_paid_to_the_end(
     assert "useless: no usable answer to 10 questions in a row (the last: " in last.notes["rate"]
     setting = "raise supervisor.policy.retry.deadline"
     assert (setting in last.notes["rate"]) == (fault is Fault.DRIP)
-    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=7")
-    assert lines(again) == lines(steps)
+    replay = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=7")
+    assert lines(replay) == lines(steps)
 
 
 @pytest.mark.parametrize(
@@ -178,8 +178,8 @@ def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -
         first = live(server, tmp_path / "cut", *overrides, stop=stop)
         rest = live(server, tmp_path / "cut", *overrides, start=first[-1].state)
         assert lines(first) + lines(rest) == lines(complete)
-        again = Counter(map(dump, server.requests)) - Counter(map(dump, straight))
-        assert again.total() <= (1 if lag else 0)  # one may have been under way at the stop
+        repeated = Counter(map(dump, server.requests)) - Counter(map(dump, straight))
+        assert repeated.total() <= (1 if lag else 0)  # one may have been under way at the stop
     assert lines(replayed(tmp_path / "cut", tmp_path / "again", *overrides[:2])) == lines(complete)
 
 
@@ -294,8 +294,8 @@ def test_a_replay_is_of_the_recorded_settings(tmp_path: Path) -> None:
     )
     with MessagesServer(every(2, [Fault.OUT_OF_RANGE])) as server:
         steps = live(server, tmp_path / "live", *overrides)
-    again = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3")
-    assert lines(again) == lines(steps)
+    replay = replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3")
+    assert lines(replay) == lines(steps)
 
 
 @pytest.mark.parametrize("start", [b"", b'{"line": "start", "format": 1, "settings": {}}\n'])
@@ -330,8 +330,8 @@ def test_a_transcript_moved_elsewhere_still_replays(tmp_path: Path) -> None:
     with MessagesServer() as server:
         steps = live(server, tmp_path / "live", "gp.generations=3")
     shutil.move(tmp_path / "live" / "transcript.jsonl", tmp_path / "kept.jsonl")
-    again = replayed(tmp_path / "kept.jsonl", tmp_path / "again", "gp.generations=3")
-    assert lines(again) == lines(steps)
+    replay = replayed(tmp_path / "kept.jsonl", tmp_path / "again", "gp.generations=3")
+    assert lines(replay) == lines(steps)
 
 
 def test_the_loop_s_generator_is_not_the_network_s(tmp_path: Path) -> None:

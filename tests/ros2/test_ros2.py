@@ -227,8 +227,8 @@ def test_a_changed_file_is_loaded(servers: Servers, robot: Callable[[str], Robot
     """Goals of the old tree are cancelled; a file with errors changes nothing."""
     machine = robot("Wait")
     assert machine.until(lambda _: servers.goals == [HANGS])
-    for wrong in ("selector {", "Fly", ""):
-        machine.file.write_text(wrong)
+    for text in ("selector {", "Fly", ""):
+        machine.file.write_text(text)
         assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
     machine.file.write_text("Dock")
     assert machine.until(lambda _: bool(servers.calls))

@@ -101,9 +101,9 @@ def test_what_a_runs_folder_is_called() -> None:
 
 def test_a_long_name_ends_in_a_digest_of_the_whole() -> None:
     """Runs that differ where the name is cut have different folders, always the same ones."""
-    config, many = named(composed()), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
+    config, overrides = named(composed()), [f"gp.state.x{i:02}=0.123456" for i in range(12)]
     folders = [
-        run_folder(config, [*many, f"world.robot.speed={speed}"], Path("/home")).name
+        run_folder(config, [*overrides, f"world.robot.speed={speed}"], Path("/home")).name
         for speed in (6, 7, 6)
     ]
     assert len(set(folders)) == 2
@@ -361,10 +361,10 @@ def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
     assert "2 of 2 jobs not finished" in errors
     assert "Expected an outcome, found trouble." in errors
     assert re.search(rf"error:  {cwd}/runs/default/baseline-seed0\S*/error.txt", errors)
-    again = re.search(r"again:  python -m islandgp (.*seed=1.*)", errors)
-    assert again is not None
+    command = re.search(r"again:  python -m islandgp (.*seed=1.*)", errors)
+    assert command is not None
     repaired.touch()
-    assert main(shlex.split(again[1])) == 0
+    assert main(shlex.split(command[1])) == 0
     assert main([*overrides, "seed=0,1", "-m"]) == 0
     finished = {path.parent.name for path in cwd.rglob("summary.json")}
     assert finished == set(leaf(cwd))
@@ -374,8 +374,8 @@ def test_a_job_on_which_another_process_works_is_not_failed(
     cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is left as it is, nothing is written into its folder, and the others go on."""
-    once = fake("Breaks", after=2, how="error", unless="mended", mark="true")
-    overrides = [*TINY, "tracking=off", *once]
+    evaluator = fake("Breaks", after=2, how="error", unless="mended", mark="true")
+    overrides = [*TINY, "tracking=off", *evaluator]
     assert main(overrides) == 2
     (name,) = leaf(cwd)
     folder = RunFolder(cwd / "runs/default" / name)

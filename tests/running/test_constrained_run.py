@@ -49,11 +49,11 @@ def test_the_best_robot_is_feasible_before_fit(folder: RunFolder) -> None:
     """In the summary, the report and the records; one that earns more breaks a limit."""
     summary, constraints = folder.summary(), recorded_constraints(folder.configuration())
     everyone = [i for record in folder.records() for i in record["individuals"]]
-    worth = {i["id"]: (-violation(i["counters"], constraints), i["fitness"]) for i in everyone}
+    ranking = {i["id"]: (-violation(i["counters"], constraints), i["fitness"]) for i in everyone}
     assert max(i["fitness"] for i in everyone) > summary["fittest"]["record"]["fitness"]
-    assert worth[summary["fittest"]["record"]["id"]] == max(worth.values())
+    assert ranking[summary["fittest"]["record"]["id"]] == max(ranking.values())
     for record in folder.records():
-        best = max(record["individuals"], key=lambda i: worth[i["id"]])
+        best = max(record["individuals"], key=lambda i: ranking[i["id"]])
         assert record["snapshot"]["best"] == best["fitness"]
     assert summary["constraints"] == "distance at most 200, interactions at most 0"
     assert summary["champion"]["validation"]["violation"] == 0

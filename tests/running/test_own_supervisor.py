@@ -92,8 +92,8 @@ def test_a_job_of_a_sweep_names_the_class_too(
     cwd: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The reason is the line, the traceback is in the job's folder; a mended class goes on."""
-    wrong = WELL.replace("return", "if state.now.generation == 2: 1 / 0\n        return")
-    assert command(cwd, wrong, "seed=4", "-m") == 1
+    source = WELL.replace("return", "if state.now.generation == 2: 1 / 0\n        return")
+    assert command(cwd, source, "seed=4", "-m") == 1
     errors = capsys.readouterr().err
     assert "mysup:Mine failed (ZeroDivisionError: division by zero, in " in errors
     assert "Traceback" not in errors

@@ -173,8 +173,8 @@ def test_pruned_trials_are_marked(home: Path, monkeypatch: pytest.MonkeyPatch) -
         assert runs[job.folder].tags["pruned"] == f"generation {job.pruned}"
     assert "pruned" not in next(r for r in runs.values() if r.status == "FINISHED").tags
     assert runs["sweep default"].status == "FINISHED"
-    again = [*overrides, *pruner, *OPTUNA]
-    assert main(again) == 0  # judged as before, from their records
+    command = [*overrides, *pruner, *OPTUNA]
+    assert main(command) == 0  # judged as before, from their records
     now = file_in(home / "runs/default")
     assert [(j.slot, j.pruned) for j in now.jobs] == [(j.slot, j.pruned) for j in file.jobs]
 

@@ -318,9 +318,9 @@ def test_any_range(low: float, high: float, step: float, value: float) -> None:
     tuned_thresholds = [
         t for trees, _ in hill.calls for tree in trees for t in thresholds_of(tree, vocabulary)
     ]
-    least, most = result.thresholds[0].bounds
+    low_bound, high_bound = result.thresholds[0].bounds
     assert len(tuned_thresholds) > 12
-    assert all(least <= t.number.value <= most for t in tuned_thresholds)
+    assert all(low_bound <= t.number.value <= high_bound for t in tuned_thresholds)
 
 
 @given(st.integers(2, 40), st.integers(1, 20_000), st.integers(1, 100), st.integers(2, 30))
@@ -335,9 +335,9 @@ def test_a_plan_keeps_to_its_episodes(
     except ConfigError as error:
         match = re.search(r"at least ([\d,]+) episodes", str(error))
         assert match is not None
-        least = int(match[1].replace(",", ""))
-        assert least > episodes
-        assert NumberSettings(least, worlds, population).plan(dimensions).generations == 1
+        minimum = int(match[1].replace(",", ""))
+        assert minimum > episodes
+        assert NumberSettings(minimum, worlds, population).plan(dimensions).generations == 1
         return
     search = plan.generations * plan.population * worlds
     assert plan.generations >= 1
@@ -374,8 +374,8 @@ def test_the_intervals() -> None:
     """Before, after and difference are paired: means differ by the mean difference."""
     comparison = tuned_once()[1].comparison
     assert comparison is not None
-    apart = comparison.tuned[0] - comparison.written[0]
-    assert isclose(apart, comparison.difference[0])
+    difference = comparison.tuned[0] - comparison.written[0]
+    assert isclose(difference, comparison.difference[0])
     width = comparison.difference[2] - comparison.difference[1]
     assert 0 < width < comparison.written[2] - comparison.written[1]
 

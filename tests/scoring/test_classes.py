@@ -265,19 +265,19 @@ def test_tiers_of_other_counters() -> None:
         "good": {"at_least": {"reds": 2}, "above": {"steps": 3}},
         "any": {},
     }
-    some = colours("red", tiers=tiers_of)
-    assert tiers(colour_outcome(reds=2, steps=3.5), some) == ("best", "good", "any")
-    assert tiers(colour_outcome(reds=2, steps=3), some) == ("any",)
-    assert tiers(colour_outcome(reds=1.9, steps=9), some) == ("any",)
+    classes = colours("red", tiers=tiers_of)
+    assert tiers(colour_outcome(reds=2, steps=3.5), classes) == ("best", "good", "any")
+    assert tiers(colour_outcome(reds=2, steps=3), classes) == ("any",)
+    assert tiers(colour_outcome(reds=1.9, steps=9), classes) == ("any",)
     strict = {**tiers_of, "best": {"above": {"fitness": 10}, "also": "good"}}
     assert tiers(colour_outcome(reds=2, steps=4), colours("red", tiers=strict)) == ("good", "any")
 
 
 def test_also_may_name_a_tier_further_up() -> None:
     """The order of tiers is only the order in which they are reported."""
-    some = colours("red", tiers={"good": {"at_least": {"reds": 2}}, "kind": {"also": "good"}})
-    assert tiers(colour_outcome(reds=2), some) == ("good", "kind")
-    assert tiers(colour_outcome(reds=1), some) == ()
+    classes = colours("red", tiers={"good": {"at_least": {"reds": 2}}, "kind": {"also": "good"}})
+    assert tiers(colour_outcome(reds=2), classes) == ("good", "kind")
+    assert tiers(colour_outcome(reds=1), classes) == ()
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_specialists_that_cannot_be(of: tuple[str, ...], ratio: float, message: 
 
 def test_unknown_counters_are_reported_with_their_path() -> None:
     """Which counters there are is the domain's: each wrong name is a line."""
-    some = colours(
+    classes = colours(
         "red",
         behaviours={"red": "reds", "far": "metres"},
         tiers={
@@ -328,10 +328,10 @@ def test_unknown_counters_are_reported_with_their_path() -> None:
             "best": {"above": {"joy": 1}},
         },
     )
-    known = "reds, greens, blues, steps"
-    assert list(some.faults(SCHEMA)) == [
-        f"classes.behaviours.far: expected one of {known}, found 'metres'",
-        f"classes.tiers.good.at_least.fun: expected one of {known}, fitness, found 'fun'",
-        f"classes.tiers.best.above.joy: expected one of {known}, fitness, found 'joy'",
+    counters = "reds, greens, blues, steps"
+    assert list(classes.faults(SCHEMA)) == [
+        f"classes.behaviours.far: expected one of {counters}, found 'metres'",
+        f"classes.tiers.good.at_least.fun: expected one of {counters}, fitness, found 'fun'",
+        f"classes.tiers.best.above.joy: expected one of {counters}, fitness, found 'joy'",
     ]
     assert list(colours("red").faults(SCHEMA)) == []

@@ -76,7 +76,7 @@ def test_words() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "line"),
+    ("constraints", "line"),
     [
         ({"pickupz": {"at_most": 3}}, "constraints.pickupz: expected one of pickups"),
         ({"zz9": {"at_most": 3}}, "constraints.zz9: expected one of pickups"),
@@ -93,10 +93,10 @@ def test_words() -> None:
         ([3], "constraints=[3]: input should be a valid dictionary"),
     ],
 )
-def test_wrong_constraints(wrong: Any, line: str) -> None:
+def test_wrong_constraints(constraints: Any, line: str) -> None:
     """One line, with what is expected."""
     with pytest.raises(ConfigError) as error:
-        read_settings({**plain(), "constraints": wrong})
+        read_settings({**plain(), "constraints": constraints})
     assert str(error.value).startswith(line)
     assert "\n" not in str(error.value)
 

@@ -45,11 +45,11 @@ def test_flat() -> None:
 
 def test_a_component_that_is_not_named_counts_once() -> None:
     """Table 2 has five columns; the other components are not weighted."""
-    few = {
+    multipliers = {
         "generations_per_epoch": 5,
         "stages": [{"epochs": [1, 2], "multipliers": {"delivery": 3}}],
     }
-    weights = Curriculum.model_validate(few).multipliers(0)
+    weights = Curriculum.model_validate(multipliers).multipliers(0)
     assert weights == {"delivery": 3}
     value = worth(composed().rewards, weights)
     assert value("delivery", 10) == ("delivery", 1200)  # 3 * (100 + 10 * 30)

@@ -147,9 +147,9 @@ def test_pairs_are_drawn_as_pairs() -> None:
     """Where both arms follow their seed, the interval with pairs is narrower."""
     seeds = np.random.default_rng(0).normal(size=20)
     x, y = [seeds + 0.1], [seeds]
-    apart, together = improvement_interval(x, y), improvement_interval(x, y, paired=True)
-    assert apart.estimate == together.estimate
-    assert together.high - together.low < (apart.high - apart.low) / 2
+    unpaired, as_pairs = improvement_interval(x, y), improvement_interval(x, y, paired=True)
+    assert unpaired.estimate == as_pairs.estimate
+    assert as_pairs.high - as_pairs.low < (unpaired.high - unpaired.low) / 2
 
 
 def test_bootstrap_of_a_chance_by_another_way() -> None:
@@ -171,9 +171,9 @@ few = examples(max_examples=15, deadline=None)
 
 @few
 @given(st.floats(-1e6, 1e6), st.integers(10, 30), st.integers(1, 3))
-def test_constant_scores_have_no_width(value: float, n: int, many: int) -> None:
+def test_constant_scores_have_no_width(value: float, n: int, count: int) -> None:
     """A point in each interval and band; half a chance of improvement, which is a point too."""
-    strata = [[value] * n] * many
+    strata = [[value] * n] * count
     for statistic in (mean, median, interquartile_mean):
         constant = stratified_bootstrap(strata, statistic)
         assert constant.low == constant.estimate == constant.high
@@ -240,7 +240,7 @@ def test_draws_are_keyed_by_purpose() -> None:
 
 
 @pytest.mark.parametrize(
-    ("strata", "known"),
+    ("strata", "has_interval"),
     [
         (((1.0,),), False),
         (((1.0, 2.0) * 4 + (1.0,),), False),  # nine
@@ -249,11 +249,13 @@ def test_draws_are_keyed_by_purpose() -> None:
         (((1.0, 2.0, 3.0, 4.0),) * 5, False),  # too few a world
     ],
 )
-def test_few_runs_have_no_interval(strata: tuple[tuple[float, ...], ...], known: bool) -> None:
+def test_few_runs_have_no_interval(
+    strata: tuple[tuple[float, ...], ...], has_interval: bool
+) -> None:
     """Nan, where a percentile interval would cover too little; never a point."""
     for computed in (stratified_bootstrap(strata, mean), improvement_interval(strata, strata)):
         assert not isnan(computed.estimate)
-        assert [isnan(computed.low), isnan(computed.high)] == [not known] * 2
+        assert [isnan(computed.low), isnan(computed.high)] == [not has_interval] * 2
 
 
 def _chance(first: Sequence[Sequence[float]], second: Sequence[Sequence[float]]) -> float:
@@ -320,13 +322,13 @@ def test_worlds_of_different_sizes_are_approximated() -> None:
     fewer = improvement_test([A[0][:9], *A[1:]], B)
     assert fewer.kind == NORMAL
     assert fewer.p == pytest.approx(exact.p, abs=0.002)
-    some = improvement_test(
+    approximated = improvement_test(
         [x[:9] if k else x for k, x in enumerate(A)],
         [x[:9] if k else x for k, x in enumerate(B)],
         paired=True,
     )
-    assert some.kind == NORMAL
-    assert some.p == pytest.approx(pairs.p, abs=0.003)
+    assert approximated.kind == NORMAL
+    assert approximated.p == pytest.approx(pairs.p, abs=0.003)
 
 
 @pytest.mark.slow

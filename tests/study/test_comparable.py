@@ -123,11 +123,11 @@ def test_an_arm_is_of_one_kind() -> None:
     runs = [
         fake_run(seed=s, path=str(s), supervisor__name=f"s{s}", supervisor__lag=s) for s in (0, 1)
     ]
-    both = fake_arm("a", runs)
+    mixed_arm = fake_arm("a", runs)
     with pytest.raises(
         StudyError, match=r"found:\n  within a: supervisor\.name is s0 and s1\nSelect"
     ):
-        compare_arms([both, _arm("baseline", range(2))])
+        compare_arms([mixed_arm, _arm("baseline", range(2))])
     twice = fake_arm("expert", [fake_run(seed=0, path="a"), fake_run(seed=0, path="b")])
     with pytest.raises(StudyError, match="seeds 0 are there more than once"):
         compare_arms([twice, _arm("baseline", range(1))])
@@ -232,8 +232,8 @@ def test_arms_with_the_same_populations_are_noted() -> None:
         "baseline",
         [fake_run("baseline", s, generations=4, best=s, path=f"o{s}") for s in range(3)],
     )
-    apart = compare_arms([_arm("expert", range(3)), other])
-    assert not any("same individuals" in note for note in apart.notes)
+    different = compare_arms([_arm("expert", range(3)), other])
+    assert not any("same individuals" in note for note in different.notes)
 
 
 def test_a_value_of_many_arms_is_named_once() -> None:

@@ -29,8 +29,8 @@ class Known:
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.jobs += jobs
-        worth = {tree: 1000.0 * k for k, tree in enumerate(TREES.values(), 1)}
-        return [outcome(fitness=worth.get(j.tree, 50_000.0) + j.stage) for j in jobs]
+        points = {tree: 1000.0 * k for k, tree in enumerate(TREES.values(), 1)}
+        return [outcome(fitness=points.get(j.tree, 50_000.0) + j.stage) for j in jobs]
 
     def close(self) -> None:
         """See `Evaluator`."""

@@ -71,8 +71,10 @@ def test_agreement_is_that_of_runs_held_back() -> None:
 
 def test_the_teacher_s_gaps_are_left_out() -> None:
     """Where it gave no tree or no rate there is nothing to learn."""
-    some = [replace(c, target=None) if c.run == 2 else replace(c, rate=None) for c in cases()]
-    report = distil([*cases(2), *(replace(c, run=c.run + 2) for c in some)], "me", Shape()).report
+    with_gaps = [replace(c, target=None) if c.run == 2 else replace(c, rate=None) for c in cases()]
+    report = distil(
+        [*cases(2), *(replace(c, run=c.run + 2) for c in with_gaps)], "me", Shape()
+    ).report
     assert (report["targets"], report["rates"]) == (20 + 30, 20 + 10)
 
 
@@ -119,8 +121,8 @@ def test_the_policy_plays(distilled: Path) -> None:
     assert {g.source for g in answers if g} == {"distilled"}
     targets = {str(a.answer) for a in _answers(policy.target)}
     assert {g.target for g in answers if g} <= targets
-    again = ["distill", str(distilled / "my runs"), "-o", str(distilled / "b"), "--cases", "2"]
-    assert CliRunner().invoke(islandgp, again).exit_code == 0
+    command = ["distill", str(distilled / "my runs"), "-o", str(distilled / "b"), "--cases", "2"]
+    assert CliRunner().invoke(islandgp, command).exit_code == 0
     assert (distilled / "b" / "policy.json").read_bytes() == (folder / "policy.json").read_bytes()
     mixed = [
         "distill",

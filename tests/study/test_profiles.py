@@ -139,7 +139,7 @@ def test_the_table_and_its_csv() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scores", "more", "message"),
+    ("scores", "options", "message"),
     [
         ({}, {}, "Expected scores by world and arm, found none"),
         ({"w": {}}, {}, "Expected scores by world and arm, found none"),
@@ -157,10 +157,10 @@ def test_the_table_and_its_csv() -> None:
         ({"w": {"a": [1.0]}, ALL_WORLDS: {"a": [1.0]}}, {}, "Expected another name than 'all worl"),
     ],
 )
-def test_wrong_scores_are_refused(scores: Scores, more: dict[str, object], message: str) -> None:
+def test_wrong_scores_are_refused(scores: Scores, options: dict[str, object], message: str) -> None:
     """With the arm and the world."""
     with pytest.raises(StudyError, match=message):
-        summarise(scores, **more)  # type: ignore[arg-type] # one of several keywords
+        summarise(scores, **options)  # type: ignore[arg-type] # one of several keywords
 
 
 @pytest.mark.parametrize("bounds", [{}, {"w": (1.0, 1.0)}, {"w": (0.0, nan)}])

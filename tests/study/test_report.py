@@ -132,9 +132,11 @@ def test_files_of_the_report(tmp_path: Path) -> None:
 
     The same runs give the same bytes: no date, no chance.
     """
-    (report, folder), (_, again) = _write(tmp_path / "a"), _write(tmp_path / "b")
+    (report, folder), (_, other_folder) = _write(tmp_path / "a"), _write(tmp_path / "b")
     for path in (p for p in folder.rglob("*") if p.is_file()):
-        assert (again / path.relative_to(folder)).read_bytes() == path.read_bytes(), path.name
+        assert (other_folder / path.relative_to(folder)).read_bytes() == path.read_bytes(), (
+            path.name
+        )
     assert all((folder / f"tables/{t.key}.csv").stat().st_size for t in report.tables)
     for picture in report.pictures:
         if picture.key not in TREES:
@@ -196,9 +198,9 @@ def test_medians_with_censored_runs(report_and_folder: tuple[ComparisonReport, P
     """Never counts as infinite: both arms have an interval, and so has their difference."""
     table = next(t for t in report_and_folder[0].tables if t.key == "medians")
     rows = {row[0]: row[1:4] for row in table.rows}
-    first, second, apart = rows["First Complete Robot"]
+    first, second, difference = rows["First Complete Robot"]
     assert (first, second) == ("6.5 [\N{EN DASH}]", "16.5 [\N{EN DASH}]")  # four runs
-    assert apart == "\N{MINUS SIGN}10.0 [\N{EN DASH}]"
+    assert difference == "\N{MINUS SIGN}10.0 [\N{EN DASH}]"
     never, gap = rows["First Excellent Robot"][1:]
     assert never == "never"
     assert gap.startswith("\N{MINUS SIGN}\N{INFINITY}")

@@ -149,10 +149,10 @@ def test_a_folder_is_read_back_as_it_was(tmp_path: Path) -> None:
     run = replace(original, validation=(7, 8), validation_mean=6.5)
     write_run(run, tmp_path / "run")
     (entry,) = find(tmp_path)
-    again = read(entry)
-    assert (again.validation, again.validation_mean) == ((7, 8), 6.5)
-    assert (again.records, again.costs, again.champion) == (run.records, run.costs, run.champion)
-    assert again.flat == run.flat
+    reread = read(entry)
+    assert (reread.validation, reread.validation_mean) == ((7, 8), 6.5)
+    assert (reread.records, reread.costs, reread.champion) == (run.records, run.costs, run.champion)
+    assert reread.flat == run.flat
 
 
 def test_damaged_records_are_named(tmp_path: Path) -> None:

@@ -248,8 +248,8 @@ def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
 def test_bootstrap_with_runs_that_never_got_there() -> None:
     """An infinite value makes an end infinite; where both medians are, anything is possible."""
     inf = math.inf
-    apart = bootstrap([[1.0, 2.0] * 5, [inf] * 10], median_difference)
-    assert (apart.low, apart.estimate, apart.high) == (-inf, -inf, -inf)
+    difference = bootstrap([[1.0, 2.0] * 5, [inf] * 10], median_difference)
+    assert (difference.low, difference.estimate, difference.high) == (-inf, -inf, -inf)
     unknown = bootstrap([[inf] * 10, [inf] * 10], median_difference)
     assert (unknown.low, unknown.high) == (-inf, inf)
     assert math.isnan(unknown.estimate)

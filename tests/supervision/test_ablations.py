@@ -194,14 +194,14 @@ def test_without_a_leader_nothing_starts(
     """Exit code 2 and one line, even where only the last job of a sweep has none."""
     monkeypatch.chdir(tmp_path)
     overrides = ["experiment=ablation_another_record", *QUICK]
-    for n, lacking in enumerate((1, 2)):
+    for n, missing_seed in enumerate((1, 2)):
         assert main([*overrides, "seed=0,1", "-m"]) == 2
         captured = capsys.readouterr()
         assert captured.out == ""
         (line,) = captured.err.splitlines()
         assert line.startswith(
             "islandgp: Expected the record of another run in runs/paper/expert-seed"
-            f"{lacking}, found none"
+            f"{missing_seed}, found none"
         )
         assert not (tmp_path / "runs" / "ablation_another_record").exists()
         if n == 0:

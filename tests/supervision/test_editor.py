@@ -158,8 +158,8 @@ def test_guard_width() -> None:
     """The share of its key's range in which a guard holds; 1 without a guard."""
     assert guard_width(parse(CHARGE), VOCABULARY) == 0.45
     assert guard_width(parse("when not foundGarbage { PatrolWaypoint }"), VOCABULARY) == 0.5
-    both = parse("when batteryLevel < 20 and foundGarbage { PatrolWaypoint }")
-    assert guard_width(both, VOCABULARY) == 0.2
+    joined = parse("when batteryLevel < 20 and foundGarbage { PatrolWaypoint }")
+    assert guard_width(joined, VOCABULARY) == 0.2
     assert guard_width(parse(PATROL), VOCABULARY) == 1
 
 

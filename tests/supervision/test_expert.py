@@ -234,9 +234,9 @@ def test_a_library_without_a_compact_tree_is_refused() -> None:
 
 def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
     """Only behaviours need their own tree."""
-    few = Expert.make(settings_of_tables(), context("library.trees.exploration=[]"))
+    supervisor = Expert.make(settings_of_tables(), context("library.trees.exploration=[]"))
     view = state(past(9, behaviour_counts={"humanoid": 1}))
-    guidance = few.advise(view, np.random.default_rng(0))
+    guidance = supervisor.advise(view, np.random.default_rng(0))
     assert guidance.target == "exploration"
     assert guidance.tree == library().trees["humanoid_focused"]
 
@@ -256,9 +256,9 @@ def test_the_hardest_behaviours_are_the_domain_s() -> None:
 def test_hardest_names_may_be_of_other_experiments() -> None:
     """They are passed over; behaviours that are not named follow, the last one first."""
     all_alike = state(past(1, behaviour_counts=dict.fromkeys(WORKERS, 0)))
-    some = settings_of_tables().model_copy(update={"hardest": ("flying", "humanoid")})
+    settings = settings_of_tables().model_copy(update={"hardest": ("flying", "humanoid")})
     none = settings_of_tables().model_copy(update={"hardest": ()})
-    assert choose_target(all_alike, some) == "humanoid"
+    assert choose_target(all_alike, settings) == "humanoid"
     assert choose_target(all_alike, none) == "clearing"
 
 

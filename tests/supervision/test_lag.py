@@ -87,29 +87,29 @@ def test_evaluation_goes_on_meanwhile(lag: int) -> None:
 def test_the_queue_waits_for_the_answer() -> None:
     """An answer that is due is waited for; one that is not due is not."""
     waits = Waits(2)
-    some = queue(waits, 1)
+    lagging = queue(waits, 1)
     try:
-        some.ask(state([snapshot(0)]))
-        assert some.answer(0) is None
-        some.ask(state([snapshot(0), snapshot(1)]))
+        lagging.ask(state([snapshot(0)]))
+        assert lagging.answer(0) is None
+        lagging.ask(state([snapshot(0), snapshot(1)]))
         waits.ready[0].set()
-        first = some.answer(1)
+        first = lagging.answer(1)
         assert first is not None
         assert first.mutation_rate == 0
     finally:
         waits.ready[1].set()
-        some.close()
+        lagging.close()
 
 
 @pytest.mark.parametrize("lag", [0, 2])
 def test_draws_belong_to_the_generation(lag: int) -> None:
     """A supervisor's generator depends on the generation it is asked about, not on the lag."""
-    some = queue(Counts(), lag)
+    lagging = queue(Counts(), lag)
     histories = [[snapshot(g) for g in range(n)] for n in range(1, 5)]
     for history in histories:
-        some.ask(state(history))
-    answers = [some.answer(g + lag) for g in range(4)]
-    some.close()
+        lagging.ask(state(history))
+    answers = [lagging.answer(g + lag) for g in range(4)]
+    lagging.close()
     straight = queue(Counts(), 0)
     for history in histories:
         straight.ask(state(history))

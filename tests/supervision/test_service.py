@@ -71,9 +71,9 @@ def test_no_question_without_a_generation_for_its_answer(lag: int) -> None:
     """An answer that would take effect after the last generation is not asked for."""
     supervisor = Constant()
     steps = run(plan(f"supervisor.lag={lag}"), supervisor)
-    used = [step.record.guidance.asked_at for step in steps if step.record.guidance is not None]
+    asked_at = [step.record.guidance.asked_at for step in steps if step.record.guidance is not None]
     assert [s.now.generation for s in supervisor.states] == list(range(8 - 1 - lag))
-    assert [g for g in used if g is not None] == list(range(8 - 1 - lag))
+    assert [g for g in asked_at if g is not None] == list(range(8 - 1 - lag))
 
 
 def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:

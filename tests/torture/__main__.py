@@ -128,9 +128,9 @@ def line(result: Result) -> str:
 def save(results: Sequence[Result]) -> None:
     """Writes results down beside those of other rows that the file has, in the tables' order."""
     old = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else []
-    known = {(plain["part"], plain["name"]): plain for plain in old}
-    known |= {(r.part, r.name): asdict(r) for r in results}
-    plain = [known[key] for key in rows() if key in known]
+    rows_by_name = {(plain["part"], plain["name"]): plain for plain in old}
+    rows_by_name |= {(r.part, r.name): asdict(r) for r in results}
+    plain = [rows_by_name[key] for key in rows() if key in rows_by_name]
     FILE.write_text(json.dumps(plain, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

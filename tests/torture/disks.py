@@ -40,11 +40,11 @@ def full_disk(lab: Lab) -> None:
     with disk(large, 65536):
         assert lab.run(large, *QUICK).code == 0
         (page,) = (large / "runs").rglob("run.html")  # a run ends as usual without it
-        needed = (shutil.disk_usage(large).used - 512 * page.stat().st_blocks) // 1024
+        size = (shutil.disk_usage(large).used - 512 * page.stat().st_blocks) // 1024
     lab.cases -= 1
     for n in range(POINTS):
         home = lab.folder()
-        with disk(home, 4 + (needed - 8) * n // (POINTS - 1)):
+        with disk(home, 4 + (size - 8) * n // (POINTS - 1)):
             ending = lab.run(home, *QUICK)
             assert_refused(ending, "No space left on device", "repeat the command")
             enlarge(home)

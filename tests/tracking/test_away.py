@@ -76,7 +76,7 @@ def test_a_store_deleted_under_way_is_made_again(
     folder.append(all_steps[0])
     follows.generation()
     end = monotonic() + 120
-    while not (sent := read_state(folder.path)) or not sent.generations:
+    while not (state := read_state(folder.path)) or not state.generations:
         assert monotonic() < end
         sleep(0.05)
     (home / "mlflow.db").unlink()
@@ -118,8 +118,8 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     assert [path.name for path in report.sent] == ["one", "two"]
     assert [path.name for path in report.untracked] == ["off"]
     assert [path.name for path in report.failed] == ["bad"]
-    again = sync(home / "runs")
-    assert [path.name for path in again.known] == ["one", "two"]
+    second = sync(home / "runs")
+    assert [path.name for path in second.known] == ["one", "two"]
     runs = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
     assert (runs["one"].info.status, runs["two"].info.status) == ("FINISHED", "KILLED")
 

@@ -47,8 +47,8 @@ class Lives:
         live(run, self.run_stages, lambda: store)
         store.client.settle()
         sync(home / "runs", store.place)
-        again = sync(home / "runs", store.place)
-        assert (again.sent, again.failed) == ([], {})
+        second = sync(home / "runs", store.place)
+        assert (second.sent, second.failed) == ([], {})
         history = picture(Store(store.place))
         shutil.rmtree(home)
         return history, store.client.requests

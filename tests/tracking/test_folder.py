@@ -242,11 +242,11 @@ def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
     """Where it is missing or another one: in an unfinished run and in a finished one."""
     unfinished = closed_run(tmp_path / "one", tmp_path, 4)
     finished = closed_run(tmp_path / "two", tmp_path)
-    for folder, again in ((unfinished, unfinished.resume), (finished, finished.restore)):
+    for folder, restore in ((unfinished, unfinished.resume), (finished, finished.restore)):
         best = folder.path / "best.bt"
         before = best.read_bytes()
         best.unlink()
-        again()
+        restore()
         assert best.read_bytes() == before
     lineage = finished.path / "lineage.csv"
     before = lineage.read_bytes()

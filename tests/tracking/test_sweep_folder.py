@@ -57,8 +57,8 @@ def send(sweep: SweepFolder, store: Store) -> str:
 def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
     """The same job again is one job, and a new folder for it takes its place."""
     started_sweep(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
-    again = job("a-seed1~2", slot="a-seed1")
-    sweep = started_sweep(tmp_path / "s", again, job("a-seed2"), command="second")
+    repeated = job("a-seed1~2", slot="a-seed1")
+    sweep = started_sweep(tmp_path / "s", repeated, job("a-seed2"), command="second")
     file = file_of(sweep)
     assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
     assert file.commands == ("first", "second")

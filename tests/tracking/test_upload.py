@@ -23,9 +23,9 @@ def maxima(generations: int) -> list[tuple[int, float]]:
 
 def run_of(store: Store, folder: RunFolder) -> object:
     """The folder's MLflow run."""
-    sent = read_state(folder.path)
-    assert sent is not None
-    return store.client.get_run(sent.run)
+    state = read_state(folder.path)
+    assert state is not None
+    return store.client.get_run(state.run)
 
 
 def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> None:
@@ -57,11 +57,11 @@ def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store
     """Without tracking.json, or with one that knows too little, the store itself is asked."""
     folder = closed_run(home / "runs/a/one", home)
     run = RunUploader(folder, store).send(Status.FINISHED)
-    sent = read_state(folder.path)
-    assert sent is not None
+    state = read_state(folder.path)
+    assert state is not None
     (folder.path / "tracking.json").unlink()
     assert RunUploader(folder, store).send(Status.FINISHED) == run
-    write_state(folder.path, replace(sent, generations=2, done=""))
+    write_state(folder.path, replace(state, generations=2, done=""))
     assert RunUploader(folder, store).send(Status.FINISHED) == run
     assert history(store, run) == maxima(5)
     assert len(store.client.search_runs([store.experiment])) == 1
@@ -121,16 +121,16 @@ def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     folder = closed_run(home / "runs/a/one", home, 2)
     run = RunUploader(folder, store).send(folder.status())
     assert run_of(store, folder).info.status == "KILLED"
-    again = RunFolder(folder.path)
-    again.open(folder.config() or "", RunUploader(folder, store).about)
-    uploader = RunUploader(again, store)
+    reopened = RunFolder(folder.path)
+    reopened.open(folder.config() or "", RunUploader(folder, store).about)
+    uploader = RunUploader(reopened, store)
     assert uploader.send(Status.RUNNING) == run
     assert run_of(store, folder).info.status == "RUNNING"
-    again.resume()
+    reopened.resume()
     for step in steps()[2:]:
-        again.append(step)
+        reopened.append(step)
     assert uploader.send(Status.FAILED) == run
-    again.close()
+    reopened.close()
     assert history(store, run) == maxima(4)
 
 
@@ -169,12 +169,12 @@ def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
 def test_what_was_sent_is_not_sent_again(home: Path) -> None:
     """A second uploader finds nothing to send; another place lacks all of it."""
     folder = closed_run(home / "runs/a/one", home)
-    sent = []
+    batches = []
     for name in ("islandgp", "islandgp", "elsewhere"):
         uploader = RunUploader(folder, Store(place(home, name)))
         uploader.send(Status.FINISHED)
-        sent.append(uploader.has_sent)
-    assert sent == [True, False, True]
+        batches.append(uploader.has_sent)
+    assert batches == [True, False, True]
 
 
 def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store) -> None:

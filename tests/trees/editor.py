@@ -81,13 +81,13 @@ class Editor:
         self.tell("textDocument/didOpen", textDocument=document)
         return self.diagnostics_of(name)
 
-    def at(self, request: str, name: str, line: int, character: int, **more: Any) -> Any:
+    def at(self, request: str, name: str, line: int, character: int, **parameters: Any) -> Any:
         """Asks about a place, from 0."""
         return self.ask(
             f"textDocument/{request}",
             textDocument={"uri": self.uri(name)},
             position={"line": line, "character": character},
-            **more,
+            **parameters,
         )
 
     def _send(self, message: dict[str, Any]) -> None:

@@ -54,9 +54,9 @@ def test_unclosed_brace(text: str, brace: str) -> None:
 def test_a_shared_subtree_is_judged_by_all_its_uses() -> None:
     """A guard that only one use needs is not called needless."""
     text = "subtree s = when lap < 3 { PatrolWaypoint }\n"
-    once = text + "selector { when foundGarbage { use s } when lap < 3 abort self { use s } }"
+    mixed = text + "selector { when foundGarbage { use s } when lap < 3 abort self { use s } }"
     twice = text + "parallel { when lap < 2 { use s } when lap < 3 { use s } }"
-    assert warnings(once, VOCABULARY) == []
+    assert warnings(mixed, VOCABULARY) == []
     assert [w.code for w in warnings(twice, VOCABULARY)] == ["needless-guard"]
 
 
@@ -304,8 +304,8 @@ def test_a_domain_that_is_not_there(
     file.write_text("domain maze\nForward\n")
     result = islandgp(*arguments, file)
     assert (result.code, result.out) == (2, "")
-    known = "cartpole, island, lunarlander, minigrid, mountaincar, pendulum, swimmer"
-    assert f"for a domain that is configured ({known}), found one for 'maze'" in result.err
+    domains = "cartpole, island, lunarlander, minigrid, mountaincar, pendulum, swimmer"
+    assert f"for a domain that is configured ({domains}), found one for 'maze'" in result.err
     assert "--config-dir" in result.err
     assert len(result.err.splitlines()) == 1
 
@@ -374,16 +374,16 @@ def test_codes() -> None:
 
 def test_json(islandgp: Cli, tmp_path: Path) -> None:
     """Findings as JSON have their file, place, severity and code; one of an included file its."""
-    right, wrong, part = (tmp_path / name for name in ("a.bt", "b c.bt", "part.bt"))
-    right.write_text("selector { PatrolWaypoint MoveToGarbage }")
-    wrong.write_text('include "part.bt"\nuse x')
+    valid, invalid, part = (tmp_path / name for name in ("a.bt", "b c.bt", "part.bt"))
+    valid.write_text("selector { PatrolWaypoint MoveToGarbage }")
+    invalid.write_text('include "part.bt"\nuse x')
     part.write_text("subtree x = MoveToGarbag")
-    result = islandgp("check", "--json", right, wrong)
+    result = islandgp("check", "--json", valid, invalid)
     doubtful, error = json.loads(result.out)
     assert result.code == 1
     assert doubtful.pop("message").startswith("this branch can never run")
     assert doubtful == {
-        "file": str(right), "line": 1, "column": 27, "end": 40,
+        "file": str(valid), "line": 1, "column": 27, "end": 40,
         "severity": "warning", "code": "unreachable",
     }  # fmt: skip
     assert error.pop("message").endswith("Did you mean MoveToGarbage?")
@@ -392,5 +392,5 @@ def test_json(islandgp: Cli, tmp_path: Path) -> None:
         "severity": "error", "code": "unknown-name",
     }  # fmt: skip
     assert islandgp("check", "--json", "-", stdin="PatrolWaypoint").out == "[]\n"
-    [deep] = json.loads(islandgp("check", "--json", "--max-depth", 1, right).out)
+    [deep] = json.loads(islandgp("check", "--json", "--max-depth", 1, valid).out)
     assert (deep["code"], deep["line"], deep["severity"]) == ("limit", 1, "error")

@@ -106,8 +106,8 @@ def test_subtrees_in_py_trees() -> None:
     for tree, boards, results, *_ in random_cases(cases(150)):
         parted = in_subtrees(tree, Random(len(boards) + len(leaves(tree))))
         for plain in (False, True):
-            alone = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
-            assert in_py_trees(parted, boards, results, PLACES, plain=plain) == alone
+            unnamed_trace = in_py_trees(unnamed(parted), boards, results, PLACES, plain=plain)
+            assert in_py_trees(parted, boards, results, PLACES, plain=plain) == unnamed_trace
         assert in_py_trees(parted, boards, results, PLACES) == ours(parted, boards, results, PLACES)
 
 
@@ -118,8 +118,8 @@ def test_subtrees_in_behaviortree_cpp(cpp: BehaviorTreeCpp) -> None:
         expected = ours(parted, boards, results, PLACES)
         for tick_function in ("exactly", "once"):
             assert cpp.trace(parted, boards, results, tick_function=tick_function) == expected
-        alone = cpp.trace(unnamed(parted), boards, results, plain=True)
-        assert cpp.trace(parted, boards, results, plain=True) == alone
+        unnamed_trace = cpp.trace(unnamed(parted), boards, results, plain=True)
+        assert cpp.trace(parted, boards, results, plain=True) == unnamed_trace
 
 
 def unnamed(tree: Node) -> Node:
@@ -164,8 +164,8 @@ selector {
 }
 """
     )
-    again = parse(read_tree(xml, VOCABULARY).text, VOCABULARY, marked=True)
-    assert behaviortree_cpp.to_xml(again, VOCABULARY) == xml
+    imported = parse(read_tree(xml, VOCABULARY).text, VOCABULARY, marked=True)
+    assert behaviortree_cpp.to_xml(imported, VOCABULARY) == xml
 
 
 def test_private_keys() -> None:

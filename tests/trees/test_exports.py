@@ -233,9 +233,9 @@ def test_random_trees() -> None:
         for name, key in VOCABULARY.keys.items():
             (board.set_bool if key.flag else board.set_double)(name, 1)
         cpp_tree.tick_exactly_once()
-        back = main_tree(xml, VOCABULARY)
-        again = behaviortree_cpp.to_xml(back, VOCABULARY, plain=True)
-        assert main_tree(again, VOCABULARY) == back
+        imported = main_tree(xml, VOCABULARY)
+        exported = behaviortree_cpp.to_xml(imported, VOCABULARY, plain=True)
+        assert main_tree(exported, VOCABULARY) == imported
 
 
 @FEW
@@ -246,8 +246,8 @@ def test_import_of_an_export_does_the_same(
     """What comes back from XML does what the tree did, where no guard was lost on the way."""
     stated = {loss.about for loss in behaviortree_cpp.losses(tree)}
     assume(not stated - {"repeat", "judged", "equal"})
-    back = main_tree(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
-    assert ours(back, boards, results) == ours(tree, boards, results)
+    imported = main_tree(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
+    assert ours(imported, boards, results) == ours(tree, boards, results)
 
 
 @examples(max_examples=200)
@@ -464,9 +464,9 @@ selector {
         '<PatrolWaypoint _description=\'a &lt;b&gt; "\' _uid="7"/>',
     ):
         assert part in xml
-    again = read_tree(xml, VOCABULARY)
-    assert to_xml(parse(again.text, VOCABULARY, marked=True), VOCABULARY) == xml
-    assert again.tree == parse(text, VOCABULARY)
+    imported = read_tree(xml, VOCABULARY)
+    assert to_xml(parse(imported.text, VOCABULARY, marked=True), VOCABULARY) == xml
+    assert imported.tree == parse(text, VOCABULARY)
 
 
 def test_comments_of_exported_files() -> None:
@@ -604,8 +604,8 @@ def test_commands(islandgp: Cli, tmp_path: Path) -> None:
         assert result.code == 0
         assert result.err.startswith("not the same (level)") == (name != "plain.json")
     assert "class When" in islandgp("export", "--header").out
-    for more in ([example], ["--to", "btcpp"]):
-        assert "expected --header alone" in islandgp("export", "--header", *more).err
+    for arguments in ([example], ["--to", "btcpp"]):
+        assert "expected --header alone" in islandgp("export", "--header", *arguments).err
     for name in ("t.json", "t.xml"):
         result = islandgp("import", tmp_path / name)
         assert parse(result.out) == parse(example.read_text())

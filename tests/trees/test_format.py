@@ -43,12 +43,12 @@ def comments(text: str) -> list[str]:
 @given(text=files())
 def test_formatting(text: str) -> None:
     """The tree is the same, all comments are there in their order, and fmt of fmt is fmt."""
-    once = format_text(text)
-    assert parse(once) == parse(text)
-    assert comments(once) == comments(text)
-    assert format_text(once) == once
-    assert "\n\n\n" not in once
-    assert not re.search(r"[ \t]\n", once)
+    formatted = format_text(text)
+    assert parse(formatted) == parse(text)
+    assert comments(formatted) == comments(text)
+    assert format_text(formatted) == formatted
+    assert "\n\n\n" not in formatted
+    assert not re.search(r"[ \t]\n", formatted)
 
 
 def test_a_long_condition_is_broken() -> None:
@@ -140,9 +140,9 @@ def test_command(islandgp: Cli, tmp_path: Path) -> None:
 def test_standard_input(islandgp: Cli) -> None:
     """`-` formats the standard input; what is no tree is an error and exit code 2."""
     assert islandgp("fmt", "-", stdin=MESSY).out == TIDY
-    wrong = islandgp("fmt", "-", stdin="selector {")
-    assert wrong.code == 2
-    assert wrong.err.startswith("islandgp: <stdin>:1:11: the text ends too early")
+    refused = islandgp("fmt", "-", stdin="selector {")
+    assert refused.code == 2
+    assert refused.err.startswith("islandgp: <stdin>:1:11: the text ends too early")
 
 
 SPEAKER = Vocabulary("robot", {"Say": Action("", arguments={"what": text_argument("")})}, {})

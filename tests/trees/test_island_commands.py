@@ -48,14 +48,14 @@ def test_a_number_for_a_group_is_refused(islandgp: Cli) -> None:
 
 def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
     """Four worlds or more go to worker processes; the first three come out as before."""
-    few = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
-    many = json.loads(
+    short_rows = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
+    long_rows = json.loads(
         islandgp(
             "play", GOOD, "--seeds", 4, "--json", *SHORT, "--set", "evaluator.policy.workers=2"
         ).out
     )
-    assert many[:3] == few
-    assert len(many) == 4
+    assert long_rows[:3] == short_rows
+    assert len(long_rows) == 4
 
 
 def test_play_at_another_stage(islandgp: Cli) -> None:
@@ -207,9 +207,9 @@ def test_trace_has_every_call() -> None:
     recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
     for place, codes in enumerate(recording.statuses):
         spans = [s for s in action_spans(recording) if s.place == place]
-        called = sum(s.end - s.start + 1 for s in spans)
+        ticks = sum(s.end - s.start + 1 for s in spans)
         if spans:
-            assert called == sum(code != IDLE for code in codes)
+            assert ticks == sum(code != IDLE for code in codes)
     won = sum(s.points for s in action_spans(recording))
     assert sum(s.points for s in merged(action_spans(recording))) == pytest.approx(won)
     credited = sum(
@@ -280,8 +280,8 @@ def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
 
 def test_play_several(islandgp: Cli) -> None:
     """Trees are compared in the same worlds by their paired differences to the first."""
-    both = islandgp("play", GOOD, "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
-    good, patrol = json.loads(both.out)
+    compared = islandgp("play", GOOD, "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
+    good, patrol = json.loads(compared.out)
     one = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
     other = islandgp("play", "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
     pairs = [b["fitness"] - a["fitness"] for a, b in zip(one, json.loads(other.out), strict=True)]
@@ -309,10 +309,10 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
     output = islandgp(*arguments).out
     assert f"{first['fitness']:,.0f} (-)" in output
     assert "One world has no interval; --seeds N takes more." in output
-    alone = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
-    assert "One world has no standard deviation" in alone
-    assert "Tiers, of 1 world:" in alone
-    (row,) = (line.split() for line in alone.splitlines() if line.startswith("fitness"))
+    single_output = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
+    assert "One world has no standard deviation" in single_output
+    assert "Tiers, of 1 world:" in single_output
+    (row,) = (line.split() for line in single_output.splitlines() if line.startswith("fitness"))
     assert row[2] == "-"
     assert "standard deviation" not in islandgp("play", GOOD, "--seeds", 2, *SHORT).out
 
@@ -332,8 +332,7 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_line_has_few_guards() -> None:
-    """Of many guards of an action the innermost ones are shown, with a mark for the
-    others."""
+    """Of many guards of an action the innermost ones are shown; a mark replaces the others."""
     for levels in (8, 9, 30):
         guards = [f"way < {100 + level}" for level in range(levels)]
         tree = "".join(f"when {guard} {{ " for guard in guards) + "Go" + " }" * levels

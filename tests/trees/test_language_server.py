@@ -289,13 +289,13 @@ def test_symbols_of_a_file(editor: Editor) -> None:
 )
 def test_a_suggestion_is_one_action_away(editor: Editor, text: str, changed: str | None) -> None:
     """A misspelt word is replaced by what was probably meant, if that is a word or a sign."""
-    (wrong,) = editor.open("slip.bt", text)
+    (diagnostic,) = editor.open("slip.bt", text)
     document = {"uri": editor.uri("slip.bt")}
     actions = editor.ask(
         "textDocument/codeAction",
         textDocument=document,
-        range=wrong["range"],
-        context={"diagnostics": [wrong]},
+        range=diagnostic["range"],
+        context={"diagnostics": [diagnostic]},
     )
     texts = []
     for action in actions:
@@ -311,13 +311,13 @@ def test_an_editor_session(tmp_path: Path) -> None:
     """Errors and warnings with their places, for the domain of each file; format; rename."""
     with Editor(tmp_path) as editor:
         assert editor.open("good.bt", TREE) == []
-        (wrong,) = editor.open("my tree.bt", "selector {\r\n  PatrolWaypont\r\n}\r\n")
-        assert wrong["range"] == {
+        (diagnostic,) = editor.open("my tree.bt", "selector {\r\n  PatrolWaypont\r\n}\r\n")
+        assert diagnostic["range"] == {
             "start": {"line": 1, "character": 2},
             "end": {"line": 1, "character": 15},
         }
-        assert (wrong["severity"], wrong["code"]) == (1, "unknown-name")
-        assert "Did you mean PatrolWaypoint?" in wrong["message"]
+        assert (diagnostic["severity"], diagnostic["code"]) == (1, "unknown-name")
+        assert "Did you mean PatrolWaypoint?" in diagnostic["message"]
         (doubtful,) = editor.open("twice.bt", "inverter { inverter { PatrolWaypoint } }")
         assert (doubtful["severity"], doubtful["code"]) == (2, "double-inverter")
         assert editor.open("pole.bt", "domain cartpole PushLeft") == []

@@ -35,15 +35,15 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
     leaves = {i: n.action for i, n in enumerate(walk(tree)) if n.action}
     calls: list[tuple[str, bool, int]] = []
     aborted: list[str] = []
-    used = 0
+    count = 0
 
     def action(name: str) -> Callable[[bool], int]:
         can = VOCABULARY.action(name).statuses
 
         def act(fresh: bool) -> int:
-            nonlocal used
-            status = results[used % len(results)]
-            used += 1
+            nonlocal count
+            status = results[count % len(results)]
+            count += 1
             if status not in can:
                 status = RUNNING if RUNNING in can else SUCCESS
             calls.append((name, fresh, status))

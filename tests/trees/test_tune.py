@@ -78,8 +78,8 @@ def test_tune(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:
     total, search, race = (int(word.replace(",", "")) for word in cost.groups())
     assert total == len(awake.jobs) == search + race + 120 <= 1_200
 
-    again = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT, "-o", tuned)
-    assert (again.out, tuned.read_text()) == ("", first.out)
+    second = islandgp("tune", file, "--worlds", 4, "--episodes", 1_200, *SHORT, "-o", tuned)
+    assert (second.out, tuned.read_text()) == ("", first.out)
 
 
 def test_the_file_itself_is_tuned(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does

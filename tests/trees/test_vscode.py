@@ -77,9 +77,9 @@ def client(folder: Path, *command: str) -> dict[str, list[Any]]:
 def test_the_client_asks_the_server(tmp_path: Path) -> None:
     """Each provider gives VS Code what the server answers."""
     answers = client(tmp_path, sys.executable, "-c", CODE, "language-server")
-    wrong, right = answers["diagnostics"]
-    assert "Did you mean PatrolWaypoint?" in wrong[0]
-    assert right == []
+    before, after = answers["diagnostics"]
+    assert "Did you mean PatrolWaypoint?" in before[0]
+    assert after == []
     assert answers["actions"] == [["Replace by PatrolWaypoint"]]
     assert answers["definition"] == [{"line": 0, "character": 8}]
     assert answers["references"] == [2]

@@ -101,7 +101,7 @@ def test_scenes_of_any_domain() -> None:
 def test_equal_things_at_one_place() -> None:
     """Two of a kind at the same place are two; one of them can go."""
     stone = Thing("stone", 1, 1, 1)
-    scenes = [Scene((0, 0, 2, 2), items=(stone,) * many) for many in (2, 1, 0)]
+    scenes = [Scene((0, 0, 2, 2), items=(stone,) * number) for number in (2, 1, 0)]
     track = small(scenes=scenes, ticks=3).film
     assert track is not None
     assert [(stay.begin, stay.end) for stay in track.items] == [(0, 1), (0, 2)] or [
@@ -176,8 +176,8 @@ def test_digits() -> None:
 def test_runs_are_lossless(codes: bytes) -> None:
     """Statuses encoded as runs are read as the page reads them, to the same statuses."""
     matches = re.findall(r"([.fsrx])(\d*)", runs(codes))
-    back = "".join(letter * int(count or 1) for letter, count in matches)
-    assert back == "".join(LETTERS[code] for code in codes)
+    decoded = "".join(letter * int(count or 1) for letter, count in matches)
+    assert decoded == "".join(LETTERS[code] for code in codes)
 
 
 def places(way: list[int], ticks: int) -> list[tuple[float, float]]:

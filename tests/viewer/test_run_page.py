@@ -159,8 +159,8 @@ def test_it_loads_itself_again_while_the_run_goes_on(tmp_path: Path, status: Sta
     if status is Status.FINISHED:
         folder = closed_run(tmp_path / "other")
     parsed = Parsed(run_page(folder, status))
-    again = ("meta", {"http-equiv": "refresh", "content": "5"}) in parsed.elements
-    assert again is (status is Status.RUNNING)
+    reloads = ("meta", {"http-equiv": "refresh", "content": "5"}) in parsed.elements
+    assert reloads is (status is Status.RUNNING)
     assert ("body", {"data-status": status.value}) in parsed.elements
 
 

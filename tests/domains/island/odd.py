@@ -16,12 +16,12 @@ from tests.domains.island.days import world
 SIDE = 90  # m
 
 
-def _points(draw: st.DrawFn, heap: tuple[float, float], least: int) -> list[list[float]]:
+def _points(draw: st.DrawFn, heap: tuple[float, float], minimum: int) -> list[list[float]]:
     """Places; about half of them lie in a heap, where one may be in reach of another."""
     anywhere = st.floats(3, SIDE - 3)
     near = [st.floats(max(3, v - 4), min(SIDE - 3, v + 4)) for v in heap]
     place = st.one_of(st.tuples(anywhere, anywhere), st.tuples(*near))
-    return [list(map(float, p)) for p in draw(st.lists(place, min_size=least, max_size=5))]
+    return [list(map(float, p)) for p in draw(st.lists(place, min_size=minimum, max_size=5))]
 
 
 @st.composite

@@ -146,9 +146,9 @@ def test_charging_counts_again_after_use(lay: Lay) -> None:
     )
     assert 3 <= len(steps) < sessions / 3
     batteries = [moment.battery for moment in trace.moments]
-    used = [max(0.0, a - b) for a, b in pairwise(batteries)]
+    drops = [max(0.0, a - b) for a, b in pairwise(batteries)]
     for one, two in pairwise(steps):
-        assert sum(used[one:two]) >= 10 - 1e-9
+        assert sum(drops[one:two]) >= 10 - 1e-9
 
 
 def test_charging_is_no_idleness(lay: Lay) -> None:

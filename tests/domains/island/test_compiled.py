@@ -81,13 +81,13 @@ def test_coasting_needs_the_sums_of_chipmunk(monkeypatch: pytest.MonkeyPatch) ->
     assert run_episode(parse(ALL_ROUNDER), world(), 3, points()) == before
 
 
-@pytest.mark.parametrize("lacking", ["numba", "a numba that works", "Chipmunk's functions"])
+@pytest.mark.parametrize("module", ["numba", "a numba that works", "Chipmunk's functions"])
 @pytest.mark.usefixtures("at_once")
-def test_python_does_without_it(lacking: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_python_does_without_it(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without numba, with one that cannot be imported, and with a pymunk that hides functions."""
-    if lacking == "numba":
+    if module == "numba":
         monkeypatch.setattr(compiled, "find_spec", lambda _: None)
-    elif lacking == "a numba that works":
+    elif module == "a numba that works":
         monkeypatch.setattr(compiled, "find_spec", lambda _: object())
         monkeypatch.setitem(sys.modules, "islandgp.domains.island.machine_code", None)
         monkeypatch.delattr(islandgp.domains.island, "machine_code", raising=False)

@@ -113,8 +113,8 @@ def test_work_of_a_tree_that_ends_in_each_tick() -> None:
 @pytest.mark.slow
 def test_counting_sees_more_work() -> None:
     """The same episode step by step takes many times the calls, so the counts mean something."""
-    quick, few = counted(all_rounder())
-    slow, many = counted(all_rounder(), stepwise=True)
+    quick, quick_counter = counted(all_rounder())
+    slow, slow_counter = counted(all_rounder(), stepwise=True)
     assert slow.ticks > 10 * quick.ticks
     for name in ("python", "looks", "cpBodyGetPosition"):
-        assert many[name] > 3 * few[name], name
+        assert slow_counter[name] > 3 * quick_counter[name], name
