@@ -29,8 +29,8 @@ class Origin(StrEnum):
     """Origin of an individual (Table 1)."""
 
     RANDOM = "random"  # generation 0, and diversity slots
-    CROSSOVER = "crossover"  # tournament child of two parents
-    COPY = "copy"  # tournament child of one parent
+    CROSSOVER = "crossover"  # child of two parents, or of one and a tree of the library
+    COPY = "copy"  # child of one parent
     ELITE = "elite"
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"

@@ -67,7 +67,7 @@ def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> 
 class Parent:
     """A tree that can be a parent."""
 
-    id: str  # of the individual
+    id: str  # of the individual; "" for a tree of the library
     tree: Tree
 
 
@@ -91,7 +91,7 @@ def new_child(
     fathers: Sequence[Parent],
     space: TreeSpace,
     breeding: Breeding,
-) -> tuple[Node, tuple[str, ...], str]:
+) -> tuple[Node, Origin, tuple[str, ...], str]:
     """A child of `mother`, and possibly of one of `fathers`, within the limits.
 
     Args:
@@ -102,25 +102,26 @@ def new_child(
         breeding: the operators and their probabilities.
 
     Returns:
-        The tree, the ids of its parents, and its mutations joined by "+", or "".
+        The tree, its origin, the ids of its parents, and its mutations joined by "+", or "". A
+        child of a mother and a branch of the library has the origin CROSSOVER and one parent.
     """
-    tree, parents = mother.tree, [mother.id]
+    tree, parents, origin = mother.tree, [mother.id], Origin.COPY
     if fathers and rng.random() < breeding.crossover_rate:
         father = fathers[int(rng.integers(len(fathers)))]
         cross = crossover(weighted(rng, breeding.crossovers))
         crossed = cross(rng, tree, father.tree, space.limits)
         if crossed != tree:
-            tree = crossed
+            tree, origin = crossed, Origin.CROSSOVER
             parents += [father.id] if father.id else []
     changes: list[str] = []
-    while not changes or rng.random() < breeding.further:
-        if tree != mother.tree and not changes and rng.random() < CROSSED_ONLY:
-            break
+    more = origin is Origin.COPY or rng.random() >= CROSSED_ONLY
+    while more:
         tree, change = mutate(rng, tree, rate=1.0, space=space, settings=breeding.mutation)
         changes.append(change)
+        more = rng.random() < breeding.further
     if breeding.simplify:
         tree = simplify(tree, space.vocabulary).tree
-    return tree, tuple(parents), "+".join(change for change in changes if change)
+    return tree, origin, tuple(parents), "+".join(change for change in changes if change)
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,9 +189,7 @@ def _new_individual(
         if pick is None:
             i = Individual(name, new_tree(rng, space, breeding), Origin.RANDOM)
         else:
-            tree, parents, changes = new_child(rng, *pick(rng), space, breeding)
-            origin = Origin.CROSSOVER if len(parents) > 1 else Origin.COPY
-            i = Individual(name, tree, origin, parents, changes)
+            i = Individual(name, *new_child(rng, *pick(rng), space, breeding))
         key = digest(i.tree)
         if key not in known_digests:
             break

@@ -1,0 +1,56 @@
+"""Children of the searches that breed: their origins and parents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node
+from islandgp.gp.population import Origin
+from islandgp.search.breeding import Breeding, Parent, new_child
+from islandgp.search.racing import RacingSettings
+from tests.composed import composed, composed_plan
+
+MOTHER = parse("selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }")
+FATHER = parse(
+    "selector { when foundGarbage { PickupGarbage } when batteryLevel < 9 { SeekCharger } }"
+)
+
+Child = tuple[Node, Origin, tuple[str, ...], str]
+
+
+def children(father: Parent, crossover_rate: float) -> Iterator[Child]:
+    """A hundred children of `search=racing`."""
+    policy = composed("search=racing").search.settings()
+    assert isinstance(policy, RacingSettings)
+    values = {**policy.breeding.model_dump(), "crossover_rate": crossover_rate}
+    breeding, space = Breeding.model_validate(values), composed_plan("search=racing").space
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        yield new_child(rng, Parent("3.1", MOTHER), [father], space, breeding)
+
+
+def test_a_child_of_two_individuals_names_both() -> None:
+    """It is a crossover; where the crossover changes nothing, it is a mutated copy."""
+    made = list(children(Parent("3.2", FATHER), crossover_rate=1.0))
+    assert {(origin, parents) for _, origin, parents, _ in made} <= {
+        (Origin.CROSSOVER, ("3.1", "3.2")),
+        (Origin.COPY, ("3.1",)),
+    }
+    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in made) > 80
+
+
+def test_a_crossover_with_a_tree_of_the_library_has_one_parent() -> None:
+    """A tree of the library is no individual, so it has no id."""
+    made = list(children(Parent("", FATHER), crossover_rate=1.0))
+    assert {parents for _, _, parents, _ in made} == {("3.1",)}
+    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in made) > 80
+
+
+def test_without_crossover_every_child_is_a_mutated_copy() -> None:
+    """At least one mutation was tried for each."""
+    made = list(children(Parent("3.2", FATHER), crossover_rate=0.0))
+    assert {(origin, parents) for _, origin, parents, _ in made} == {(Origin.COPY, ("3.1",))}
+    assert all(mutation or tree == MOTHER for tree, _, _, mutation in made)
