@@ -352,7 +352,7 @@ def random_trees(names: Sequence[str]) -> None:
                 for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)
             ]
             earn = fmean(any(v > 0 for v in o.components.values()) for o in outcomes)
-            show = fmean(bool(plan.classes.shown(o.counters)) for o in outcomes)
+            show = fmean(bool(plan.classes.behaviours_of(o.counters)) for o in outcomes)
             best = max(o.fitness for o in outcomes)
             lines.append(f"| {name} | {kind} | {earn:.0%} | {show:.0%} | {best:,.0f} |")
             print(lines[-1], flush=True)

@@ -147,10 +147,10 @@ class RobotTree:
         self.statuses: list[NodeStatus | None] = []
         """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
-        self._asked = tree.keys()
+        self._key_names = tree.keys()
         self._known = tree.vocabulary.keys if tree.vocabulary else {}
         self._ticking = Lock()
-        self._board = [0.0] * len(self._asked)
+        self._board = [0.0] * len(self._key_names)
         self._start()
 
     def tick(self) -> NodeStatus:
@@ -167,7 +167,7 @@ class RobotTree:
         if not self._ticking.acquire(blocking=False):
             raise self._nested("tick")
         try:
-            for place, name in enumerate(self._asked):
+            for place, name in enumerate(self._key_names):
                 self._board[place] = _value(self._keys, name, self._known.get(name))
             self.statuses = [None] * len(self.statuses)
             return _STATUSES[self._tick()]
@@ -227,7 +227,7 @@ class RobotTree:
             return leaves[-1]
 
         node = self.tree.node
-        places = {name: place for place, name in enumerate(self._asked)}
+        places = {name: place for place, name in enumerate(self._key_names)}
         self._tick = compile_tree(
             node, leaf_of, self._board, places, watch=self._watch, step_s=self._step_s
         )

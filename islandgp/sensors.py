@@ -57,9 +57,9 @@ class Sensors:
             for (place, sd, low, most), draw in zip(self._noisy, draws, strict=True):
                 sensed[place] = min(max(sensed[place] + sd * draw, low), most)
         self._past.append(sensed)
-        return self.seen
+        return self.values
 
     @property
-    def seen(self) -> list[float]:
+    def values(self) -> list[float]:
         """The values that the tree read in the last tick."""
         return self._past[0]

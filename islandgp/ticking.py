@@ -294,7 +294,7 @@ class _Leaves:
     def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
         self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
         self._generators: list[tuple[int, str, GeneratorSteps]] = []  # number of the leaf, action
-        self._made = 0  # leaves so far, in document order
+        self._leaf_count = 0  # leaves so far, in document order
 
     def tick_of(self, args: ActionArgs) -> Tick:
         """The tick function of a leaf; the arguments are passed by name."""
@@ -304,8 +304,8 @@ class _Leaves:
             leaf = partial(leaf, **bound(args, arguments))
         call = steps(leaf)
         if isinstance(call, GeneratorSteps):
-            self._generators.append((self._made, name, call))
-        self._made += 1
+            self._generators.append((self._leaf_count, name, call))
+        self._leaf_count += 1
 
         def tick(fresh: bool) -> int:
             log.action = name

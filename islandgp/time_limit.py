@@ -50,7 +50,7 @@ class TimeLimit:
         self._clocks = (0.0, 0.0)  # s: the time and the process's CPU time when `_used` was counted
         self._times = 0  # number of `Overdue` that were raised
         self._late: Overdue | None = None  # the first one
-        self._what = self._where = ""  # the function that was running then, and its line
+        self._function = self._where = ""  # the function that was running then, and its line
         self._over = True
         self._entered: FrameType | None = None
         self._before: tuple[float, Any, tuple[float, float]] | None = None
@@ -86,7 +86,7 @@ class TimeLimit:
 
     def _description(self) -> str:
         assert self._late is not None
-        runner = f"the action {self._late.action}" if self._late.action else self._what
+        runner = f"the action {self._late.action}" if self._late.action else self._function
         return f"{runner} still running after {self._seconds:g} s{self._where}"
 
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
@@ -95,7 +95,7 @@ class TimeLimit:
         self._times += 1
         if self._late is None:
             self._where = place_of_frame(frame, self._entered)
-            self._what = f"the function {frame.f_code.co_name}" if frame is not None else "it"
+            self._function = f"the function {frame.f_code.co_name}" if frame is not None else "it"
             self._late = Overdue()
             raise self._late
         if self._times > MAX_RAISED:

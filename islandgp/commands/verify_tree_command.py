@@ -102,6 +102,6 @@ def _board(tick: CounterTick, vocabulary: Vocabulary) -> str:
     """The values of a blackboard: flags by name, others by value."""
     keys = vocabulary.keys
     return ", ".join(
-        (key if value else f"not {key}") if keys[key].flag else f"{key} {keys[key].shown(value)}"
+        (key if value else f"not {key}") if keys[key].flag else f"{key} {keys[key].text_of(value)}"
         for key, value in tick.board.items()
     )

@@ -122,7 +122,9 @@ def next_population(
     """
     n, gp, allocation = len(population), plan.gp, plan.allocation
     select, cross = selection(gp.selection), crossover(gp.crossover)
-    survivors = elites(population, allocation, archive, plan.classes.kept)[: n - 2 - len(edited)]
+    survivors = elites(population, allocation, archive, plan.classes.elite_behaviours)[
+        : n - 2 - len(edited)
+    ]
     new = [
         Individual(f"{generation}.{slot}", s.tree, s.origin, (s.parent,))
         for slot, s in enumerate(survivors)

@@ -32,7 +32,7 @@ from islandgp.bt.core.node import (
     size,
     walk,
 )
-from islandgp.bt.core.parameters import leaf_of, written
+from islandgp.bt.core.parameters import argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
@@ -261,7 +261,7 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
     node = next(node for at, node in enumerate(walk(tree)) if at == i)
     if isinstance(node.args, ActionArgs):
         arguments = space.vocabulary.action(node.action).arguments
-        values = written(node.args, arguments)
+        values = argument_values(node.args, arguments)
         name = list(arguments)[k]
         values[name] = moved_number(arguments[name], float(values[name]), by)
         return replace_at(tree, i, leaf_of(node.action, values, arguments))

@@ -151,14 +151,14 @@ def node_at(tree: Node, path: Path) -> Node:
     for level, index in enumerate(path):
         if index >= len(tree.children):
             raise ValueError(
-                f"expected a place in the tree, found {written(path)!r}: the node at"
-                f" {written(path[:level])!r} has {len(tree.children)} children"
+                f"expected a place in the tree, found {path_text(path)!r}: the node at"
+                f" {path_text(path[:level])!r} has {len(tree.children)} children"
             )
         tree = tree.children[index]
     return tree
 
 
-def written(path: Path) -> str:
+def path_text(path: Path) -> str:
     """A path as text: `0/2/1`, or "" for the root."""
     return "/".join(map(str, path))
 
@@ -206,7 +206,7 @@ def path_of(tree: Node, at: str, vocabulary: Vocabulary | None = None) -> Path:
         raise ValueError(f"expected a subtree of the tree as the place, found {at[:60]!r}")
     raise ValueError(
         f"expected a subtree that occurs in the tree once, found it {len(paths)} times, at"
-        f" {' and '.join(map(written, paths[:3]))}; name one of these places"
+        f" {' and '.join(map(path_text, paths[:3]))}; name one of these places"
     )
 
 
@@ -236,8 +236,8 @@ def _with_child(tree: Node, path: Path, branch: Node) -> Node:
     parent = node_at(tree, tuple(above))
     if index > len(parent.children):
         raise ValueError(
-            f"expected a place among the {len(parent.children)} children of {written(path[:-1])!r}"
-            f" or after the last, found {written(path)!r}"
+            f"expected a place among the {len(parent.children)} children of"
+            f" {path_text(path[:-1])!r} or after the last, found {path_text(path)!r}"
         )
     children = (*parent.children[:index], branch, *parent.children[index:])
     return with_node(tree, tuple(above), parent._replace(children=children))
@@ -248,7 +248,7 @@ def _inserted(tree: Node, path: Path, branch: Node) -> Node:
     if parent is None or len(parent.children) >= kind_of(parent).children[1]:
         raise ValueError(
             "expected the place of a child of a selector, sequence or parallel, found"
-            f" {written(path)!r}"
+            f" {path_text(path)!r}"
         )
     return _with_child(tree, path, branch)
 
@@ -262,7 +262,9 @@ def _with_number(tree: Node, path: Path, number: float, place: int) -> Node:
             raise ValueError(f"expected a count of {fewest} to {most}, found {number:g}")
         return with_node(tree, path, node._replace(args=CountArgs(int(number))))
     if node.guard is None:
-        raise ValueError(f"expected a `when` or a repeater at {written(path)!r}, found {node.kind}")
+        raise ValueError(
+            f"expected a `when` or a repeater at {path_text(path)!r}, found {node.kind}"
+        )
     condition = node.guard.condition
     conditions = list(terms(condition))
     if not 0 <= place < len(conditions):

@@ -28,7 +28,7 @@ from islandgp.bt.core.node import (
     walk,
     within,
 )
-from islandgp.bt.core.parameters import leaf_of, written
+from islandgp.bt.core.parameters import argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp import branches
 from islandgp.gp.random_trees import (
@@ -169,7 +169,7 @@ def _other_argument(
 ) -> Node:
     """A leaf with one of its arguments perturbed, or replaced by a random value."""
     arguments = space.vocabulary.action(args.name).arguments
-    values = written(args, arguments)
+    values = argument_values(args, arguments)
     key = list(arguments)[rng.integers(len(arguments))]
     if rng.random() < 0.5:
         values[key] = random_value(rng, arguments[key])

@@ -62,7 +62,7 @@ class RunFolder:
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records so far
-        self._left: Stamp = None  # of generations.jsonl, after the last generation
+        self._stamp: Stamp = None  # of generations.jsonl, after the last generation
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Locks the folder for this process and writes about.json and config.yaml (YAML text).
@@ -209,7 +209,7 @@ class RunFolder:
             self._digest = sums[-1] if sums else ""
             if lines.read_digests(self._sums) != sums:
                 lines.write_digests(self._sums, sums)
-            self._left = stamp(self._generations.path)
+            self._stamp = stamp(self._generations.path)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -238,10 +238,10 @@ class RunFolder:
     def append(self, step: Step) -> None:
         """Records a generation, then the checkpoint. Raises RunError as `usable`."""
         with usable(self.path):
-            if stamp(self._generations.path) != self._left:
+            if stamp(self._generations.path) != self._stamp:
                 self.must_be_as_left()
             line = self._generations.append(record_values(step.record))
-            self._left = stamp(self._generations.path)
+            self._stamp = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
             lines.append_digest(self._sums, step.record.snapshot.generation, self._digest)
             self._costs.append({**asdict(step.cost), "at": int(1000 * time())})

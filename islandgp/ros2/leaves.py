@@ -70,7 +70,7 @@ class RosLeaves:
                     return self._failed(name, f"{entry.action}: {reason}")
                 yield
             handle = result = None
-            clock.seen()
+            clock.server_is_up()
             identity = UUID(uuid=list(uuid4().bytes))
             accepting = client.send_goal_async(goal, goal_uuid=identity)
             self._log.info(f"{name}: goal sent to {entry.action}")
@@ -163,18 +163,18 @@ class _Clock:
 
     def __init__(self, timeout: float | None, server_timeout: float) -> None:
         self._timeout, self._server_timeout = timeout, server_timeout
-        self._start = self._seen = monotonic()
+        self._start = self._last_up = monotonic()
 
-    def seen(self) -> None:
+    def server_is_up(self) -> None:
         """Record that the server is available now."""
-        self._seen = monotonic()
+        self._last_up = monotonic()
 
     def late(self, *, server_is_there: bool) -> str:
         """The reason why the leaf fails now, or ""."""
         now = monotonic()
         if server_is_there:
-            self._seen = now
-        if now - self._seen >= self._server_timeout:
+            self._last_up = now
+        if now - self._last_up >= self._server_timeout:
             return f"no server, or no answer of it, for {self._server_timeout:g} s"
         if self._timeout is not None and now - self._start >= self._timeout:
             return f"not done within {self._timeout:g} s"

@@ -141,7 +141,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
                     path = f"classes.tiers.{name}.{part}.{measure}"
                     yield from unknown(path, measure, measures)
 
-    def shown(self, counters: Mapping[str, float]) -> tuple[str, ...]:
+    def behaviours_of(self, counters: Mapping[str, float]) -> tuple[str, ...]:
         """The behaviours of an individual: those whose counter is above 0."""
         return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
 
@@ -156,7 +156,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
         return (s.idle, *s.of, s.mixed)
 
     @property
-    def kept(self) -> tuple[str, ...]:
+    def elite_behaviours(self) -> tuple[str, ...]:
         """The behaviours of behavioural elites and resurrection: working classes, then labels."""
         s = self.specialists
         return (*s.of, s.mixed, *(name for name in self.behaviours if name not in s.of))
@@ -173,7 +173,7 @@ class BehaviourLabels:
 
     specialist: str  # its exclusive class
     tiers: tuple[str, ...]  # that it reaches, best first
-    behaviours: tuple[str, ...]  # those of `Classes.kept` that it shows
+    behaviours: tuple[str, ...]  # those of `Classes.elite_behaviours` that it shows
     working: bool  # counts for the working ratio, Eq. (4)
 
 
@@ -196,11 +196,11 @@ def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
 
 def classify(o: Outcome, classes: Classes) -> BehaviourLabels:
     """The class, tiers and behaviours of an individual, by its outcome."""
-    kind, done = specialist(o, classes), classes.shown(o.counters)
+    kind, done = specialist(o, classes), classes.behaviours_of(o.counters)
     names = {kind, *(name for name in done if name not in classes.specialists.of)}
     return BehaviourLabels(
         specialist=kind,
         tiers=tiers(o, classes),
-        behaviours=tuple(name for name in classes.kept if name in names),
+        behaviours=tuple(name for name in classes.elite_behaviours if name in names),
         working=kind != classes.specialists.idle,
     )

@@ -72,7 +72,7 @@ def generation_stats(
     fitness = [o.fitness for o in outcomes]
     merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
     counts = Counter(specialists)
-    individuals = Counter(name for o in outcomes for name in classes.shown(o.counters))
+    individuals = Counter(name for o in outcomes for name in classes.behaviours_of(o.counters))
     behaviours = {name: individuals[name] for name in classes.behaviours}
     return GenerationStats(
         generation=generation,

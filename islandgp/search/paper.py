@@ -74,7 +74,9 @@ class Paper:
         """See `Search`."""
         stage = self.plan.curriculum.stage(state.generation)
         before = {} if state.memory is None else state.memory.archive
-        archive = update_behaviour_archive(before, evaluated, self.plan.classes.kept, stage)
+        archive = update_behaviour_archive(
+            before, evaluated, self.plan.classes.elite_behaviours, stage
+        )
         return SearchState(state.generation + 1, Parents(tuple(evaluated), archive), advice)
 
 

@@ -203,7 +203,7 @@ class Racing(BreedingSearch[RacingSettings]):
         """
         classes, settings = self.plan.classes, self.settings
         milestones = len(set(e.labels.tiers) & set(classes.milestones))
-        behaviours = len(classes.shown(e.outcome.counters))
+        behaviours = len(classes.behaviours_of(e.outcome.counters))
         return settings.milestone * milestones + settings.behaviour * behaviours
 
     def _ranked(self, entries: Sequence[Entry], sign: float) -> list[Entry]:

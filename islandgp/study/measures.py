@@ -161,7 +161,7 @@ def examined(study: Comparison, requested: Collection[str]) -> tuple[Measure, ..
     return tuple(m for m in all_measures(study) if m.key not in optional)
 
 
-def shown(behaviour: str, s: GenerationStats, classes: Classes) -> int:
+def individuals_with(behaviour: str, s: GenerationStats, classes: Classes) -> int:
     """Table 13: individuals of a behaviour's exclusive class, or with its label if it has none."""
     return (s.specialists if behaviour in classes.specialists.of else s.behaviour_counts)[behaviour]
 

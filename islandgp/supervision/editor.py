@@ -22,7 +22,7 @@ from pydantic import Field
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
 from islandgp.gp.branches import branches_of
-from islandgp.gp.edits import Edit, written
+from islandgp.gp.edits import Edit, path_text
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
@@ -331,7 +331,7 @@ class Editor:
             number = widened(guard_of(guard).condition, vocabulary)
             if number is not None:
                 reason = f"{reason}: a wider guard"
-                yield Edit("number", individual.id, written(path), number=number, reason=reason)
+                yield Edit("number", individual.id, path_text(path), number=number, reason=reason)
             return
         reason = f"{reason}: a branch of {branch.source}"
         place = place_for(tree, branch.node, vocabulary)

@@ -174,9 +174,9 @@ def courses(recording: Recording) -> Iterator[str]:
         values = [board[place] if isfinite(board[place]) else key.low for board in recording.boards]
         low = min(*values, 0.0 if key.flag else key.low)
         most = max(*values, 1.0 if key.flag else key.high)
-        ends = f"{key.shown(min(values))} to {key.shown(max(values))}"
+        ends = f"{key.text_of(min(values))} to {key.text_of(max(values))}"
         if key.words:
-            ends = ", ".join(key.shown(value) for value in dict.fromkeys(values))
+            ends = ", ".join(key.text_of(value) for value in dict.fromkeys(values))
         yield f"{name:<{wide}}{_blocks(values, low, most)}  {ends}"
 
 

@@ -111,7 +111,7 @@ def _board(recording: Recording, tick: int) -> Text:
     wide = max(map(len, keys), default=0) + 2
     rows = []
     for (name, key), value in zip(keys.items(), recording.boards[tick], strict=True):
-        text = key.shown(value) if key.flag or key.words else f"{value:.1f}"
+        text = key.text_of(value) if key.flag or key.words else f"{value:.1f}"
         rows.append(f"{name:<{wide}}{text:>7}")
     return Text("\n".join(rows))
 

@@ -32,7 +32,7 @@ from tests.profiles import examples
 from tests.samples import CLASSES, evaluated, outcome
 from tests.strategies import nodes
 
-BEHAVIOURS = CLASSES.kept
+BEHAVIOURS = CLASSES.elite_behaviours
 SEEDS = st.integers(0, 2**32 - 1)
 COUNTS = st.integers(0, 4).map(float)
 OUTCOMES = st.builds(

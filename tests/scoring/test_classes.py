@@ -161,7 +161,7 @@ def test_excellent_is_complete() -> None:
 def test_the_names_of_the_paper() -> None:
     """Classes, labels and targets in the order in which records and tables have them."""
     assert CLASSES.specialist_names == ("patrol_only", "pickup", "humanoid", "balanced")
-    assert CLASSES.kept == ("pickup", "humanoid", "balanced", "charging", "clearing")
+    assert CLASSES.elite_behaviours == ("pickup", "humanoid", "balanced", "charging", "clearing")
     assert CLASSES.targets == ("pickup", "humanoid", "charging", "clearing", *AIMS)
     assert CLASSES.milestones == ("complete", "excellent")
 
@@ -189,7 +189,7 @@ def test_behaviours(
 ) -> None:
     """The labels name the class, unless it is idle, and the labels; `shown` all behaviours."""
     assert classify(outcome(**counts), CLASSES).behaviours == behaviours
-    assert CLASSES.shown(outcome(**counts).counters) == performed
+    assert CLASSES.behaviours_of(outcome(**counts).counters) == performed
 
 
 # Other domains

@@ -60,7 +60,7 @@ class BoardSets:
         self._diagrams = [_Diagram(maxsize, (), ()), _Diagram(maxsize, (), ())]
         self._numbers: dict[_Diagram, Boards] = {}
         self._joined: dict[tuple[Boards, Boards, Boards], Boards] = {}
-        self._left = ALL_STEPS
+        self._steps_left = ALL_STEPS
         self._room = 0  # remaining steps of the present join
 
     def of(self, expr: ConditionExpr) -> Boards:
@@ -163,7 +163,7 @@ class BoardSets:
             return b
         if b == 1 - absorbing:
             return a
-        self._room = min(MAX_STEPS, self._left)
+        self._room = min(MAX_STEPS, self._steps_left)
         before = self._room
         try:
             return self._merge(a, b, absorbing)
@@ -171,7 +171,7 @@ class BoardSets:
             self.exact = False
             return otherwise
         finally:
-            self._left -= before - self._room
+            self._steps_left -= before - self._room
 
     def _merge(self, a: Boards, b: Boards, absorbing: Boards) -> Boards:
         if a == b or b == 1 - absorbing:

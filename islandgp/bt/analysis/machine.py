@@ -110,7 +110,7 @@ class Machine:
         self._from: dict[int, list[Outcomes]] = {}
         self._now: dict[tuple[int, Memory], Outcomes] = {}
         self._ways: dict[tuple[int, int, bool], list[Outcomes]] = {}
-        self._kept = 0  # approximate number of outcomes in the cache
+        self._cache_size = 0  # approximate number of outcomes in the cache
         self._targets: dict[tuple[int, bool], TickTarget] = {}
 
     def _number(self, node: Node, above: int) -> int:
@@ -320,9 +320,9 @@ class Machine:
             advance, branch = advance_status(self.nodes[place]), target.branches[place]
             *before, last = self.children[place][: branch + 1]
             self.spend(len(before))
-            self._kept += len(before)
-            if self._kept > MAX_CACHED:
-                self._kept = 0
+            self._cache_size += len(before)
+            if self._cache_size > MAX_CACHED:
+                self._cache_size = 0
                 self._ways.clear()
             outcomes = [self._behind(place, branch, self.aimed(last, None, target), target)]
             for child in reversed(before):

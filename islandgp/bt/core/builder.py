@@ -268,7 +268,7 @@ class Builder:
     def _head(self, tree: _Tree) -> tuple[Node, Sequence[_Tree]]:
         return built_head(tree, self._scope, self._vocabulary, self._templates)
 
-    def written(self, tree: _Tree, parameters: Sequence[_Token]) -> Node:
+    def written_tree(self, tree: _Tree, parameters: Sequence[_Token]) -> Node:
         """`written_node` of what has been built, in a subtree with these parameters."""
         source = self._scope.source
         own = {str(each): ScopedWord(each, source, 1.0) for each in parameters}

@@ -155,19 +155,19 @@ def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Par
     return Node("action", ActionArgs(name, non_default))
 
 
-def written(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:
+def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value]:
     """The value of each parameter of a leaf with these arguments, as in the text of a tree."""
     values = dict(args.values)
     return {key: values.get(key, each.default) for key, each in parameters.items()}
 
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
-    """`written`, as passed to the leaf's code: a flag is True or False, a whole number an int."""
+    """`argument_values` for the leaf's code: a flag is True or False, a whole number an int."""
     return {
         key: value == NO_YES[1]
         if parameters[key].sort == "flag"
         else _number(value, parameters[key])
-        for key, value in written(args, parameters).items()
+        for key, value in argument_values(args, parameters).items()
     }
 
 

@@ -106,7 +106,7 @@ class Key:
         """The index of a word; any other value unchanged."""
         return self.words.index(value) if isinstance(value, str) and value in self.words else value
 
-    def shown(self, value: float) -> str:
+    def text_of(self, value: float) -> str:
         """A value as text: a word, `yes`, `no`, or a number."""
         if self.words and 0 <= value < len(self.words):
             return self.words[int(value)]

@@ -116,11 +116,11 @@ class _Formatter:
             name, *parameter_lists, body = tree.children
             parameters = [token for each in parameter_lists for token in each.children]
             parameter_list = f"({', '.join(parameters)})" if parameters else ""
-            node = self._builder.written(body, parameters)
+            node = self._builder.written_tree(body, parameters)
             yield from self._node(tree, node, "", f"subtree {name}{parameter_list} = ")
             return
         if tree.data not in _STATEMENTS:
-            yield from self._node(tree, self._builder.written(tree, ()), "")
+            yield from self._node(tree, self._builder.written_tree(tree, ()), "")
             return
         first, behind = self._span(tree)
         part_words = self._words[first:behind]

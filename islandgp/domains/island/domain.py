@@ -141,7 +141,7 @@ class Island:
             stepwise=True,
             watch=observer.node,
             observe=lambda island: observer.tick(
-                island.board if sensors is None else sensors.seen, self._scene(island, fixed)
+                island.board if sensors is None else sensors.values, self._scene(island, fixed)
             ),
             sensors=sensors,
         )

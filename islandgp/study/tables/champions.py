@@ -11,7 +11,7 @@ from islandgp.scoring.constraints import in_words
 from islandgp.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.generalise import Control, Generalisation, best_of
-from islandgp.study.measures import SPANS, shown
+from islandgp.study.measures import SPANS, individuals_with
 from islandgp.study.paper import Count
 from islandgp.study.table import NONE, Row, Table, number, p_is, signed_interval, spread
 from islandgp.study.tables.comparisons import Cells, footnotes, published
@@ -32,7 +32,7 @@ def specialists_table(study: Comparison) -> Table:
     for name in classes.behaviours:
         cells = [("Type", title(name))]
         for arm in study.arms:
-            counts = [shown(name, s, classes) for run in arm.runs for s in run.snapshots]
+            counts = [individuals_with(name, s, classes) for run in arm.runs for s in run.snapshots]
             cells.append((f"{arm.name} mean ± SD", spread(*mean_sd(counts), 1)))
             cells.append((f"{arm.name} range", f"{min(counts)}-{max(counts)}"))
         rows.append([*cells, *published(known, name, paper_cells)])

@@ -149,7 +149,7 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
             yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
             continue
         if key.words:
-            counts = Counter(map(key.shown, values)).most_common()
+            counts = Counter(map(key.text_of, values)).most_common()
             shares = ", ".join(f"{value} {n / len(values):.0%}" for value, n in counts)
             yield f"- {name}: {shares} of the time"
             continue
@@ -210,7 +210,7 @@ def _worth(
     name = state.rarest_behaviours[0] if target == RARE else target
     if name in classes.behaviours:
         return o.counters[classes.behaviours[name]], o.fitness
-    return float(len(classes.shown(o.counters)) if target == INTEGRATION else 0), o.fitness
+    return float(len(classes.behaviours_of(o.counters)) if target == INTEGRATION else 0), o.fitness
 
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:

@@ -18,7 +18,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.domain import Schema
 from islandgp.gp.archive import Elite
-from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, written
+from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
 from islandgp.gp.population import Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
@@ -287,7 +287,9 @@ def _decision(past: PastDecision, classes: Classes) -> str:
 
 def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:
     """The individual with the fewest behaviours; of several the least fit one."""
-    return min(ranked(individuals)[::-1], key=lambda i: (len(classes.shown(i.counters)), i.fitness))
+    return min(
+        ranked(individuals)[::-1], key=lambda i: (len(classes.behaviours_of(i.counters)), i.fitness)
+    )
 
 
 def _traces(context: RunContext, state: PopulationState, now: GenerationView) -> tuple[str, int]:
@@ -295,7 +297,7 @@ def _traces(context: RunContext, state: PopulationState, now: GenerationView) ->
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
-        behaviours = context.classes.shown(worst.counters)
+        behaviours = context.classes.behaviours_of(worst.counters)
         lacking = ", ".join(name for name in state.rarest_behaviours if name not in behaviours)
         named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
     texts = [trace_of(name, i, context, now) for name, i in named]
@@ -363,7 +365,7 @@ def listing(tree: Node) -> list[str]:
     lines = []
     for path, node in list(nodes_with_paths(tree))[:LINES]:
         text = to_text(node._replace(children=())) if not node.children else _opening(node)
-        lines.append(f'  at "{written(path)}": {text.strip()}')
+        lines.append(f'  at "{path_text(path)}": {text.strip()}')
     return lines
 
 

@@ -227,7 +227,7 @@ class Transcript:
         self.sent: list[Sent] = []
         self.played: list[Played] = []
         self.learnt: tuple[int, dict[str, Any]] | None = None  # first generation and capabilities
-        self._kept: dict[type[Entry], tuple[str, list[Any]]] = {
+        self._entries: dict[type[Entry], tuple[str, list[Any]]] = {
             # the kind of the line, and the list of its entries
             Sent: ("sent", self.sent),
             Attempt: ("attempt", self.attempts),
@@ -298,11 +298,11 @@ class Transcript:
 
         A `Conclusion` or `Played` that is in the transcript already is not added again.
         """
-        kind, kept = self._kept[type(entry)]
+        kind, entries = self._entries[type(entry)]
         with self._lock:
-            if self.fixed or (isinstance(entry, Conclusion | Played) and entry in kept):
+            if self.fixed or (isinstance(entry, Conclusion | Played) and entry in entries):
                 return
-            kept.append(entry)
+            entries.append(entry)
             if not isinstance(entry, Attempt):
                 self._write({"line": kind, **asdict(entry)})
                 return
@@ -345,7 +345,7 @@ class Transcript:
 
     def _take(self, line: TranscriptLine) -> None:
         if line.entry is not None:
-            self._kept[type(line.entry)][1].append(line.entry)
+            self._entries[type(line.entry)][1].append(line.entry)
         elif line.kind == "start":
             self.start = {k: v for k, v in line.plain.items() if k not in ("line", CHECKSUM)}
         elif line.kind == "system":
