@@ -14,8 +14,8 @@ MAX_BYTES: Final = 2**24
 def read_text_file(file: Path) -> str:
     """The text of a file. Raises IslandError if it cannot be read as UTF-8, or is too long."""
     try:
-        with file.open("rb") as opened:
-            data = opened.read(MAX_BYTES + 1)
+        with file.open("rb") as stream:
+            data = stream.read(MAX_BYTES + 1)
     except OSError as error:
         raise IslandError(f"Expected to read {file}: {error.strerror}.") from None
     return decoded(data, str(file))

@@ -152,7 +152,7 @@ def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: b
             _echo(line, 3)
         if end and isinstance(attempt.answer, Reply) and 0 <= turn < len(end.rejected):
             _echo(f"rejected: {end.rejected[turn]}", 3)
-    for request in transcript.lost():
+    for request in transcript.unanswered():
         if _question(request) == question:
             _echo(f"attempt {request.number}: sent, no answer is recorded", 2)
 
@@ -198,8 +198,8 @@ def _answer(answer: Reply | Failure, fields: Collection[str], *, whole: bool) ->
         yield f"thinking:\n{textwrap.indent(answer.thinking, STEP)}"
     values = None if whole else find_object(answer.text, fields)
     if values is None:
-        cut = not whole and len(answer.text) > MAX_SHOWN
-        yield f"{answer.text[:MAX_SHOWN]}..." if cut else answer.text
+        is_cut = not whole and len(answer.text) > MAX_SHOWN
+        yield f"{answer.text[:MAX_SHOWN]}..." if is_cut else answer.text
     for name, value in (values or {}).items():
         is_list = isinstance(value, list)
         for number, item in enumerate(value if is_list else [value], 1):

@@ -14,8 +14,8 @@ from types import TracebackType
 
 def _report(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
     places = {frame.filename for frame in extract_tb(trace)[-1:]}
-    gone = isinstance(error, (FileNotFoundError, EOFError))
-    if not (gone and places & {spawn.__file__, synchronize.__file__}):
+    is_gone = isinstance(error, (FileNotFoundError, EOFError))
+    if not (is_gone and places & {spawn.__file__, synchronize.__file__}):
         sys.__excepthook__(kind, error, trace)
 
 

@@ -217,8 +217,8 @@ def own_token() -> None:
     Otherwise Ray writes a token into the home folder, and later `ray start --head` requires it but
     `ray start --address` does not send it. A user's own token is kept.
     """
-    chosen = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"} & os.environ.keys()
-    if not chosen and not (Path.home() / ".ray" / "auth_token").exists():
+    variables = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN", "RAY_AUTH_TOKEN_PATH"} & os.environ.keys()
+    if not variables and not (Path.home() / ".ray" / "auth_token").exists():
         os.environ["RAY_AUTH_TOKEN"] = secrets.token_hex(32)
 
 

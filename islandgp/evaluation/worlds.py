@@ -14,10 +14,10 @@ def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    both = {
+    merged = {
         key: _merged(old[key], value)
         if isinstance(value, Mapping) and isinstance(old.get(key), Mapping)
         else value
         for key, value in new.items()
     }
-    return {**old, **both}
+    return {**old, **merged}

@@ -92,8 +92,8 @@ def updated_search(
                 f"expected tell to return SearchState({state.generation + 1}, ...), found {new!r}"
             )
         if not (path.startswith("islandgp.") or new.memory is None):
-            again = from_json(search.Memory, to_json(new.memory), vocabulary)
-            if state.generation == 0 and again != new.memory:
+            restored = from_json(search.Memory, to_json(new.memory), vocabulary)
+            if state.generation == 0 and restored != new.memory:
                 raise ValueError("expected a Memory that is the same after a checkpoint")
     return new
 

@@ -305,7 +305,7 @@ def validate(
         EvaluationError: an episode failed.
     """
     results = {candidate: list[Outcome]() for candidate in candidates}
-    used = 0  # worlds
+    count = 0  # worlds so far
 
     def worth(c: Candidate) -> Merit:
         """By the outcomes so far; before the first round, by training."""
@@ -315,20 +315,20 @@ def validate(
 
     for size, new in rounds(len(candidates), episodes):
         ranked = sorted(results, key=worth, reverse=True)[:size]
-        batch = worlds[used : used + new]
+        batch = worlds[count : count + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
         results = {
             c: [*results[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
             for k, c in enumerate(ranked)
         }
-        used += len(batch)
+        count += len(batch)
     order = sorted(results, key=worth, reverse=True)
-    judged = [(c, _validation(worlds[:used], results[c], classes, constraints)) for c in order]
+    judged = [(c, _validation(worlds[:count], results[c], classes, constraints)) for c in order]
     if reference_tree is not None:
         name, text = reference_tree
-        theirs = evaluator.evaluate([Job(text, stage, world) for world in worlds[:used]])
+        references = evaluator.evaluate([Job(text, stage, world) for world in worlds[:count]])
         best, verdict = judged[0]
-        judged[0] = (best, compared(verdict, results[best], theirs, name))
+        judged[0] = (best, compared(verdict, results[best], references, name))
     return judged
 
 
@@ -346,10 +346,10 @@ def _validation(
 
 
 def compared(
-    verdict: Validation, own: Sequence[Outcome], theirs: Sequence[Outcome], name: str
+    verdict: Validation, outcomes: Sequence[Outcome], references: Sequence[Outcome], name: str
 ) -> Validation:
     """The results, with the paired differences to a reference tree in the same worlds."""
-    pairs = [a.fitness - b.fitness for a, b in zip(own, theirs, strict=True)]
+    pairs = [a.fitness - b.fitness for a, b in zip(outcomes, references, strict=True)]
     mean, low, high = interval(pairs)
     return replace(
         verdict, yardstick=name, difference=mean, difference_low=low, difference_high=high

@@ -55,7 +55,9 @@ def scaled(count: int, allocation: Allocation, population: int) -> int:
     return max(min(count, 1), (2 * count * population + allocation.per) // (2 * allocation.per))
 
 
-def diversity_slots(allocation: Allocation, population: int, taken: int, diversity: float) -> int:
+def diversity_slots(
+    allocation: Allocation, population: int, reserved: int, diversity: float
+) -> int:
     """The number of diversity slots, within the ranges of Table 1: more if diversity is low."""
     fewest, most = (max(1, scaled(n, allocation, population)) for n in allocation.diversity)
     fewest_children, most_children = (
@@ -64,7 +66,7 @@ def diversity_slots(allocation: Allocation, population: int, taken: int, diversi
     enough, low = allocation.diversity_targets
     middle = (fewest + most + 1) // 2
     slots = fewest if diversity >= enough else most if diversity < low else middle
-    free = population - taken
+    free = population - reserved
     slots = max(slots, min(most, free - most_children))
     return max(min(slots, free - fewest_children), min(fewest, free))
 

@@ -70,13 +70,13 @@ def _subtree_crossover(
 ) -> Node:
     """Replaces a random subtree of `mother` by one of `father` that fits."""
     nodes, depths = list(walk(mother)), levels(mother)
-    cut = int(rng.integers(len(nodes)))
-    room = limits.max_nodes - len(nodes) + size(nodes[cut])
-    below = limits.max_depth - depths[cut] + 1
+    index = int(rng.integers(len(nodes)))
+    room = limits.max_nodes - len(nodes) + size(nodes[index])
+    below = limits.max_depth - depths[index] + 1
     donors = [node for node, n, d in measured(father) if n <= room and d <= below]
     if not donors:
         return mother
-    return replace_at(mother, cut, donors[rng.integers(len(donors))])
+    return replace_at(mother, index, donors[rng.integers(len(donors))])
 
 
 Crossover = Callable[[np.random.Generator, Node, Node, Limits], Node]

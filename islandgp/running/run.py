@@ -147,12 +147,12 @@ def make_supervisor(
     return supervisor
 
 
-def check_parts(settings: Settings, coming: frozenset[Path] = frozenset()) -> None:
+def check_parts(settings: Settings, planned_runs: frozenset[Path] = frozenset()) -> None:
     """Checks the parts of a run before it starts.
 
     Args:
         settings: of the run.
-        coming: folders of the runs that the same command does before this one.
+        planned_runs: folders of the runs that the same command does before this one.
 
     Raises:
         SupervisionError: the supervisor cannot work, e.g. without a key.
@@ -171,7 +171,7 @@ def check_parts(settings: Settings, coming: frozenset[Path] = frozenset()) -> No
     part = settings.supervisor
     if hasattr(part.factory, "check"):
         with plugin_errors(path_of(part.factory)):
-            context = replace(run_context(settings), coming=coming)
+            context = replace(run_context(settings), planned_runs=planned_runs)
             part.factory.check(part.settings(), context)
 
 
@@ -279,8 +279,8 @@ def _evolve_tracked(
     return where
 
 
-def _end(target: RunFolder, *more: str) -> RunResult:
-    text = "\n".join((report(target), *more)).rstrip()
+def _end(target: RunFolder, *notes: str) -> RunResult:
+    text = "\n".join((report(target), *notes)).rstrip()
     return RunResult(text, is_mostly_fallback(target.summary()))
 
 

@@ -80,11 +80,11 @@ def _held_back(cases: Sequence[Case], runs: Sequence[int], shape: Shape) -> dict
             errors += [abs(float(decide(rule, c.known)) - rate) for c, rate in _rates(new)]
     commonest = Counter(target for _, target in _targets(cases)).most_common(1)[0][1]
     rates = [rate for _, rate in _rates(cases)]
-    every = [hit for hits in right.values() for hit in hits]
+    all_hits = [hit for hits in right.values() for hit in hits]
     return {
-        "targets": len(every),
+        "targets": len(all_hits),
         "rates": len(errors),
-        "target_agreement": fmean(every),
+        "target_agreement": fmean(all_hits),
         "target_agreement_least": min(map(fmean, right.values())),
         "target_commonest": commonest / len(_targets(cases)),
         "rate_error": fmean(errors),

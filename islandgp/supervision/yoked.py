@@ -66,7 +66,7 @@ class Yoked:
 
         A run that the same command does before this one need not exist yet.
         """
-        if settings.folder(context.seed).resolve() not in context.coming:
+        if settings.folder(context.seed).resolve() not in context.planned_runs:
             cls.lines(settings, context)
 
     @classmethod

@@ -168,6 +168,6 @@ class Watch:
             over = self._over.wait(PERIOD)
             start = self.look()
             runs = (run for run in start.runs() if run.finished() or start.failed(run))
-            ended = [run for run in runs if run.path not in reported]
-            reported.update(run.path for run in ended)
-            yield start, ended
+            finished = [run for run in runs if run.path not in reported]
+            reported.update(run.path for run in finished)
+            yield start, finished

@@ -124,11 +124,13 @@ class _Finder:
     def _branch(self, place: int, child: int, starts: Boards, resumes: Boards) -> _Branch:
         both, fresh = self._sets.both, self._machine.fresh(child)
         advance = advance_status(self._machine.nodes[place])
-        ended = both(starts, fresh[advance])
+        fresh_ends = both(starts, fresh[advance])
         if both(starts, fresh[RUNNING]) == NO_BOARD:
-            return _Branch(NodeBoards(starts, NO_BOARD), NO_BOARD, ended)
-        later = both(resumes, self._resumed_outcomes(child)[advance])
-        return _Branch(NodeBoards(starts, resumes), NO_BOARD, self._sets.either(ended, later))
+            return _Branch(NodeBoards(starts, NO_BOARD), NO_BOARD, fresh_ends)
+        resumed_ends = both(resumes, self._resumed_outcomes(child)[advance])
+        return _Branch(
+            NodeBoards(starts, resumes), NO_BOARD, self._sets.either(fresh_ends, resumed_ends)
+        )
 
     def _calls_back(self, place: int) -> dict[int, Boards]:
         """The blackboards on which an observed guard can become true, by branch."""
@@ -196,8 +198,8 @@ class _Finder:
             return turned(self._sets, node, inside)
         if count_of(node) == 1:
             return inside
-        again = self._either(inside, machine.fresh(children[0]))
-        return self._either(again, repeated(self._sets, node, again, last=False))
+        restarts = self._either(inside, machine.fresh(children[0]))
+        return self._either(restarts, repeated(self._sets, node, restarts, last=False))
 
     def _in_parallel(self, child: int, needed: tuple[int, int]) -> Outcomes:
         """The outcomes of a child of a running parallel; the child may have ended before."""

@@ -348,8 +348,8 @@ class Machine:
                 first = self.aimed(child, memory.memory, target)
                 reached = self._behind(place, at, first, target)
             else:
-                ended = self.now(child, memory.memory)[advance_status(self.nodes[place])]
-                reached = self._and(ended, self.way(place, at + 1, target))
+                ends = self.now(child, memory.memory)[advance_status(self.nodes[place])]
+                reached = self._and(ends, self.way(place, at + 1, target))
             outcomes = self._or(outcomes, self._and(boards, reached))
         return outcomes
 

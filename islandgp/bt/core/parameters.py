@@ -141,8 +141,8 @@ def fits(parameter: Parameter, value: object) -> bool:
         return isinstance(value, str) and is_text(value)
     if isinstance(value, bool) or not isinstance(value, float | int):
         return False
-    whole = parameter.sort == "number" or value == int(value)
-    return parameter.low <= value <= parameter.high and whole
+    is_whole = parameter.sort == "number" or value == int(value)
+    return parameter.low <= value <= parameter.high and is_whole
 
 
 def leaf_of(name: str, values: Mapping[str, Value], parameters: Mapping[str, Parameter]) -> Node:

@@ -263,9 +263,9 @@ class Vocabulary:
                 )
         check_entries(Action, self.actions, f"the action {{}} of the domain {self.domain}")
         check_entries(Key, self.keys, f"the key {{}} of the domain {self.domain}")
-        if both := self.actions.keys() & self.keys.keys():
+        if twice := self.actions.keys() & self.keys.keys():
             raise DomainError(
-                f"Expected each name once in the domain {self.domain}, found {min(both)!r} as an"
+                f"Expected each name once in the domain {self.domain}, found {min(twice)!r} as an"
                 " action and as a key; rename one."
             )
         for name, action in self.actions.items():

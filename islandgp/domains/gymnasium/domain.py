@@ -45,8 +45,8 @@ def environment(name: str, options: str, render: bool) -> Any:
         if render:  # into memory: no window is opened
             os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
             os.environ.setdefault("SDL_NO_SIGNAL_HANDLERS", "1")  # else pygame swallows SIGTERM
-        more: dict[str, Any] = {"render_mode": "rgb_array"} if render else {}
-        env = gymnasium.make(name, disable_env_checker=True, **loads(options), **more)
+        render_options: dict[str, Any] = {"render_mode": "rgb_array"} if render else {}
+        env = gymnasium.make(name, disable_env_checker=True, **loads(options), **render_options)
     while type(env).__name__ in OUTER_WRAPPERS:
         env = env.env  # type: ignore[attr-defined]
     if type(env.action_space) is gymnasium.spaces.Discrete:

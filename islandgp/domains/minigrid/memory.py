@@ -131,9 +131,9 @@ def spread(row: int, opaque: int) -> tuple[int, int]:
     """The visible cells of a row of the view and of the next row, from those visible so far."""
     clear = row & ~opaque
     while True:
-        more = (clear << 1 | clear >> 1) & ROW & ~opaque & ~clear
-        if not more:
+        reached = (clear << 1 | clear >> 1) & ROW & ~opaque & ~clear
+        if not reached:
             break
-        clear |= more
+        clear |= reached
     visible = (row | clear | clear << 1 | clear >> 1) & ROW
     return visible, (clear | clear << 1 | clear >> 1) & ROW

@@ -107,8 +107,8 @@ DIVERSITY: Final[Cells[Diversity]] = {
     "difference": lambda row: percent(row.difference),
 }
 EMERGENCE: Final[Cells[Emergence]] = {
-    "proposed": lambda row: when(summary(row.proposed, PAPER_GENERATIONS)),
-    "baseline": lambda row: when(summary(row.baseline, PAPER_GENERATIONS)),
+    "proposed": lambda row: time_cell(summary(row.proposed, PAPER_GENERATIONS)),
+    "baseline": lambda row: time_cell(summary(row.baseline, PAPER_GENERATIONS)),
     "earlier by": lambda row: percent(row.earlier).lstrip("+"),
     "p BH": lambda row: probability(row.p_bh),
 }
@@ -174,8 +174,8 @@ def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
     share = NONE if earlier is None else f"{percent(earlier[0]).lstrip('+')} ({earlier[1]})"
     a, b = f.arms
     yield "Tier", f.measure.label
-    yield a, when(first)
-    yield b, when(second)
+    yield a, time_cell(first)
+    yield b, time_cell(second)
     yield f"without one, {a}", without(first)
     yield f"without one, {b}", without(second)
     yield "difference without one [95 %]", interval(f.shift, 1)
@@ -188,7 +188,7 @@ def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
     yield from published(paper.emergence if paper else None, tier, EMERGENCE)
 
 
-def when(s: EmergenceSummary) -> str:
+def time_cell(s: EmergenceSummary) -> str:
     """An arm's time to emergence in a cell."""
     if s.never:
         return f"never in {s.runs} runs"

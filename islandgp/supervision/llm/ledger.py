@@ -175,9 +175,9 @@ class Ledger:
         """
         if self.caps.seconds is None:
             return inf
-        _, lost = self.transcript.taken()
+        _, unanswered = self.transcript.requests()
         spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
-        return max(0.0, self.caps.seconds - spent - sum(sent.seconds for sent in lost))
+        return max(0.0, self.caps.seconds - spent - sum(request.seconds for request in unanswered))
 
     def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
         """True if further requests cannot exceed a cap, in any order of their answers.
@@ -194,9 +194,9 @@ class Ledger:
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
-        attempts, lost = self.transcript.taken()
+        attempts, unanswered = self.transcript.requests()
         bills = [Bill.of(0, Usage(), self.price)]
-        bills += [Bill.at_most(1, sent.at_most, self.price) for sent in lost]
+        bills += [Bill.at_most(1, request.at_most, self.price) for request in unanswered]
         for a in filter(is_sent, attempts):
             if a.usage is None:
                 bills.append(Bill.at_most(1, a.at_most, self.price))
@@ -206,19 +206,19 @@ class Ledger:
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
-        requests, unanswered = self.transcript.taken()
-        attempts, lost = [a for a in requests if is_sent(a)], len(unanswered)
+        requests, unanswered = self.transcript.requests()
+        attempts, unanswered_count = [a for a in requests if is_sent(a)], len(unanswered)
         parts = list(self.transcript.parts)
         usages = [a.usage for a in attempts if a.usage is not None]
         failures = Counter(a.answer.kind for a in requests if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         sums: dict[str, float] = {
-            "requests": len(attempts) + lost,
+            "requests": len(attempts) + unanswered_count,
             "calls": len({a.call for a in attempts}),
             **{f"{name}_tokens": n for name, n in asdict(sum(usages, Usage())).items()},
             "latency_s": sum(a.seconds for a in requests),
             "waited_s": sum(a.waited for a in requests),
-            "uncounted_requests": len(attempts) + lost - len(usages),
+            "uncounted_requests": len(attempts) + unanswered_count - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),
             "repaired": sum("repaired" in part.source for part in parts),

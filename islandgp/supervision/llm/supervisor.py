@@ -206,8 +206,8 @@ class LLM:
         """
         if transcript.path is None:
             return
-        attempts, lost = transcript.taken()
-        expected, count = recorded_requests(transcript.path.parent), len(attempts) + len(lost)
+        attempts, unanswered = transcript.requests()
+        expected, count = recorded_requests(transcript.path.parent), len(attempts) + len(unanswered)
         if count < expected:
             raise SupervisionError(
                 f"Expected the {expected} requests that the run's costs.jsonl counts in"

@@ -273,11 +273,11 @@ class Transcript:
                 useless.append(part)
         return useless
 
-    def lost(self) -> list[Sent]:
+    def unanswered(self) -> list[Sent]:
         """Requests without an outcome: in progress, or of a killed process."""
-        return self.taken()[1]
+        return self.requests()[1]
 
-    def taken(self) -> tuple[list[Attempt], list[Sent]]:
+    def requests(self) -> tuple[list[Attempt], list[Sent]]:
         """Attempts, and requests without an outcome, as one consistent pair.
 
         Attempts that a cap prevented are left out.
@@ -285,13 +285,13 @@ class Transcript:
         with self._lock:
             attempts = [a for a in self.attempts if not _is_refused_by_cap(a)]
             answered = Counter((a.call, a.number) for a in attempts)
-            lost = []
-            for sent in reversed(self.sent):  # of two with one number the later has the outcome
-                if answered[sent.call, sent.number]:
-                    answered[sent.call, sent.number] -= 1
+            unanswered = []
+            for request in reversed(self.sent):  # of two with one number the later has the outcome
+                if answered[request.call, request.number]:
+                    answered[request.call, request.number] -= 1
                 else:
-                    lost.append(sent)
-        return attempts, lost
+                    unanswered.append(request)
+        return attempts, unanswered
 
     def add(self, entry: Entry) -> None:
         """Writes an entry to the file before it returns.
