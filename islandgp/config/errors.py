@@ -334,11 +334,18 @@ def _unknown(path: str, config: Any) -> str:
             hint = (
                 f"did you mean {'.'.join([*parts[:i], near[0], *parts[i + 1 :]])}?"
                 if near
-                else f"{above} has {', '.join(_keys(config))}"
+                else f"{above} has {', '.join(_keys(config)) or 'no keys'}"
             )
             return f"{path}: unknown key; {hint}"
-        config = config[part] if isinstance(config[part], dict) else {}
+        config = _entries(config[part])
     return unknown_key(path, keys)
+
+
+def _entries(value: Any) -> dict[str, Any]:
+    """The values below a value by their keys; those of a list by their numbers."""
+    if isinstance(value, list):
+        return {str(k): entry for k, entry in enumerate(value)}
+    return value if isinstance(value, dict) else {}
 
 
 def _keys(config: dict[str, Any]) -> list[str]:
