@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import traceback
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
@@ -169,9 +170,13 @@ def main() -> None:
             print(json.dumps(asdict(event)), file=events, flush=True)
 
     def work() -> None:
-        on_event(SyncEvent(EventKind.PREPARING, "loading MLflow"))
-        load_alone()
-        Follower(on_event).run(requests)
+        try:
+            on_event(SyncEvent(EventKind.PREPARING, "loading MLflow"))
+            load_alone()
+            Follower(on_event).run(requests)
+        except BaseException:  # else the process would live on and execute no request
+            traceback.print_exc()  # `SyncProcess` reports its last line
+            os._exit(1)
 
     Thread(target=work, daemon=True).start()
     for line in sys.stdin:

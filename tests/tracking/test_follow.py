@@ -200,11 +200,22 @@ def test_a_process_that_was_killed_is_replaced(
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2]
 
 
-def test_a_process_that_cannot_load_mlflow_reports_the_reason(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+FAILS = "def fail(*_): raise ImportError('no such library')\n"
+FOLLOW = "from islandgp.tracking import follow\n"
+
+
+@pytest.mark.parametrize(
+    "program",
+    [
+        pytest.param(f"{FAILS}fail()", id="at its start"),
+        pytest.param(f"{FOLLOW}{FAILS}follow.load_alone = fail\nfollow.main()", id="MLflow"),
+        pytest.param(f"{FOLLOW}{FAILS}follow.trust = fail\nfollow.main()", id="at a request"),
+    ],
+)
+def test_a_process_that_fails_ends_and_reports_the_reason(
+    program: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the last line of its traceback."""
-    program = "raise ImportError('no such library')"
     monkeypatch.setattr(mlflow, "COMMAND", (sys.executable, "-c", program))
     monkeypatch.setattr(MLflow, "worker", SyncProcess)
     folder = begun(tmp_path / "runs/a/one", tmp_path)
