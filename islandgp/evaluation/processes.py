@@ -18,6 +18,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
+from math import inf
 from multiprocessing.connection import wait
 from threading import Thread
 from time import sleep
@@ -28,9 +29,8 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem, blame, simulate
-from islandgp.time_limit import SLICES
 
-PERIOD: Final = 0.5  # s between two checks of the parent
+PERIOD: Final = 0.5  # s between two checks of the parent, or of the pool's thread
 PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
 
 
@@ -63,6 +63,14 @@ def _watch(parent: int) -> None:
 ENDING: Final = 1.0  # s for workers to end by themselves
 
 GRACE: Final = 2.0  # s for a worker to report an episode that exceeds the limit
+
+NO_THREAD: Final = "can't start new thread"  # Python's message
+
+POOL_ENDED: Final = (
+    "Expected enough memory and threads to pass episodes to the workers, found that the thread"
+    " which does so ended; raise the limit that is too low (ulimit -a shows them), or set fewer"
+    " evaluator.policy.workers, and repeat the command."
+)
 
 _problem: Problem | None = None  # in a worker
 _limit = 0.0  # time limit of an episode in a worker, s; 0: none
@@ -195,8 +203,12 @@ class Processes:
         """Waits for a job. All jobs before it have ended, so it runs at the latest from now on.
 
         A worker enforces the time limit itself, unless it hangs; then it is replaced.
+
+        Raises:
+            BrokenProcessPool: a worker died.
+            EvaluationError: the job failed or took too long, or the pool's thread ended.
         """
-        if self.episode_timeout and not _ends(future, self.episode_timeout + GRACE):
+        if not self._ends(future):
             self._renew()
             raise EvaluationError(
                 blame(
@@ -205,8 +217,32 @@ class Processes:
                     " or raise evaluator.policy.episode_timeout",
                 )
             )
-        done[job] = future.result()
+        try:
+            done[job] = future.result()
+        except BrokenProcessPool as error:
+            if NO_THREAD in str(error.__cause__):  # reported so from Python 3.12 on
+                raise EvaluationError(POOL_ENDED) from None
+            raise
         return done[job]
+
+    def _ends(self, future: Future[Outcome]) -> bool:
+        """Wait for a future; False if it takes longer than a worker may take to report a timeout.
+
+        A suspension of this process counts as one PERIOD at most.
+
+        Raises:
+            EvaluationError: the pool's thread, which ends futures, has ended itself. Up to Python
+                3.11 this happens if it cannot start the thread that sends jobs to the workers.
+        """
+        limit = self.episode_timeout + GRACE if self.episode_timeout else inf  # s
+        waited = 0.0  # s
+        while not wait_for([future], PERIOD).done:
+            if not _manages(self._pool) and not future.done():
+                raise EvaluationError(POOL_ENDED)
+            waited += PERIOD
+            if waited >= limit:
+                return False
+        return True
 
     def _one_by_one(self, jobs: Sequence[Job], done: dict[Job, Outcome]) -> list[Outcome]:
         """Finishes the jobs after a worker died; finds the one that kills its worker."""
@@ -231,20 +267,23 @@ class Processes:
         _end(self._pool)
 
 
-def _ends(future: Future[Outcome], seconds: float) -> bool:
-    """True if the future ends in time. A suspension of this process counts as a tenth at most."""
-    return any(wait_for([future], seconds / SLICES).done for _ in range(SLICES))
+def _manages(pool: ProcessPoolExecutor) -> bool:
+    """True while the pool's own thread runs, which passes jobs to workers and ends futures."""
+    thread: Thread | None = getattr(pool, "_executor_manager_thread", None)
+    return thread is not None and thread.is_alive()
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
     """Shuts the pool down; kills workers that are busy, suspended or stuck."""
     # Python has a public `kill_workers` from 3.14 on.
     workers = list((pool._processes or {}).values())
-    if getattr(pool, "_executor_manager_thread", None) is None:
-        # Its start was interrupted: it does not know the workers that were started already, and
-        # the interpreter would wait for them at its exit.
+    if not _manages(pool):
+        # Its thread was not started, or has ended: nobody stops the workers, and the interpreter
+        # would wait for them at its exit.
         for worker in workers:
             worker.kill()
+        pool.shutdown(wait=False, cancel_futures=True)
+        return
     closing = Thread(target=pool.shutdown, kwargs={"cancel_futures": True}, daemon=True)
     closing.start()
     try:

@@ -250,6 +250,31 @@ def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyP
     assert worker.exitcode == -signal.SIGKILL
 
 
+@pytest.mark.parametrize("step", ["add_call_item_to_queue", "wait_result_broken_or_wakeup"])
+@pytest.mark.parametrize("limit", [0, 300])
+def test_a_pool_whose_thread_ends_reports_a_lack_of_resources(
+    step: str, limit: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At once, whatever the time limit, and no tree is blamed; no worker stays."""
+
+    def fail(_: Any) -> None:
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(f"concurrent.futures.process._ExecutorManagerThread.{step}", fail)
+    monkeypatch.setattr("threading.excepthook", lambda _: None)  # it prints the traceback
+    pool = Processes(setting(), 2, episode_timeout=limit)
+    began = time.monotonic()
+    try:
+        with pytest.raises(EvaluationError, match="Expected enough memory and threads"):
+            pool.evaluate(JOBS)
+    finally:
+        pool.close()
+    assert time.monotonic() - began < 60
+    for process in multiprocessing.active_children():
+        process.join(20)
+    assert multiprocessing.active_children() == []
+
+
 @pytest.mark.parametrize(
     ("failure", "error"),
     [
