@@ -253,8 +253,9 @@ def shortage(error: BaseException) -> str:
         if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"
-                f" {cause or 'no more memory'}; raise the limit that is too low (ulimit -a shows"
-                " them), or set fewer evaluator.policy.workers, and repeat the command."
+                f" {str(cause) or 'no more memory'}; raise the limit that is too low"
+                " (ulimit -a shows them), or set fewer evaluator.policy.workers, and repeat the"
+                " command."
             )
         cause = cause.__cause__ or cause.__context__
     return ""

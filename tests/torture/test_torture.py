@@ -110,6 +110,7 @@ def test_a_lack_of_the_system_has_a_message(error: Exception) -> None:
     later.__cause__ = error
     for exception in (error, later):
         assert shortage(exception).startswith("Expected enough memory, processes and open files")
+        assert f"found: {str(error) or 'no more memory'};" in shortage(exception)
     assert shortage(FileNotFoundError(errno.ENOENT, "gone")) == ""
 
 
