@@ -58,14 +58,14 @@ def of_a_default_run(package: Path) -> int:
     command = [sys.executable, "-X", "importtime", "-m", package.name]
     command += ["gp.generations=1", "gp.population=4", "gp.validation=0", "tracking=off"]
     with TemporaryDirectory() as runs:
-        done = subprocess.run(
+        process = subprocess.run(
             [*command, f"runs={runs}"],
             cwd=package.parent,
             capture_output=True,
             text=True,
             check=True,
         )
-    names = set(re.findall(rf"\|\s+({package.name}(?:\.\w+)*)$", done.stderr, re.MULTILINE))
+    names = set(re.findall(rf"\|\s+({package.name}(?:\.\w+)*)$", process.stderr, re.MULTILINE))
     paths = [package.joinpath(*name.split(".")[1:]) for name in names]
     modules = [(path.with_suffix(".py"), path / "__init__.py") for path in paths]
     files = [module if module.exists() else folder for module, folder in modules]

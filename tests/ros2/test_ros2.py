@@ -187,7 +187,7 @@ def test_maps_that_do_not_fit(
     new: str,
     message: str,
 ) -> None:
-    """An interface, a field, a value or an action that there is not is one clear error."""
+    """A missing interface, field, value or action is one clear error."""
     monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(old, new))
     with pytest.raises(IslandError) as excinfo:
         robot("selector { when battery < 20 { Dock } Drive }")
