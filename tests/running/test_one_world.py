@@ -60,7 +60,7 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
 def test_the_report_of_such_a_run_gives_the_reason(tmp_path: Path) -> None:
     """No interval is shown, and the reason is."""
     lines = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
-    assert lines[0].endswith("points (no interval: one world) in 1 unseen world")
+    assert lines[0].endswith("points (no interval: one world) in 1 validation world")
     (line,) = (line for line in lines if line.startswith("Against the tree good"))
     assert line.endswith("+0 points (no interval: one world)")
 
