@@ -34,23 +34,23 @@ def children(father: Parent, crossover_rate: float) -> Iterator[Child]:
 
 def test_a_child_of_two_individuals_names_both() -> None:
     """It is a crossover; where the crossover changes nothing, it is a mutated copy."""
-    made = list(children(Parent("3.2", FATHER), crossover_rate=1.0))
-    assert {(origin, parents) for _, origin, parents, _ in made} <= {
+    offspring = list(children(Parent("3.2", FATHER), crossover_rate=1.0))
+    assert {(origin, parents) for _, origin, parents, _ in offspring} <= {
         (Origin.CROSSOVER, ("3.1", "3.2")),
         (Origin.COPY, ("3.1",)),
     }
-    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in made) > 80
+    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in offspring) > 80
 
 
 def test_a_crossover_with_a_tree_of_the_library_has_one_parent() -> None:
     """A tree of the library is no individual, so it has no id."""
-    made = list(children(Parent("", FATHER), crossover_rate=1.0))
-    assert {parents for _, _, parents, _ in made} == {("3.1",)}
-    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in made) > 80
+    offspring = list(children(Parent("", FATHER), crossover_rate=1.0))
+    assert {parents for _, _, parents, _ in offspring} == {("3.1",)}
+    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in offspring) > 80
 
 
 def test_without_crossover_every_child_is_a_mutated_copy() -> None:
     """At least one mutation was tried for each."""
-    made = list(children(Parent("3.2", FATHER), crossover_rate=0.0))
-    assert {(origin, parents) for _, origin, parents, _ in made} == {(Origin.COPY, ("3.1",))}
-    assert all(mutation or tree == MOTHER for tree, _, _, mutation in made)
+    offspring = list(children(Parent("3.2", FATHER), crossover_rate=0.0))
+    assert {(origin, parents) for _, origin, parents, _ in offspring} == {(Origin.COPY, ("3.1",))}
+    assert all(mutation or tree == MOTHER for tree, _, _, mutation in offspring)
