@@ -111,17 +111,13 @@ class World:
 ONE_POPULATION: Final = ("gp.population=60", "search.policy.restarts=1")
 """`experiment=best` without restarts."""
 
+ALL_ROUNDER: Final = ROOT / "grammar" / "examples" / "all_rounder.bt"
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PICK_PLACE: Final = ROOT / "examples" / "pick_place"
 WORLDS: Final[dict[str, World]] = {
-    "island": World(
-        ("domain=island", "budget.episodes=1414"),
-        ROOT / "grammar" / "examples" / "all_rounder.bt",
-        library=True,
-    ),
+    "island": World(("domain=island", "budget.episodes=1414"), ALL_ROUNDER, library=True),
     "cartpole": World(
-        ("domain=cartpole", "budget.episodes=3000"),
-        DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
+        ("domain=cartpole", "budget.episodes=3000"), DOMAINS / "gymnasium" / "trees" / "cartpole.bt"
     ),
     "pick_place": World(
         ("domain=pick_place", "budget.episodes=3000"), PICK_PLACE / "carry.bt", PICK_PLACE / "conf"
@@ -134,27 +130,15 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
         DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     ),
-    "island_4000": World(
-        ("domain=island", "budget.episodes=4000"),
-        ROOT / "grammar" / "examples" / "all_rounder.bt",
-        arms=("racing",),
-    ),
+    "island_4000": World(("domain=island", "budget.episodes=4000"), ALL_ROUNDER, arms=("racing",)),
     "island_best": World(
-        ("experiment=best",),
-        ROOT / "grammar" / "examples" / "all_rounder.bt",
-        arms=("racing",),
-        seeds=range(9030, 9040),
+        ("experiment=best",), ALL_ROUNDER, arms=("racing",), seeds=range(9030, 9040)
     ),
     "island_best_16000": World(
-        ("experiment=best", "budget.episodes=16000", *ONE_POPULATION),
-        ROOT / "grammar" / "examples" / "all_rounder.bt",
-        arms=("racing",),
+        ("experiment=best", "budget.episodes=16000", *ONE_POPULATION), ALL_ROUNDER, arms=("racing",)
     ),
     "island_best_32000": World(
-        ("experiment=best", *ONE_POPULATION),
-        ROOT / "grammar" / "examples" / "all_rounder.bt",
-        arms=("racing",),
-        seeds=range(9003, 9013),
+        ("experiment=best", *ONE_POPULATION), ALL_ROUNDER, arms=("racing",), seeds=range(9003, 9013)
     ),
     "minigrid_15000": World(
         ("domain=minigrid", "budget.episodes=15000", "gp.population=60", "gp.episodes=2"),

@@ -203,12 +203,10 @@ def _bounds(original: float, key: Key, upper_limit: float) -> tuple[float, float
         key: its range.
         upper_limit: greatest value of the key.
     """
-    room = (
-        min(original + key.high - key.low, upper_limit, MAX_NUMBER)
-        if original > key.high
-        else key.high
-    )
-    return min(key.low, original), max(room, original)
+    high = key.high
+    if original > high:
+        high = min(original + high - key.low, upper_limit, MAX_NUMBER)
+    return min(key.low, original), max(high, original)
 
 
 def tuned(
@@ -386,9 +384,8 @@ def _compare(
     before, after = candidates.points([original, winner], worlds)
     differences = [b - a for a, b in zip(before, after, strict=True)]
     better = sum(difference > 0 for difference in differences)
-    return NumberComparison(
-        len(worlds), interval(before), interval(after), interval(differences), better
-    )
+    gain = interval(differences)
+    return NumberComparison(len(worlds), interval(before), interval(after), gain, better)
 
 
 def _new_worlds(seed: int) -> Iterator[int]:
