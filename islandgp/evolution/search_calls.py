@@ -13,7 +13,7 @@ from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.search.base import Search, SearchState, SteadySearch
+from islandgp.search.base import Search, SearchState, StreamingSearch
 from islandgp.seeding import Streams
 
 
@@ -38,7 +38,7 @@ def asked_of(
 
 def _ask(search: Search) -> Callable[[SearchState, Streams], Iterable[Individual]]:
     """The search's `ask_each`, or `ask` if it has no other, or if a subclass has changed `ask`."""
-    if not isinstance(search, SteadySearch):
+    if not isinstance(search, StreamingSearch):
         return search.ask
     names = (
         name for kind in type(search).__mro__ for name in ("ask_each", "ask") if name in vars(kind)

@@ -99,7 +99,7 @@ class Search(Protocol):
 
 
 @runtime_checkable
-class SteadySearch(Protocol):
+class StreamingSearch(Protocol):
     """A search that can also yield the individuals of `ask` one by one.
 
     The loop evaluates each of them while the search makes the next one.

@@ -1,4 +1,4 @@
-"""Common parts of all searches but the paper's: random trees, children, and the order of slots."""
+"""Random trees, children, and the order of slots, for searches with `search.policy.breeding`."""
 
 from __future__ import annotations
 
@@ -30,11 +30,13 @@ CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated a
 class Breeding(BaseModel, frozen=True, extra="forbid"):
     """Settings of new trees."""
 
-    lists: float = Field(ge=0, le=1)  # share of priority lists among random trees
+    lists: float = Field(ge=0, le=1)
+    """Share of priority lists among random trees; the others are the paper's random trees."""
     crossover_rate: float = Field(ge=0, le=1)  # share of children with two parents
     crossovers: dict[str, float]  # weight of each of CROSSOVERS, or of a "module:function"
     mutation: MutationSettings
-    further: float = Field(ge=0, lt=1)  # probability of another mutation after each one
+    further: float = Field(ge=0, lt=1)
+    """Probability of another mutation of the same child, after each mutation."""
     simplify: bool  # parts of new trees that provably have no effect are removed
 
     @model_validator(mode="after")
@@ -52,7 +54,10 @@ def digest(tree: Node) -> str:
 
 
 def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> Node:
-    """A random tree: a priority list with probability `breeding.lists`, else as in the paper."""
+    """A random tree: a priority list with probability `breeding.lists`, else as in the paper.
+
+    After TRIES trees that exceed the limits it is one as in the paper, without simplification.
+    """
     for _ in range(TRIES):
         lists = rng.random() < breeding.lists
         tree = random_list(rng, space) if lists else random_tree(rng, space)
@@ -233,7 +238,7 @@ class BreedingSearch(ABC, Generic[S]):
         return tuple(self.ask_each(state, streams))
 
     def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """See `SteadySearch`."""
+        """See `StreamingSearch`."""
         contents = self.plan_first(streams) if state.memory is None else self.plan_next(state)
         return new_generation(self.plan, streams, state, contents, self.settings.breeding)
 

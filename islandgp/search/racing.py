@@ -5,12 +5,12 @@ fitness over all their episodes. Each generation evaluates
 
 - a few survivors again in new worlds, those with the highest upper bounds;
 - the supervisor's trees;
-- children, in the other slots.
+- children in the other slots, or random trees in the first `random_generations`.
 
 So a tree does not survive by luck in one world, and is not evaluated twice in the same worlds.
 
-With `restarts` above 1, populations begin from random trees one after another, and the best trees
-of all of them breed together at the end. A population often keeps the combination of behaviours
+With `restarts` above 1, populations begin from random trees in turn, and the best trees of all of
+them breed together at the end. A population often keeps the combination of behaviours
 that it had early, so restarts give a large budget several chances.
 
 Survivors without duplicates, and fitness as a mean of reruns: Iovino et al. 2021, arXiv
@@ -57,7 +57,7 @@ class RacingSettings(BreedingSettings, frozen=True):
 
     random_generations: int = Field(ge=1, le=1000)
     """Generations of random trees at the start of a population, before its first children."""
-    restarts: int = Field(ge=1, le=100)  # populations that begin from random trees, one by one
+    restarts: int = Field(ge=1, le=100)  # populations that begin from random trees, in turn
     joint: float = Field(ge=0, lt=1)
     """Share of the generations in which the best trees of all restarts breed together, at the end.
 
@@ -87,7 +87,7 @@ class Entry:
     tree: Tree
     fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
     bonus: float  # mean over its evaluations, in residual standard deviations
-    trace: str  # of its last outcome; equal for two trees that behaved the same
+    outcome_key: str  # of its last outcome; equal for trees that earned the same points
     counters: dict[str, float] = field(default_factory=dict)
     """Mean over its evaluations of the counters that have a constraint."""
 
@@ -98,7 +98,7 @@ class RacingMemory:
 
     entries: tuple[Entry, ...]
     tried: tuple[str, ...]  # digests of trees
-    restarted: int = 0  # generation in which this population began
+    began: int = 0  # generation in which this population began
     champions: tuple[Entry, ...] = ()  # the best trees of earlier restarts
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
@@ -114,7 +114,12 @@ class Racing(BreedingSearch[RacingSettings]):
 
     @classmethod
     def make(cls, settings: RacingSettings, context: SearchContext) -> Self:
-        """See `Search`. Raises ConfigError if a restart has no generation of children."""
+        """See `Search`.
+
+        Raises:
+            ConfigError: a restart has no generation of children, or the library is not valid.
+            TreeError: a tree of the library is not valid.
+        """
         length, shortest = restart_length(settings, context.plan), settings.random_generations + 1
         if settings.restarts > 1 and length < shortest:
             raise ConfigError(
@@ -127,16 +132,17 @@ class Racing(BreedingSearch[RacingSettings]):
 
     def __init__(self, settings: RacingSettings, plan: Plan, library: Sequence[Node]) -> None:
         super().__init__(settings, plan)
-        self.library = [Parent("", tree) for tree in library]
-        self.length = restart_length(settings, plan)
+        self.library_parents = [Parent("", tree) for tree in library]
+        self.restart_length = restart_length(settings, plan)
 
     def plan_first(self, streams: Streams) -> GenerationPlan:
         """The plan's founders, priority lists of the library's branches, and random trees."""
         trees = list(self.plan.founders)
-        if self.library:
+        if self.library_parents:
             rng, count = streams(Stream.SEARCH), self.settings.library
-            library = [parent.tree for parent in self.library]
-            trees += priority_lists(rng, library, count, self.plan.gp.limits)
+            library_trees = [parent.tree for parent in self.library_parents]
+            trees += priority_lists(rng, library_trees, count, self.plan.gp.limits)
+        # The last slot is left to a random tree.
         return GenerationPlan(initial_trees=trees[: self.plan.gp.population - 1])
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
@@ -144,15 +150,19 @@ class Racing(BreedingSearch[RacingSettings]):
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
         slots = max(1, round(self.settings.reevaluated * self.plan.gp.population))
-        young = state.generation - memory.restarted < self.settings.random_generations
+        young = state.generation - memory.began < self.settings.random_generations
         pick = None if young else self._pick(memory)
-        survivors = [Parent(e.id, e.tree) for e in promising[:slots]]
-        return GenerationPlan(pick, reevaluated=survivors, known_digests=memory.tried)
+        rerun = [Parent(entry.id, entry.tree) for entry in promising[:slots]]
+        return GenerationPlan(pick, reevaluated=rerun, known_digests=memory.tried)
 
     def _pick(self, memory: RacingMemory) -> Pick:
-        """The choice of mothers: survivors by rank, or specialists by lexicase selection."""
-        parents = [Parent(e.id, e.tree) for e in memory.entries]
-        fathers = [*parents, *self.library]
+        """The draw of parents.
+
+        The mother is a survivor by rank, or a specialist by lexicase selection. The candidates for
+        the father are all survivors and the library's trees.
+        """
+        parents = [Parent(entry.id, entry.tree) for entry in memory.entries]
+        fathers = [*parents, *self.library_parents]
         specialist = lexicase_draw(memory.contenders) if memory.contenders else None
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
@@ -165,35 +175,35 @@ class Racing(BreedingSearch[RacingSettings]):
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> RacingMemory:
         """See `BreedingSearch`."""
         memory: RacingMemory = state.memory or RacingMemory((), ())
-        entries = {digest(e.tree): e for e in memory.entries}
+        entries = {digest(entry.tree): entry for entry in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
-        for key, individual in zip(keys, evaluated, strict=True):
-            counters = limited(individual.outcome.counters, self.plan.constraints)
-            bonus, before = self._bonus(individual), entries.get(key)
-            entries[key] = updated(before, individual, bonus, state.generation, counters)
+        for key, e in zip(keys, evaluated, strict=True):
+            counters = limited(e.outcome.counters, self.plan.constraints)
+            bonus, before = self._bonus(e), entries.get(key)
+            entries[key] = updated(before, e, bonus, state.generation, counters)
         ranked = distinct(self._ranked(list(entries.values()), -1.0), state.generation)
-        survivors = max(2, round(self.settings.survivors * self.plan.gp.population))
+        survivor_count = max(2, round(self.settings.survivors * self.plan.gp.population))
         lexicase = self.settings.specialists and self.plan.gp.episodes > 1
         after = replace(
             memory,
-            entries=tuple(ranked[:survivors]),
+            entries=tuple(ranked[:survivor_count]),
             tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-MAX_DIGESTS:],
             contenders=tuple(contender(e, e.episodes) for e in evaluated) if lexicase else (),
         )
-        return self._restarted(after, state.generation + 1)
+        return self._after_restart(after, state.generation + 1)
 
-    def _restarted(self, memory: RacingMemory, generation: int) -> RacingMemory:
+    def _after_restart(self, memory: RacingMemory, generation: int) -> RacingMemory:
         """The memory for `generation`.
 
         Empty at a restart. After the last restart, its entries are the best of all restarts.
         """
-        restarts, length = self.settings.restarts, self.length
+        restarts, length = self.settings.restarts, self.restart_length
         if restarts == 1 or generation % length or generation > restarts * length:
             return memory
         best = memory.entries[: max(1, len(memory.entries) // restarts)]
         champions = (*memory.champions, *best)
         if generation < restarts * length:
-            return RacingMemory((), memory.tried, restarted=generation, champions=champions)
+            return RacingMemory((), memory.tried, began=generation, champions=champions)
         return replace(memory, entries=tuple(self._ranked(champions, -1.0)), champions=())
 
     def _bonus(self, e: Evaluated) -> float:
@@ -213,14 +223,14 @@ class Racing(BreedingSearch[RacingSettings]):
         that keep the constraints, by means over all episodes, come before all others.
         """
         settings = self.settings
-        levels, sd = estimate([dict(e.fitness) for e in entries])
+        levels, sd = estimate([dict(entry.fitness) for entry in entries])
 
         def bound(k: int) -> Merit:
-            e = entries[k]
-            bonus = e.bonus - settings.parsimony * size(e.tree)
-            half_width = settings.bound_width / sqrt(len(e.fitness))
+            entry = entries[k]
+            bonus = entry.bonus - settings.parsimony * size(entry.tree)
+            half_width = settings.bound_width / sqrt(len(entry.fitness))
             points = levels[k] + sd * (bonus + sign * half_width)
-            return merit(points, violation(e.counters, self.plan.constraints))
+            return merit(points, violation(entry.counters, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
 
@@ -247,10 +257,10 @@ def updated(
         counters: of this evaluation, those with a constraint.
     """
     individual = e.individual
-    trace = repr((e.fitness, sorted(e.outcome.components.items())))
+    outcome_key = repr((e.fitness, sorted(e.outcome.components.items())))
     now = (generation, e.fitness)
     if before is None:
-        return Entry(individual.id, individual.tree, (now,), bonus, trace, dict(counters))
+        return Entry(individual.id, individual.tree, (now,), bonus, outcome_key, dict(counters))
     n = len(before.fitness) + 1
     mean = before.bonus + (bonus - before.bonus) / n
     return replace(
@@ -258,22 +268,22 @@ def updated(
         id=individual.id,
         fitness=(*before.fitness, now),
         bonus=mean,
-        trace=trace,
+        outcome_key=outcome_key,
         counters=running_mean(before.counters, counters, n),
     )
 
 
 def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:
-    """The entries without those of this generation that behaved the same as an entry before them.
+    """The entries without those of this generation that earned the same points as a better one.
 
     Args:
         entries: best first.
         generation: that was evaluated last.
     """
-    traces: set[str] = set()
+    outcome_keys: set[str] = set()
     remaining = []
     for entry in entries:
-        if entry.fitness[-1][0] != generation or entry.trace not in traces:
+        if entry.fitness[-1][0] != generation or entry.outcome_key not in outcome_keys:
             remaining.append(entry)
-        traces.add(entry.trace)
+        outcome_keys.add(entry.outcome_key)
     return remaining
