@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Mapping
 from math import isfinite
 from time import monotonic
 from typing import Any
@@ -13,10 +13,18 @@ from islandgp.ros2.robot_map import ServiceKey, TopicKey
 
 
 class RosKey:
-    """The last value of one key."""
+    """The last value of one key or condition."""
 
-    def __init__(self, name: str, entry: TopicKey | ServiceKey, *, texts: bool) -> None:
-        self.name, self.entry, self.texts = name, entry, texts
+    def __init__(self, place: str, entry: TopicKey | ServiceKey, sample: Any) -> None:
+        """Starts without a value.
+
+        Args:
+            place: of the entry in the map, for messages of errors.
+            entry: of the map.
+            sample: a message of the entry's type.
+        """
+        self.entry = entry
+        self._place, self._sample = f"{place}.field", sample
         self._value: Any = None
         self._at = 0.0  # s, monotonic; when the value came
 
@@ -26,18 +34,19 @@ class RosKey:
         self._value = None if isinstance(value, float) and not isfinite(value) else value
         self._at = monotonic()
 
-    def check(self, message: Any) -> None:
-        """Raises ConfigError if the message has no such field, or one of another type."""
-        field, place = self.entry.field, f"keys.{self.name}.field"
-        must_have(message, field, place)
-        value = value_of(message, field)
-        types = (bool, int, float, str) if self.texts else (bool, int, float)
-        if "[" not in field and not isinstance(value, types):
-            expected = (
-                "a number, a truth value or a text" if self.texts else "a number or a truth value"
-            )
+    def check(self, *, text: bool) -> None:
+        """Raises ConfigError if the messages have no such field, or one of another type.
+
+        `text`: whether the field can be a text.
+        """
+        must_have(self._sample, self.entry.field, self._place)
+        value = value_of(self._sample, self.entry.field)
+        types = (bool, int, float, str) if text else (bool, int, float)
+        if "[" not in self.entry.field and not isinstance(value, types):
+            expected = "a number, a truth value or a text" if text else "a number or a truth value"
             raise ConfigError(
-                f"{place}: expected {expected}, found {type(value).__name__}; name a field of it"
+                f"{self._place}: expected {expected}, found {type(value).__name__}; name a field of"
+                " it"
             )
 
     def read(self) -> Any:
@@ -50,40 +59,40 @@ class RosKey:
 
 
 def ros_keys(
-    node: Any, entries: Mapping[str, TopicKey | ServiceKey], *, texts: Collection[str] = ()
-) -> dict[str, Callable[[], Any]]:
-    """A function for each key that returns its value now, or None if it has none.
+    node: Any, entries: Mapping[str, TopicKey | ServiceKey], part: str = "keys"
+) -> dict[str, RosKey]:
+    """The keys of entries of a map, which receive their values from now on.
 
     Args:
         node: an rclpy Node, whose executor has to spin.
         entries: the topic or service of each key.
-        texts: the keys whose field can be a text: those with declared words.
+        part: of the map with the entries, for messages of errors.
 
     Raises:
-        ConfigError: an interface is not installed, or a field does not fit.
+        ConfigError: an interface is not installed, or a request has no such field.
     """
-    keys = [RosKey(name, entry, texts=name in texts) for name, entry in entries.items()]
-    for key in keys:
-        if isinstance(key.entry, TopicKey):
-            _subscribe(node, key, key.entry)
-        else:
-            _ask(node, key, key.entry)
-    return {key.name: key.read for key in keys}
+    return {
+        name: _subscribed(node, f"{part}.{name}", entry)
+        if isinstance(entry, TopicKey)
+        else _requested(node, f"{part}.{name}", entry)
+        for name, entry in entries.items()
+    }
 
 
-def _subscribe(node: Any, key: RosKey, entry: TopicKey) -> None:
+def _subscribed(node: Any, place: str, entry: TopicKey) -> RosKey:
     from rclpy.qos import QoSProfile, ReliabilityPolicy
 
     kind = interface(entry.type)
-    key.check(kind())
+    key = RosKey(place, entry, kind())
     policy = ReliabilityPolicy.RELIABLE if entry.reliable else ReliabilityPolicy.BEST_EFFORT
     node.create_subscription(kind, entry.topic, key.take, QoSProfile(depth=1, reliability=policy))
+    return key
 
 
-def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
+def _requested(node: Any, place: str, entry: ServiceKey) -> RosKey:
     kind = interface(entry.type)
-    request = filled(kind.Request(), entry.request, f"keys.{key.name}.request")
-    key.check(kind.Response())
+    request = filled(kind.Request(), entry.request, f"{place}.request")
+    key = RosKey(place, entry, kind.Response())
     client = node.create_client(kind, entry.service)
     waiting: list[Any] = []
 
@@ -98,3 +107,4 @@ def _ask(node: Any, key: RosKey, entry: ServiceKey) -> None:
             waiting[0].add_done_callback(lambda done: key.take(done.result()))
 
     node.create_timer(entry.every, ask)
+    return key

@@ -51,12 +51,13 @@ class TreeNode:
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
         self._actions = RosLeaves(node, robot_map.actions)
-        names = load_tree(file, vocabulary).vocabulary or EMPTY_VOCABULARY
-        texts = [name for name, key in names.keys.items() if key.words]
-        self._keys = ros_keys(node, robot_map.keys, texts=texts)
-        answers = ros_keys(node, robot_map.conditions)
-        self._conditions = {name: partial(holds, read) for name, read in answers.items()}
-        self._stamp = _stamp(file)
+        self._keys = ros_keys(node, robot_map.keys)
+        conditions = ros_keys(node, robot_map.conditions, "conditions")
+        for condition in conditions.values():
+            condition.check(text=False)
+        self._conditions = {name: partial(holds, key.read) for name, key in conditions.items()}
+        self._stamp = stamp(file)
+        self._is_readable = True
         self._looked = monotonic()
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
@@ -94,23 +95,32 @@ class TreeNode:
         self._publish(self.robot_tree.tree, None)
 
     def _has_no_value(self, key: str) -> bool:
-        return self._keys[key]() is None
+        return self._keys[key].read() is None
 
     def _load(self) -> RobotTree:
         tree = load_tree(self._file, self._vocabulary)
         self._actions.check(tree.calls())
-        return tree.bind(
-            {**self._actions.leaves, **self._conditions}, self._keys, step_s=self._step_s
-        )
+        declared = (tree.vocabulary or EMPTY_VOCABULARY).keys
+        for name, key in self._keys.items():
+            key.check(text=name in declared and bool(declared[name].words))
+        values = {name: key.read for name, key in self._keys.items()}
+        return tree.bind({**self._actions.leaves, **self._conditions}, values, step_s=self._step_s)
 
     def _reload(self) -> None:
-        """Reloads the tree if a file has changed; keeps the old tree if the file has errors."""
+        """Reloads the tree if a file has changed; keeps the old tree if the file has errors.
+
+        A file that cannot be read has not changed: an editor may be replacing it.
+        """
         if monotonic() - self._looked < RELOAD_S:
             return
         self._looked = monotonic()
-        if (stamp := _stamp(self._file)) == self._stamp:
+        new_stamp = stamp(self._file)
+        if not new_stamp and self._is_readable:
+            self._log.warning(f"{self._file} cannot be read; the tree stays as it was")
+        self._is_readable = bool(new_stamp)
+        if not new_stamp or new_stamp == self._stamp:
             return
-        self._stamp = stamp
+        self._stamp = new_stamp
         try:
             changed = self._load()
         except IslandError as error:
@@ -130,8 +140,11 @@ class TreeNode:
         self._publisher.publish(self._message(data=json.dumps(state)))
 
 
-def _stamp(file: Path) -> tuple[object, ...]:
-    """A value that changes when the tree's file or an included one is written."""
+def stamp(file: Path) -> tuple[object, ...]:
+    """A value that changes when the tree's file or an included one is written.
+
+    Empty if the file cannot be read.
+    """
     try:
         text = file.read_text(encoding="utf-8")
         others = mentioned(text, file.parent)
@@ -168,9 +181,11 @@ def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
             while (remaining := end - monotonic()) > 0:
                 executor.spin_once(timeout_sec=remaining)
 
-        yield node, spin
-        executor.shutdown()
-        node.destroy_node()
+        try:
+            yield node, spin
+        finally:
+            executor.shutdown()
+            node.destroy_node()
     finally:
         rclpy.shutdown(context=context)
 

@@ -76,19 +76,32 @@ class ServiceKey(_Entry):
     max_age: _Seconds | None = None  # s; an older response is ignored
 
 
+class TopicCondition(TopicKey):
+    """A condition that holds while a field of the last message of a topic is true."""
+
+    default: bool | None = None  # before the first message
+
+
+class ServiceCondition(ServiceKey):
+    """A condition that holds while a field of a service's response is true."""
+
+    default: bool | None = None  # before the first response
+
+
 class RobotMap(_Entry):
     """The whole file."""
 
     node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=200)] = "islandgp"
     actions: dict[str, ActionServer | ServiceCall]
     keys: dict[str, TopicKey | ServiceKey] = {}
-    conditions: dict[str, TopicKey | ServiceKey] = {}  # leaves that succeed while the field is true
+    conditions: dict[str, TopicCondition | ServiceCondition] = {}
+    """Leaves that succeed while the field is true."""
 
 
 _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
     "actions": {"action": ActionServer, "service": ServiceCall},
     "keys": {"topic": TopicKey, "service": ServiceKey},
-    "conditions": {"topic": TopicKey, "service": ServiceKey},
+    "conditions": {"topic": TopicCondition, "service": ServiceCondition},
 }
 """The class of an entry, by its distinguishing key."""
 

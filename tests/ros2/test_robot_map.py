@@ -10,7 +10,7 @@ import pytest
 
 from islandgp.errors import ConfigError
 from islandgp.ros2.keys import RosKey
-from islandgp.ros2.node import holds
+from islandgp.ros2.node import holds, stamp
 from islandgp.ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
 from tests.trees.shell import Cli, shell
 
@@ -66,6 +66,14 @@ def test_the_pages_map(page: Path) -> None:
         ("actions: {Go: {action: /a, type: p/action/T, timeout: 0}}", "actions.Go.timeout: "),
         ("actions: {Go: {action: /a, type: p/action/T, timeuot: 1}}", "actions.Go.timeuot: extra"),
         ("actions: {}\nkeys: {k: {topic: /t, type: p/msg/T, field: _x}}", "keys.k.field: "),
+        (
+            "actions: {}\nconditions: {C: {topic: /t, type: p/msg/T, field: x, default: 'false'}}",
+            "conditions.C.default: input should be a valid boolean, found 'false'",
+        ),
+        (
+            "actions: {}\nconditions: {C: {service: /s, type: p/srv/T, default: 0.5}}",
+            "conditions.C.default: input should be a valid boolean",
+        ),
         ("actions: &a {Go: 5}\nkeys: *a", "without anchors"),
         ("actions: !!python/object/apply:os.system [ls]", "expected YAML"),
     ],
@@ -104,11 +112,27 @@ def test_a_key_can_be_a_text_and_a_condition_cannot() -> None:
     """The field of a key may be a text, one of its words; that of a condition is true or false."""
     entry = TopicKey(topic="/mode", type="std_msgs/msg/String", field="data")
     message = SimpleNamespace(data="docking", get_fields_and_field_types=lambda: {"data": "string"})
-    key = RosKey("mode", entry, texts=True)
-    key.check(message)
+    key = RosKey("keys.mode", entry, message)
+    key.check(text=True)
     key.take(message)
     assert key.read() == "docking"
     with pytest.raises(
         ConfigError, match=r"keys.mode.field: expected a number or a truth value, found str"
     ):
-        RosKey("mode", entry, texts=False).check(message)
+        key.check(text=False)
+
+
+def test_a_missing_file_has_no_stamp(tmp_path: Path) -> None:
+    """A file that returns with the same text has not changed; a new text or include has."""
+    file = tmp_path / "t.bt"
+    assert stamp(file) == ()
+    file.write_text('include "lib.bt"\nselector { use a Drive }')
+    (tmp_path / "lib.bt").write_text("subtree a = Dock")
+    first = stamp(file)
+    text = file.read_text()
+    file.unlink()
+    assert stamp(file) == ()
+    file.write_text(text)
+    assert stamp(file) == first != ()
+    (tmp_path / "lib.bt").write_text("subtree a = Wave")
+    assert stamp(file) != first

@@ -20,9 +20,12 @@ pytest.importorskip("rclpy", reason="pip install 'islandgp[ros2]'")
 pytest.importorskip("test_msgs", reason="pip install ros-test-msgs")
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
+from rclpy.exceptions import InvalidHandle
 from std_msgs.msg import Float32, String
 
-from islandgp.binding import NodeStatus
+from islandgp.binding import NodeStatus, Tree
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.errors import IslandError
 from islandgp.ros2.node import TreeNode, ros_node
 from islandgp.ros2.robot_map import read_map
@@ -234,6 +237,57 @@ def test_a_changed_file_is_loaded(servers: Servers, robot: Callable[[str], Robot
     assert machine.until(lambda _: bool(servers.calls))
     machine.spin(0.3)
     assert eventually(lambda: servers.cancelled == [HANGS])
+
+
+def test_a_file_that_is_replaced_is_not_changed(
+    servers: Servers, robot: Callable[[str], Robot]
+) -> None:
+    """The goal of a tree goes on while its file is missing, and after it is back."""
+    machine = robot("Wait")
+    assert machine.until(lambda _: servers.goals == [HANGS])
+    machine.file.rename(machine.file.with_suffix(".old"))
+    assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
+    machine.file.with_suffix(".old").rename(machine.file)
+    assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
+    assert servers.goals == [HANGS]
+
+
+def test_fields_are_checked_for_the_tree_that_is_loaded(
+    servers: Servers, robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A text is a key of a tree whose vocabulary has its words, and of no other."""
+    battery = "battery: {topic: /battery, type: std_msgs/msg/Float32"
+    mode = "mode: {topic: /mode, type: std_msgs/msg/String, field: data, default: idle}\n  "
+    assert battery in MAP
+    monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(battery, mode + battery))
+    actions = ("Drive", "Crash", "Hang", "Wait", "Refused", "Nowhere", "Dock", "Lost")
+    keys = {
+        "mode": enumeration("", ["idle", "busy"]),
+        "battery": number("", 0, 100),
+        "person": flag(""),
+    }
+    words = Vocabulary("bot", {action: Action("") for action in actions}, keys)
+    tree = parse("selector { when mode == busy { Dock } Wait }", words)
+    with_words = Tree(tree, words, "with words")
+    monkeypatch.setattr("islandgp.ros2.node.load_tree", lambda *_: with_words)
+    machine = robot("Wait")
+    assert machine.until(lambda _: servers.goals == [HANGS])
+    other = Tree(parse("Dock"), None, "dock")
+    monkeypatch.setattr("islandgp.ros2.node.load_tree", lambda *_: other)
+    machine.file.write_text("Dock")
+    assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
+
+
+def test_an_exception_ends_the_node() -> None:
+    """Executor and node are gone afterwards, and the name is free."""
+    context = ros_node("brief")
+    node, _ = context.__enter__()
+    executor = node.executor
+    error = ValueError("in the body")
+    assert not context.__exit__(ValueError, error, None)
+    assert executor.get_nodes() == []
+    with pytest.raises(InvalidHandle):
+        node.get_name()
 
 
 def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
