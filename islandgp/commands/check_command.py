@@ -68,7 +68,7 @@ def command(
                 if as_json:
                     entries.append(plain_error(each, name))
                 else:
-                    click.echo(message if message.startswith(name) else f"{name}: {message}")
+                    click.echo(message if message.startswith(f"{name}:") else f"{name}: {message}")
             continue
         doubtful += bool(diagnostics)
         if as_json:

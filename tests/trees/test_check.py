@@ -93,6 +93,16 @@ def test_a_wrong_file(islandgp: Cli, tmp_path: Path) -> None:
     assert lines[-1] == "Did you mean MoveToGarbage?"
 
 
+def test_an_error_about_the_whole_tree_names_the_file(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file name with which the message happens to begin is not mistaken for it."""
+    monkeypatch.chdir(tmp_path)
+    Path("E").write_text("selector { PatrolWaypoint }", encoding="utf-8")
+    result = islandgp("check", "--max-depth", 1, "E")
+    assert (result.code, result.out.startswith("E: Expected a tree of at most")) == (1, True)
+
+
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
 def test_examples(islandgp: Cli, file: Path) -> None:
     """Every example is right, and only the poor one is doubtful."""
@@ -170,6 +180,22 @@ def test_warning_in_a_subtree() -> None:
     text = "subtree a = inverter { inverter { SeekCharger } }\nselector { use a use a }"
     doubtful = [w for w in warnings(text, VOCABULARY) if "double" in w.message]
     assert [(w.line, w.column) for w in doubtful] == [(1, 13)]
+
+
+def test_a_warning_names_the_uses_to_which_it_applies() -> None:
+    """A branch that can run in some uses of its subtree only is reported with the other uses."""
+    text = "subtree chk(p) = when batteryLevel < p { SeekCharger }\nselector { %s PatrolWaypoint }"
+    (found,) = warnings(text % "use chk(-3) use chk(50)", VOCABULARY)
+    assert found.message.startswith("this branch can never run: batteryLevel < p can't hold")
+    assert found.message.endswith("; in the use at 2:12")
+    (found,) = warnings(text % "use chk(-3) use chk(-4)", VOCABULARY)
+    assert found.message.endswith("0 to 100")
+    inner = "subtree twice(q) = sequence { use chk(q) }\n"
+    (found,) = warnings(
+        text.replace("\n", f"\n{inner}") % "use chk(50) use twice(-1) use twice(9) use chk(-2)",
+        VOCABULARY,
+    )
+    assert found.message.endswith("; in the uses at 3:24, 3:51")
 
 
 def test_limits(islandgp: Cli, tmp_path: Path) -> None:

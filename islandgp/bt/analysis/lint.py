@@ -6,7 +6,6 @@ written, with a reason.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from islandgp.bt.analysis.truth import (
     root_context,
     shortened,
 )
+from islandgp.bt.core.builder import NodePlace
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse_placed, plain
@@ -83,7 +83,8 @@ def warnings(
     """The warnings about a tree file, in its order, each once.
 
     A part of a subtree that could be removed is reported if it could be removed at every use of
-    the subtree. Warnings about an included subtree are reported at its use.
+    the subtree. Any other warning that holds at some uses only names these uses. Warnings about an
+    included subtree are reported at its use.
 
     Args:
         text: of the file.
@@ -106,15 +107,38 @@ def warnings(
             doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
                 never_run.update(range(at, at + size(places[at].node)))
-    uses = Counter(place.origin for at, place in enumerate(source) if at not in never_run)
-    distinct = {
-        (source[at][:2], code): messages[at]
-        for (origin, code), messages in doubts.items()
-        if code not in ADVICE or len(messages) == uses[origin]
-        for at in sorted(messages, reverse=True)
-    }
+    reached: dict[int, list[int]] = {}  # places that can run, by origin
+    for at, origin in enumerate(place.origin for place in source):
+        if at not in never_run:
+            reached.setdefault(origin, []).append(at)
+    distinct: dict[tuple[tuple[int, int], str], str] = {}
+    for (origin, code), messages in doubts.items():
+        others = [source[at] for at in reached.get(origin, ()) if at not in messages]
+        if code in ADVICE and others:
+            continue
+        uses = _uses_of([source[at] for at in messages], others) if others else ""
+        for at in sorted(messages, reverse=True):
+            line, column, *_ = source[at]
+            distinct[(line, column), code] = messages[at] + uses
     doubtful = [LintWarning(*at, message, code) for (at, code), message in distinct.items()]
     return sorted([*_unused(file), *doubtful])
+
+
+def _uses_of(places: Sequence[NodePlace], others: Sequence[NodePlace]) -> str:
+    """The uses of a subtree to which a warning applies, for its message.
+
+    Args:
+        places: of a node, in the uses to which the warning applies.
+        others: of the same node, in all other uses.
+    """
+    deepest = max(len(place.uses) for place in places)
+    for level in range(1, deepest + 1):  # from the inside: the first level that separates them
+        chains = {place.uses[-level:] for place in places}
+        if chains.isdisjoint(place.uses[-level:] for place in others):
+            uses = sorted({chain[0] for chain in chains})
+            listing = ", ".join(f"{line}:{column}" for line, column in uses)
+            return f"; in the use{'s' * (len(uses) != 1)} at {listing}"
+    return "; in some uses of the subtree"
 
 
 def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:

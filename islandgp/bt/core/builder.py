@@ -47,6 +47,7 @@ class NodePlace(NamedTuple):
     line: int  # from 1
     column: int
     origin: int  # the same for all uses of a node of a subtree
+    uses: tuple[tuple[int, int], ...] = ()  # places of the uses around it, the outermost first
 
 
 class Builder:
@@ -231,18 +232,20 @@ class Builder:
         A node of an included subtree has the place of its use. The parse trees must be placed.
         """
         places: list[NodePlace] = []
-        inside: list[tuple[Iterator[Any], tuple[int, int] | None]] = [(iter(self._places), None)]
+        inside: list[tuple[Iterator[Any], tuple[int, int] | None, tuple[tuple[int, int], ...]]]
+        inside = [(iter(self._places), None, ())]
         while inside:
-            rest, at = inside[-1]
+            rest, at, uses = inside[-1]
             for each in rest:
                 if isinstance(each, tuple):
                     subtree, use = each
                     own = subtree.source is self._scope.source
-                    place = at or (None if own else (use.meta.line, use.meta.column))
-                    inside.append((iter(subtree.places), place))
+                    here = (use.meta.line, use.meta.column)
+                    around = uses if at else (*uses, here)  # a use in an included file has no place
+                    inside.append((iter(subtree.places), at or (None if own else here), around))
                     break
                 line, column = at or (each.line, each.column)
-                places.append(NodePlace(line, column, id(each)))
+                places.append(NodePlace(line, column, id(each), uses))
             else:
                 inside.pop()
         return places
