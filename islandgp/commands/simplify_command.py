@@ -9,7 +9,7 @@ import click
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import domain_of, to_text
 from islandgp.bt.core.node import size
-from islandgp.commands.files import FILE, write_text
+from islandgp.commands.files import FILE, check_other_file, write_text
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
 
@@ -24,6 +24,7 @@ def command(file: str, output: str, explain: bool, options: DomainOptions) -> No
 
     The result is printed with every `use` expanded and without comments.
     """
+    check_other_file(file, output)
     text, vocabulary, tree = read_in_domain(file, options)
     shorter, reasons = simplify(tree, vocabulary)
     domain = domain_of(text)

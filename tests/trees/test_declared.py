@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.core.condition import Condition
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.bt.export.declared import declared
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -133,6 +134,45 @@ def test_conditions_of_actions() -> None:
     declaration = {**LIFT, "actions": {"Up": {"to_start": [["floor", "<", 8]]}}}
     vocabulary = declared(json.dumps(declaration), "", name="lift.json")
     assert vocabulary.action("Up").to_start == (Condition("floor", "<", 8.0),)
+
+
+TWO_ACTIONS = "<TreeNodesModel><Action ID='Charge'/><Action ID='Patrol'/></TreeNodesModel>"
+
+
+@pytest.mark.parametrize("file", ["t.xml", "plain.xml", "t.json"])
+@pytest.mark.parametrize(
+    "condition",
+    ["battery < reserve", "battery <= 5 and a != b", "hot or not lap > 3", "mode == docking"],
+)
+def test_exports_are_read_back_with_a_model(
+    islandgp: Cli, tmp_path: Path, condition: str, file: str
+) -> None:
+    """A model declares no keys; those of an export are those of its conditions, on both sides."""
+    tree, model, exported = tmp_path / "t.bt", tmp_path / "m.xml", tmp_path / file
+    tree.write_text(f"reactive_selector {{ when {condition} abort self {{ Charge }} Patrol }}")
+    model.write_text(TWO_ACTIONS)
+    plain = ["--plain"] * (file == "plain.xml")
+    assert islandgp("export", tree, "--vocabulary", model, "-o", exported, *plain).code == 0
+    result = islandgp("import", exported, "--vocabulary", model)
+    assert (result.code, parse(result.out)) == (0, parse(tree.read_text())), result.err
+
+
+def test_quoted_texts_are_not_keys() -> None:
+    """The words in a text of a script are not read from the blackboard."""
+    xml = f"<root>{TWO_ACTIONS}<A _skipIf=\"mode == 'in dock' || !hot\"/></root>"
+    vocabulary = declared(xml, xml, name="m.xml")
+    assert {name: key.flag for name, key in vocabulary.keys.items()} == {"hot": True, "mode": False}
+
+
+def test_a_word_that_becomes_a_key_is_reported(islandgp: Cli, tmp_path: Path) -> None:
+    """An export says which word it takes as a key, unless the tree has it on the left as well."""
+    model = tmp_path / "m.xml"
+    model.write_text(TWO_ACTIONS)
+    arguments = ["export", "-", "--to", "btcpp", "--plain", "--vocabulary", model]
+    tree = "selector { when mode == docking { Charge } %s Patrol }"
+    assert "docking is taken as a key" in islandgp(*arguments, stdin=tree % "").err
+    compared = tree % "when docking < 3 { Charge }"
+    assert "is taken as a key" not in islandgp(*arguments, stdin=compared).err
 
 
 def test_diff_with_a_vocabulary(islandgp: Cli, tmp_path: Path) -> None:

@@ -121,6 +121,7 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["export", "ok.bt", "-o", "x.pdf"], "expected --to with one of"),
         (["export", "ok.bt", "--to", "json", "-o", "ok.bt"], "found ok.bt itself"),
         (["show", "ok.bt", "--format", "dot", "-o", "ok.bt"], "found ok.bt itself"),
+        (["simplify", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["replay", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["import", "ok.bt", "--from", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["export", "ok.bt", "--header"], "expected --header alone"),

@@ -39,7 +39,7 @@ def tree(tmp_path: Path) -> Path:
     "arguments",
     [
         ["fmt", "mine.bt"],
-        ["simplify", "mine.bt", "-o", "mine.bt"],
+        ["simplify", "-", "-o", "mine.bt"],
         ["show", "-", "--format", "dot", "-o", "mine.bt"],
         ["export", "-", "--to", "json", "-o", "mine.bt"],
         ["replay", "-", "-o", "mine.bt", "--set", "world.episode.length=5"],

@@ -2,7 +2,8 @@
 
 The file is a domain's schema as JSON, as `islandgp domain NAME --json` prints it, or
 BehaviorTree.CPP XML with a `TreeNodesModel`. A model declares no blackboard entries, so the keys
-are those that the tree reads: numbers if they are compared, else flags.
+are those that the tree reads: numbers if they are compared, else flags. A word on the right of a
+comparison is a key, too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 from islandgp.bt.core import parameters
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import STATUS_NAMES, asked_in
+from islandgp.bt.core.node import STATUS_NAMES, Node, asked_in
 from islandgp.bt.core.parameters import Parameter, real, switch, whole
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import shown
@@ -33,6 +34,7 @@ from islandgp.bt.core.vocabulary import (
     is_name,
 )
 from islandgp.bt.export.branching import PRECONDITIONS
+from islandgp.bt.export.json import from_json
 from islandgp.bt.export.nav2 import GATES
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
@@ -43,9 +45,14 @@ UNNAMED: Final = "model"
 
 _PORTS: Final = {"double": "number", "float": "number", "int": "integer", "bool": "flag"}
 """Function that declares an argument, by the type of its port; a text for other types."""
+_NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
+"""A key that a tree compares and that a model does not declare."""
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
 _SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
-_WORD: Final = re.compile(r"([A-Za-z_][A-Za-z0-9_]*)\s*([<>=!]=|[<>])?")
+_TEXT: Final = re.compile("'[^']*'")
+_WORD: Final = re.compile(
+    r"(?P<before>[<>=!]=|[<>])?\s*\b(?P<word>[A-Za-z_]\w*)(?=\s*(?P<after>[<>=!]=|[<>])?)"
+)
 
 
 def declared(
@@ -108,21 +115,36 @@ def _port(port: Element) -> Parameter:
     return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
 
 
+def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
+    """Words of a tree that a model makes keys, but that may be meant as words of a key.
+
+    These are the words on the right of == and != that the tree compares in no other way.
+    """
+    asked = list(asked_in(tree))
+    others = {term.key for term in asked}
+    others |= {term.other for term in asked if term.operator not in ("==", "!=")}
+    undeclared = {name for name, key in vocabulary.keys.items() if key == _NUMBER_KEY}
+    return sorted({term.other for term in asked} & undeclared - others)
+
+
 def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys in the conditions of a tree, which is in the tree language or in XML."""
+    """The keys in the conditions of a tree, which is in the tree language, in XML or in JSON."""
     numbers: dict[str, bool] = {}
-    if tree.lstrip("\ufeff \t\r\n").startswith("<"):
+    start = tree.lstrip("\ufeff \t\r\n")[:1]
+    if start == "<":
         for script in _scripts(read_xml(tree, name=name)):
-            for word, compared in _WORD.findall(script):
-                if word not in ("and", "or", "not", "true", "false"):
-                    numbers[word] = numbers.get(word, False) or bool(compared)
+            for match in _WORD.finditer(_TEXT.sub("''", script)):
+                if (word := match["word"]) not in ("and", "or", "not", "true", "false"):
+                    compared = bool(match["before"] or match["after"])
+                    numbers[word] = numbers.get(word, False) or compared
     else:
-        for term in asked_in(parse(tree, name=name, folder=folder)):
+        is_json = start in ("{", "[")
+        root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
+        for term in asked_in(root):
             compares = term.operator in OPERATORS
             for key in term.keys:
                 numbers[key] = numbers.get(key, False) or compares
-    integer_key = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
-    return {key: integer_key if number else Key("") for key, number in sorted(numbers.items())}
+    return {key: _NUMBER_KEY if number else Key("") for key, number in sorted(numbers.items())}
 
 
 def _scripts(element: Element) -> Iterator[str]:
