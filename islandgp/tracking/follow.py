@@ -29,9 +29,11 @@ from islandgp.tracking.upload import RunUploader
 from islandgp.trust import trust, trusted
 
 PERIOD: Final = 2.0  # s between two looks at a folder; a look costs ten milliseconds
-NICENESS: Final = (
-    5  # an episode's process gets three times the CPU share; higher delays a run's end
-)
+NICENESS: Final = 5
+"""An episode's process gets three times the CPU time of this one.
+
+A higher value would delay the end of a run.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,12 @@ class SyncRequest:
     folder: str
     places: tuple[Place, ...]  # the store of one run; for a folder, stores with known credentials
     status: Status | None = None  # of the run; None: synchronize all runs below `folder`
-    retry: bool = True  # True: repeat a failed request until it succeeds
+    retry: bool = True
+    """True: repeat a failed request until it succeeds.
+
+    A request with the status RUNNING is repeated in any case. A request for a folder succeeds also
+    if some of its runs fail.
+    """
     trusted: frozenset[str] = field(default_factory=trusted)
     """Names of user code that the requesting process trusts."""
 
@@ -54,7 +61,11 @@ class SyncRequest:
 
     @classmethod
     def from_line(cls, line: str) -> Self:
-        """Read a request that `to_line` wrote."""
+        """Read a request that `to_line` wrote.
+
+        Raises:
+            ValueError, KeyError, TypeError: another line.
+        """
         values = json.loads(line)
         places = tuple(Place(**place) for place in values.pop("places"))
         status = values.pop("status")
@@ -68,12 +79,12 @@ class SyncRequest:
 
 
 class EventKind(StrEnum):
-    """A message of the sync process."""
+    """The kind of a message."""
 
     PREPARING = "preparing"  # `text`: the slow step, loading MLflow or making a store; "": done
-    PROGRESS = "progress"  # records were sent, or a followed folder has nothing new
+    PROGRESS = "progress"  # something was sent, or a look at a followed run succeeded
     TROUBLE = "trouble"  # `text`: why a request failed, or, without a folder, the process ended
-    DONE = "done"  # the last request for a folder was executed; `text`: what could not be sent
+    DONE = "done"  # the last request for a folder was executed; `text`: the first failure, or ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,14 +96,14 @@ class SyncEvent:
 
     kind: EventKind
     text: str = ""
-    folder: str = ""  # of the request; "": of none, or records of any request were sent
+    folder: str = ""  # of the request; "" if the event concerns no single request
 
 
 OnEvent = Callable[[SyncEvent], None]
 
 
 class Follower:
-    """Executes requests in turn; followed runs every PERIOD."""
+    """Executes the open requests in turn, every PERIOD and when a request arrives."""
 
     def __init__(self, on_event: OnEvent) -> None:
         self._on_event = on_event
@@ -116,7 +127,11 @@ class Follower:
         """Execute a request once; return True unless it failed."""
         trust(request.trusted)
         try:
-            text = self._sync(request) if request.status is None else self._send(request)
+            text = ""
+            if request.status is None:
+                text = self._sync(request)
+            else:
+                self._send(request, request.status)
         except Exception as error:  # a store may fail in any way, and a folder be damaged
             self._uploaders.pop(request.folder, None)  # the store may have been replaced
             self._on_event(SyncEvent(EventKind.TROUBLE, brief(error), request.folder))
@@ -126,19 +141,17 @@ class Follower:
         self._on_event(SyncEvent(kind, text, request.folder))
         return True
 
-    def _send(self, request: SyncRequest) -> str:
-        """Send one run; return "", as a failure raises."""
-        assert request.status is not None
+    def _send(self, request: SyncRequest, status: Status) -> None:
+        """Send one run."""
         (place,) = request.places
         uploader = self._uploaders.get(request.folder)
         if uploader is None or uploader.store.place != place:
             store = Store(place, self._preparing)
             uploader = RunUploader(RunFolder(Path(request.folder)), store, self._progress)
             self._uploaders[request.folder] = uploader
-        uploader.send(request.status)
-        if request.status is not Status.RUNNING:
+        uploader.send(status)
+        if status is not Status.RUNNING:
             del self._uploaders[request.folder]
-        return ""
 
     def _sync(self, request: SyncRequest) -> str:
         """Synchronize a folder; return the first failure, or ""."""

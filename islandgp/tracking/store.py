@@ -241,7 +241,7 @@ def quiet() -> None:
 
 
 def load_alone() -> None:
-    """Imports MLflow in two thirds of the time, in a process with no other thread.
+    """Imports MLflow in two thirds of the time, while no other thread imports modules.
 
     Optional packages that are not needed for tracking are hidden during the import.
     """
