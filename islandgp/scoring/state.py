@@ -76,7 +76,7 @@ class PopulationState:
     multipliers: dict[str, float]  # of the next generation's stage
 
     @property
-    def quality(self) -> int:
+    def quality_count(self) -> int:
         """Number of individuals that reach the first milestone."""
         return self.now.tiers[next(iter(self.milestones_reached))]
 

@@ -1,7 +1,8 @@
-"""The offline expert: Tables 6, 7 and 8 as a deterministic policy, without a language model.
+"""The offline expert: Tables 6, 7 and 8 as rules, without a language model.
 
-Like the paper's prompt it considers quality first: the existence of Complete and Excellent Robots
-is a better sign of progress than raw fitness, which single-task specialists inflate.
+The tree is drawn from the run's random stream; all else follows from the state. Like the paper's
+prompt, the rules consider quality first: the existence of Complete and Excellent Robots is a better
+sign of progress than raw fitness, which single-task specialists inflate.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class Size(BaseModel, frozen=True, extra="forbid"):
     depth: int = Field(ge=1)  # most levels
     nodes: int = Field(ge=1)  # most nodes
 
-    def holds(self, tree: Node) -> bool:
+    def admits(self, tree: Node) -> bool:
         """True if `tree` is within the limits."""
         return within(tree, Limits(self.depth, self.nodes))
 
@@ -39,36 +40,37 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     multiple: int = Field(ge=1)  # quality individuals that Table 8 calls "multiple"
     plateau: int = Field(ge=1)  # generations without improvement that are "stagnating"
     strong: float = Field(gt=0)  # relative rise of the best over the window that is "strong"
-    rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is missing
+    rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     collapse: float = Field(ge=0, le=1)  # diversity, Eq. (3), below which it has collapsed
-    compact: Size  # section 2.4.6: of trees until the first robot of the first milestone
+    compact: Size
+    """Limits of injected trees until a robot reaches the first milestone (section 2.4.6)."""
     hardest: tuple[str, ...] | None = None
     """Behaviours, the hardest to find first, to break ties. None: `classes.hardest`. Names that
     the experiment does not have are skipped; behaviours that are not listed follow in reverse
     order."""
 
     @model_validator(mode="after")
-    def _complete(self) -> ExpertSettings:
+    def _check_rates(self) -> ExpertSettings:
         check_ranges("rates", self.rates)
         return self
 
 
 def exploitation_level(state: PopulationState, settings: ExpertSettings) -> float:
     """Position in the phase's rate range, in [0, 1]; 0: its high end. Rises with working robots."""
-    return min(1.0, max(state.now.working, state.quality / (2 * settings.multiple)))
+    return min(1.0, max(state.now.working, state.quality_count / (2 * settings.multiple)))
 
 
 def classify_phase(state: PopulationState, settings: ExpertSettings) -> Phase:
     """The phase of the state, Table 8."""
     is_stuck = state.stagnant_generations >= settings.plateau
-    if not state.quality:
+    if not state.quality_count:
         if state.ever_quality:
             collapsed = state.now.diversity < settings.collapse
             return Phase.CRISIS_INTERVENTION if collapsed else Phase.AGGRESSIVE_EXPLORATION
         return Phase.EARLY_EXPLORATION
     if state.now.diversity < settings.collapse:
         return Phase.AGGRESSIVE_EXPLORATION
-    if state.quality >= settings.multiple:
+    if state.quality_count >= settings.multiple:
         if rising(state, settings):
             return Phase.EXPLOITATION
         return Phase.BALANCED_OPTIMIZATION if is_stuck else Phase.REFINEMENT
@@ -102,8 +104,9 @@ def wanted_rate(state: PopulationState, settings: ExpertSettings) -> float:
 def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
     """The target of the next tree (Table 7 of the paper).
 
-    Missing behaviours come first, then a crisis, then rare behaviours. Until the first robot of
-    the first milestone only single behaviours are injected, so that evolution combines them.
+    Missing behaviours come first, then a crisis, then rare behaviours. Until a robot reaches the
+    first milestone, the target is a single behaviour, so that evolution combines them; in a crisis
+    it is EXPLORATION.
     """
     counts = state.now.behaviour_counts
     order = [*(name for name in settings.hardest or () if name in counts), *reversed(counts)]
@@ -114,6 +117,8 @@ def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
         return EXPLORATION
     if not state.ever_quality or counts[rarest] < settings.rare * state.population:
         return rarest
+    # No behaviour is rare by its share. After a collapse of diversity, Table 7's tree for a rare
+    # one is injected all the same.
     return RARE if state.now.diversity < settings.collapse else INTEGRATION
 
 
@@ -131,7 +136,13 @@ class Expert:
 
     @classmethod
     def make(cls, settings: ExpertSettings, context: RunContext) -> Self:
-        """See `Supervisor`."""
+        """See `Supervisor`.
+
+        Raises:
+            ConfigError: all trees of the library for a behaviour are larger than `compact`, or the
+                library is not valid.
+            TreeError: a tree of the library is not valid.
+        """
         if settings.hardest is None:
             settings = settings.model_copy(update={"hardest": context.classes.hardest})
         expert = cls(settings, context.library())
@@ -151,14 +162,14 @@ class Expert:
     def fitting(self, target: str, *, compact: bool) -> list[str]:
         """Names of the library's trees for a target; with `compact` only those within its size."""
         names = self.library.targets.get(target, ())
-        fits = self.settings.compact.holds
+        fits = self.settings.compact.admits
         return [n for n in names if not compact or fits(self.library.trees[n])]
 
     def pick(self, target: str, state: PopulationState, rng: np.random.Generator) -> str:
         """Draws the name of a tree for a target.
 
         If the library has none, one for the rarest behaviour with a tree is drawn instead. "" if
-        the library is empty because the search for it found no tree.
+        the library is empty, as an automatic one may be.
         """
         compact = not state.ever_quality
         candidates = (
@@ -181,7 +192,7 @@ class Expert:
         settings = self.settings
         phase, pattern = classify_phase(state, settings), classify_pattern(state, settings)
         target = choose_target(state, settings)
-        tree = self.tree_for(target, state, rng)
+        tree_fields = self.tree_for(target, state, rng)
         goal = f"{title(next(iter(state.milestones_reached)))} {self.agent}s"
         return Guidance(
             mutation_rate=wanted_rate(state, settings),
@@ -190,8 +201,8 @@ class Expert:
             pattern=pattern,
             target=target,
             intervention=phase in (Phase.CRISIS_INTERVENTION, Phase.AGGRESSIVE_EXPLORATION),
-            risk=f"disruption of {goal}" if state.quality else "premature convergence",
-            reasoning=f"{state.quality} {goal}, {state.stagnant_generations} generations"
+            risk=f"disruption of {goal}" if state.quality_count else "premature convergence",
+            reasoning=f"{state.quality_count} {goal}, {state.stagnant_generations} generations"
             f" without a better best, diversity {state.now.diversity:.2f}",
-            **tree,
+            **tree_fields,
         )

@@ -128,7 +128,7 @@ def test_state_after_seven_generations() -> None:
     assert population_state.diversity_trend == pytest.approx(-0.0625)
     assert (population_state.stagnant_generations, population_state.stagnant_epochs) == (6, 1.2)
     assert population_state.milestones_reached == {"complete": True, "excellent": True}
-    assert (population_state.quality, population_state.ever_quality) == (0, True)
+    assert (population_state.quality_count, population_state.ever_quality) == (0, True)
     assert (population_state.dominant, population_state.mutation_rate) == ("patrol_only", 0.4)
 
 
@@ -136,8 +136,8 @@ def test_milestones() -> None:
     """Milestones are of the whole history, `quality` of the first one and the present."""
     population_state = state([snapshot(0, complete=1), snapshot(1, complete=3)])
     assert population_state.milestones_reached == {"complete": True, "excellent": False}
-    assert (population_state.quality, population_state.ever_quality) == (3, True)
-    assert (state([snapshot(0)]).quality, state([snapshot(0)]).ever_quality) == (0, False)
+    assert (population_state.quality_count, population_state.ever_quality) == (3, True)
+    assert (state([snapshot(0)]).quality_count, state([snapshot(0)]).ever_quality) == (0, False)
     assert population_state.targets == CLASSES.targets
 
 

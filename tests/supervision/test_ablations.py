@@ -91,7 +91,7 @@ def test_random_injection_is_as_compact_as_the_expert() -> None:
     for i in range(50):
         tree = supervisor.advise(state(), np.random.default_rng(i)).tree
         assert tree is not None
-        assert supervisor.settings.compact.holds(tree)
+        assert supervisor.settings.compact.admits(tree)
 
 
 def test_random_injection_takes_trees_of_the_same_library() -> None:
