@@ -102,7 +102,7 @@ def _ours(tree: Node) -> Prepare:
         tree,
         dict.fromkeys(VOCABULARY.actions, lambda _fresh: status),
         board,
-        VOCABULARY.places,
+        VOCABULARY.key_index,
     )
 
     def prepare(situation: Situation) -> Callable[[], object]:

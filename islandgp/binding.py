@@ -227,9 +227,9 @@ class RobotTree:
             return leaves[-1]
 
         node = self.tree.node
-        places = {name: place for place, name in enumerate(self._key_names)}
+        key_index = {name: index for index, name in enumerate(self._key_names)}
         self._tick = compile_tree(
-            node, leaf_of, self._board, places, watch=self._watch, step_s=self._step_s
+            node, leaf_of, self._board, key_index, watch=self._watch, step_s=self._step_s
         )
         self._by_place = dict(zip([place for place, _ in _leaves(node)], leaves, strict=True))
         self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))

@@ -225,14 +225,14 @@ class Stepped:
     ) -> Outcome:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
         scene = getattr(episode, "scene", lambda: None)
-        places = self.schema.vocabulary.places
-        board = [0.0] * len(places)
+        key_index = self.schema.vocabulary.key_index
+        board = [0.0] * len(key_index)
         watch = None if observer is None else observer.node
         tick = compile_tree(
             tree,
             leaves.tick_of,
             board,
-            places,
+            key_index,
             watch=watch,
             stopped=leaves.stopper(tree),
             step_s=self.step_s,

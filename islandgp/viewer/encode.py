@@ -8,9 +8,8 @@ from itertools import groupby, pairwise
 from math import inf, isfinite
 from typing import Any, Final
 
-from islandgp.bt.core.engine import thresholds
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import SUCCESS, walk
+from islandgp.bt.core.node import SUCCESS, thresholds, walk
 from islandgp.bt.core.vocabulary import Key
 from islandgp.bt.export.render import label, lay_out
 from islandgp.domain import Thing

@@ -26,7 +26,7 @@ class Engine:
     """A compiled tree whose state can be read and restored; a script sets its results."""
 
     def __init__(self, tree: Node, vocabulary: Vocabulary) -> None:
-        self.board = [0.0] * len(vocabulary.places)
+        self.board = [0.0] * len(vocabulary.key_index)
         self.calls: list[int] = []  # places of the actions that were ticked in the last tick
         self.script: Callable[[int], int] = int
         places = (place for place, node in enumerate(walk(tree)) if node.action)
@@ -42,7 +42,7 @@ class Engine:
 
                 return act
 
-        self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.places, step_s=1.0)
+        self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.key_index, step_s=1.0)
         self._cells: list[CellType] = []
         self._lists: list[list[Any]] = []
         self._find(self.tick, set())
@@ -155,7 +155,7 @@ def all_boards(tree: Node, vocabulary: Vocabulary, *also: ConditionExpr) -> list
         for name, key in vocabulary.keys.items()
     ]
     board = [0.0] * len(values)
-    holds = [condition(each, board, vocabulary.places) for each in expressions]
+    holds = [condition(each, board, vocabulary.key_index) for each in expressions]
     by_truth: dict[tuple[bool, ...], list[float]] = {}
     for each in product(*values):
         board[:] = each

@@ -51,7 +51,7 @@ class Stage:
             short_tree(text),
             actions,
             self._board,
-            VOCABULARY.places,
+            VOCABULARY.key_index,
             watch=lambda *event: self.events.append(event),
             step_s=1.0,
         )
@@ -70,7 +70,7 @@ class Stage:
 
     def _set(self, **values: float) -> None:
         for letter, value in values.items():
-            self._board[VOCABULARY.places[_KEYS[letter]]] = value
+            self._board[VOCABULARY.key_index[_KEYS[letter]]] = value
 
     def _action(self, letter: str, script: str) -> Callable[[bool], int]:
         coming = list(script)

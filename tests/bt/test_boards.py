@@ -22,7 +22,7 @@ from islandgp.bt.core.vocabulary import Key, Vocabulary, flag, integer, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.strategies import conditions, few_boards, few_numbers
 
-PLACES = VOCABULARY.places
+PLACES = VOCABULARY.key_index
 
 
 def island(text: str) -> ConditionExpr:

@@ -35,7 +35,7 @@ from tests.composed import composed
 from tests.profiles import examples
 from tests.strategies import conditions, few_boards, few_numbers
 
-PLACES = VOCABULARY.places
+PLACES = VOCABULARY.key_index
 EXPRESSIONS = conditions(few_numbers(), pairs=True)
 P, Q = Condition("foundGarbage", "is", 0.0), Condition("isHumanoidWantToClear", "is", 0.0)
 LOW = Condition("batteryLevel", "<", 2.0)

@@ -8,13 +8,21 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
-from islandgp.bt.core.engine import ABORTED, compile_tree, condition, thresholds
+from islandgp.bt.core.engine import ABORTED, compile_tree, condition
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, SecondsArgs, guard_of
+from islandgp.bt.core.node import (
+    AGAIN,
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    SecondsArgs,
+    guard_of,
+    thresholds,
+)
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt.stage import Stage, short_tree
 
-PLACES = VOCABULARY.places
+PLACES = VOCABULARY.key_index
 DOCS = Path(__file__).parents[2] / "docs"
 
 

@@ -17,7 +17,7 @@ from tests.strategies import few_boards, few_numbers, nodes
 
 Call = tuple[str, bool, int]  # (leaf, fresh, status)
 
-PLACES = VOCABULARY.places
+PLACES = VOCABULARY.key_index
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3)
 QUIET = nodes(few_numbers(), max_leaves=10, max_repeats=3, timed=False)  # a clock is never quiet
 BOARDS = st.lists(few_boards(), min_size=2, max_size=12)

@@ -173,7 +173,7 @@ def test_leaves_get_their_arguments() -> None:
         return lambda _fresh: SUCCESS
 
     tree = read("sequence { MoveTo(speed: 0.7, loud: yes, tries: 2) MoveTo }")
-    assert compile_tree(tree, tick_of, [0.0, 0.0], BOT.places)() == SUCCESS  # type: ignore[arg-type]
+    assert compile_tree(tree, tick_of, [0.0, 0.0], BOT.key_index)() == SUCCESS  # type: ignore[arg-type]
     assert arguments[0]["speed"] == 0.7
     assert arguments[0]["loud"] is True
     assert type(arguments[0]["tries"]) is int

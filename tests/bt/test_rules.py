@@ -36,7 +36,7 @@ def check(tree: Node, action: str, expr: ConditionExpr, steps: int = 10**6) -> R
 
 def holds(expr: ConditionExpr, board: list[float]) -> bool:
     """Whether a condition holds on a blackboard."""
-    return condition(expr, board, VOCABULARY.places)()
+    return condition(expr, board, VOCABULARY.key_index)()
 
 
 def compare(tree: Node, action: str, expr: ConditionExpr) -> None:

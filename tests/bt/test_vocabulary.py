@@ -118,7 +118,7 @@ def test_an_action_comes_after_other_actions(before: str) -> None:
 
 def test_places_are_in_the_order_of_the_keys() -> None:
     """The index of a key on a blackboard is its place in the vocabulary."""
-    assert MAZE.places == {"wall": 0, "steps": 1}
+    assert MAZE.key_index == {"wall": 0, "steps": 1}
 
 
 def test_what_always_holds() -> None:

@@ -419,7 +419,7 @@ def test_values_beyond_the_range_are_cut() -> None:
     domain = read_settings(config).make_domain()
     boards = _Boards()
     domain.run_episode(parse("PushRight", domain.schema.vocabulary), 0, {}, boards)
-    speeds = [board[domain.schema.vocabulary.places["speed"]] for board in boards.boards]
+    speeds = [board[domain.schema.vocabulary.key_index["speed"]] for board in boards.boards]
     assert max(speeds) == 0.3
     assert len({speed for speed in speeds if -0.3 < speed < 0.3}) > 1
 
@@ -437,7 +437,7 @@ def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
     domain = read_settings(config).make_domain()
     boards, vocabulary = _Boards(), domain.schema.vocabulary
     domain.run_episode(parse("PushRight", vocabulary), 0, {}, boards)
-    at = vocabulary.places
+    at = vocabulary.key_index
     sums = [board[at["mixed"]] for board in boards.boards]
     assert sums == pytest.approx(
         [sum(weights[name] * board[at[name]] for name in weights) for board in boards.boards]

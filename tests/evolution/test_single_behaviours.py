@@ -69,7 +69,7 @@ def episode(tree: Node) -> Outcome:
         "Rest": lambda _fresh: RUNNING,
         "Fly": lambda _fresh: FAILURE,
     }
-    tick = compile_tree(tree, actions, board, STORE.places)
+    tick = compile_tree(tree, actions, board, STORE.key_index)
     for _ in range(TICKS):
         used.clear()
         tick()

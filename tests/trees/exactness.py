@@ -71,7 +71,7 @@ from tests.trees.targets import (
 )
 from tests.trees.worlds import random_trees
 
-PLACES: Final = VOCABULARY.places
+PLACES: Final = VOCABULARY.key_index
 EXAMPLES: Final = sorted(
     (resource("grammar") / "examples").glob("*.bt"), key=lambda path: path.name
 )

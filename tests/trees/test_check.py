@@ -242,7 +242,7 @@ class Facts:
             if status == SUCCESS:
                 for need in action.to_succeed:
                     if need.key not in changed:
-                        assert condition(need, values, VOCABULARY.places)(), (name, need, board)
+                        assert condition(need, values, VOCABULARY.key_index)(), (name, need, board)
                 changed |= action.changes.keys()
         self.results.clear()
 

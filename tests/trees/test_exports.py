@@ -75,7 +75,7 @@ def ours(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
         tree,
         {name: action(name) for name in leaves(tree)},
         board,
-        VOCABULARY.places,
+        VOCABULARY.key_index,
         step_s=1.0,
     )
     trace: Trace = []
@@ -311,7 +311,7 @@ def agreement(name: str, *, plain: bool) -> float:
 
     board = [0.0] * len(VOCABULARY.keys)
     actions = {leaf: lambda _, leaf=leaf: result(leaf) for leaf in place}
-    tick = compile_tree(tree, actions, board, VOCABULARY.places)
+    tick = compile_tree(tree, actions, board, VOCABULARY.key_index)
     module: dict[str, Any] = {}
     exec(py_trees.to_python(tree, VOCABULARY, plain=plain), module)
     library.blackboard.Blackboard.clear()

@@ -191,7 +191,7 @@ def test_branching_in_the_library(xml: str) -> None:
     for _ in range(30):
         results = [rng.choice([FAILURE, SUCCESS, RUNNING, RUNNING]) for _ in range(60)]
         boards = [[float(rng.randint(0, 1)), float(rng.randint(0, 3))] for _ in range(20)]
-        trace = ours(tree, boards, results, ROBOT.places)
+        trace = ours(tree, boards, results, ROBOT.key_index)
         assert trace == in_the_library(text, boards, results)
 
 

@@ -56,7 +56,7 @@ def trace(tree: Node, boards: list[list[float]], results: list[int]) -> Trace:
             aborted.append(leaves[place])
 
     actions = {name: action(name) for name in leaves.values()}
-    tick = compile_tree(tree, actions, board, VOCABULARY.places, watch=watch, step_s=1.0)
+    tick = compile_tree(tree, actions, board, VOCABULARY.key_index, watch=watch, step_s=1.0)
     ticks: Trace = []
     for values in boards:
         board[:] = values

@@ -111,7 +111,7 @@ class Small:
 
         watch = None if observer is None else observer.node
         actions = {"Go": go, "Stay": lambda fresh: SUCCESS}
-        tick = compile_tree(tree, actions, board, self.schema.vocabulary.places, watch=watch)
+        tick = compile_tree(tree, actions, board, self.schema.vocabulary.key_index, watch=watch)
         for number_ in range(self.ticks):
             tick()
             if observer is not None and not self.silent:

@@ -52,7 +52,7 @@ class BoardSets:
 
     def __init__(self, keys: Mapping[str, Key]) -> None:
         self.exact = True
-        self.places = {name: place for place, name in enumerate(keys)}
+        self.key_index = {name: index for index, name in enumerate(keys)}
         self._keys = tuple(keys.values())
         self._ranges = [_range(key) for key in self._keys]
         self._differences: dict[tuple[str, ...], int] = {}
@@ -140,15 +140,15 @@ class BoardSets:
         }[expr.operator]
         if expr.other:
             return self._number(self._difference(expr), cuts, parts)
-        place = self.places[expr.key]
-        if self._keys[place].whole:  # above 3 is the same as from 4 on
+        index = self.key_index[expr.key]
+        if self._keys[index].whole:  # above 3 is the same as from 4 on
             cuts = tuple((x + 1, 0) if above and x % 1 == 0 else (x, above) for _, above in cuts)
-        low, high = self._ranges[place]
+        low, high = self._ranges[index]
         while cuts and cuts[0] <= low:
             cuts, parts = cuts[1:], parts[1:]
         while cuts and cuts[-1] >= high:
             cuts, parts = cuts[:-1], parts[:-1]
-        return self._number(place, cuts, parts)
+        return self._number(index, cuts, parts)
 
     def _difference(self, expr: Condition) -> int:
         """The index of the difference of two keys, after those of the keys."""

@@ -84,7 +84,7 @@ class _Tick:
             holds = condition(
                 guard_of(self._machine.nodes[guard]).condition,
                 self._board,
-                self._machine.sets.places,
+                self._machine.sets.key_index,
             )
             self._truth[guard] = holds()
         return self._truth[guard]

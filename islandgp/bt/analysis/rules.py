@@ -225,7 +225,7 @@ def _ticks(
     returns: dict[int, int] = {}
     statuses: dict[int, int] = {}
     tick = compile_tree(
-        tree, _Scripted(tree, returns), board, vocabulary.places, watch=statuses.__setitem__
+        tree, _Scripted(tree, returns), board, vocabulary.key_index, watch=statuses.__setitem__
     )
     keys = {*keys_in(tree), *(term.key for term in terms(rule.condition))}
     ticks = []
@@ -235,7 +235,7 @@ def _ticks(
         returns.update(calls)
         statuses.clear()
         tick()
-        keys_in_tick = {key: board[at] for key, at in vocabulary.places.items() if key in keys}
+        keys_in_tick = {key: board[at] for key, at in vocabulary.key_index.items() if key in keys}
         ticks.append(CounterTick(keys_in_tick, tuple(sorted(statuses.items()))))
     return tuple(ticks)
 

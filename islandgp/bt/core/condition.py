@@ -124,18 +124,20 @@ def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> Con
     return negate(parts[0]) if expr.word == "not" else combine(expr.word, parts)
 
 
-def condition(expr: ConditionExpr, board: Board, places: Mapping[str, int]) -> Callable[[], bool]:
+def condition(
+    expr: ConditionExpr, board: Board, key_index: Mapping[str, int]
+) -> Callable[[], bool]:
     """True if the condition holds on the board at the moment of the call.
 
-    `places` is the index of each key on the board.
+    `key_index` is the index of each key on the board.
     """
     if isinstance(expr, Compound):
-        return _compiled(_expression(expr, places))(board)
+        return _compiled(_expression(expr, key_index))(board)
     if expr.other:
-        return _compiled(_expression(expr, places))(board)
+        return _compiled(_expression(expr, key_index))(board)
     if expr.operator not in _CLOSURES:
         raise ValueError(_unknown_operator(expr.operator))
-    return _CLOSURES[expr.operator](board, places[expr.key], expr.number)
+    return _CLOSURES[expr.operator](board, key_index[expr.key], expr.number)
 
 
 _CLOSURES: Final[Mapping[str, Callable[[Board, int, float], Callable[[], bool]]]] = {
@@ -154,16 +156,16 @@ def _unknown_operator(operator: str) -> str:
     return f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}."
 
 
-def _expression(expr: ConditionExpr, places: Mapping[str, int]) -> str:
+def _expression(expr: ConditionExpr, key_index: Mapping[str, int]) -> str:
     """The condition as Python source; only numbers are copied from the tree into it."""
     if isinstance(expr, Compound):
-        parts = [_expression(part, places) for part in expr.parts]
+        parts = [_expression(part, key_index) for part in expr.parts]
         return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"
     operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
     if operator not in OPERATORS:
         raise ValueError(_unknown_operator(operator))
-    right = f"board[{places[expr.other]:d}]" if expr.other else repr(float(expr.number))
-    return f"(board[{places[expr.key]:d}] {operator} {right})"
+    right = f"board[{key_index[expr.other]:d}]" if expr.other else repr(float(expr.number))
+    return f"(board[{key_index[expr.key]:d}] {operator} {right})"
 
 
 @lru_cache(maxsize=1024)

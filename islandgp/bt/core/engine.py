@@ -23,18 +23,14 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
-    asked_in,
 )
 from islandgp.errors import DomainError
 
-__all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition", "thresholds"]
+__all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition"]
 
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
 Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document order, status)
-
-Stopped: TypeAlias = Callable[[int, int], None]  # (first position, position after the last)
-
 
 Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
 
@@ -43,10 +39,10 @@ def compile_tree(
     tree: Node,
     actions: Actions,
     board: Board,
-    places: Mapping[str, int],
+    key_index: Mapping[str, int],
     *,
     watch: Watch | None = None,
-    stopped: Stopped | None = None,
+    stopped: ReportStopped | None = None,
     step_s: float | None = None,
 ) -> Callable[[], int]:
     """Compiles a tree to a function that ticks it once.
@@ -57,12 +53,13 @@ def compile_tree(
             function that makes one from the arguments of a leaf. It is called with `fresh`: True
             if the leaf starts now, False if it was RUNNING in the tick before.
         board: a value per key; the caller may change them between ticks only.
-        places: index of each key in `board`, as `Vocabulary.places`.
+        key_index: index of each key in `board`, as `Vocabulary.key_index`.
         watch: called for each node that is ticked, children before parents, and with ABORTED for
-            each running node that is stopped. None is fastest; then no abort is
-            reported, and an aborted action is only called with `fresh` True at its next start.
-        stopped: called with the positions of each part of the tree that is stopped, of which any
-            nodes may have been running. It costs nothing in a tick without an abort.
+            each running node that is stopped. None is fastest; then no node is reported, and aborts
+            only to `stopped`. An aborted action is called with `fresh` True at its next start.
+        stopped: called with the range of positions of each stopped subtree: the first, and that
+            after the last. Not all of its nodes were running. It costs nothing in a tick without an
+            abort.
         step_s: seconds between two ticks, > 0; required if the tree counts seconds. A tree that
             `needs_each_tick` has to be ticked in each step.
 
@@ -72,10 +69,10 @@ def compile_tree(
         after AGAIN it must not skip the next tick (see `node.AGAIN`).
 
     Raises:
-        KeyError: an action of the tree is missing in `actions`, or a key in `places`.
+        KeyError: an action of the tree is missing in `actions`, or a key in `key_index`.
         DomainError: the tree counts seconds, and `step_s` is None.
     """
-    compiler = _Compiler(actions, board, places, watch, stopped, step_s)
+    compiler = _Compiler(actions, board, key_index, watch, stopped, step_s)
     root = compiler.compile(tree, None)
     fresh, timed = True, needs_each_tick(tree)
 
@@ -86,6 +83,7 @@ def compile_tree(
         status = root(fresh)
         fresh = status < RUNNING
         if compiler.stopped_midtick:
+            # The effect of the aborted action, such as driving, ends on the next tick.
             compiler.stopped_midtick = False
             return AGAIN if status == RUNNING else status
         return status
@@ -105,16 +103,16 @@ class _Compiler:
         self,
         actions: Actions,
         board: Board,
-        places: Mapping[str, int],
+        key_index: Mapping[str, int],
         watch: Watch | None,
-        stopped: Stopped | None,
+        stopped: ReportStopped | None,
         step_s: float | None,
     ) -> None:
         self._step_s = step_s
-        self.now = 0  # number of the tick; it is counted only in a tree with times
+        self.now = 0  # number of the tick; counted only in a tree that `needs_each_tick`
         self._actions = actions
         self._board = board
-        self._key_index = places
+        self._key_index = key_index
         self._watch = watch
         self._running: list[bool] = []  # by position
         self._stopped = stopped or _ignore
@@ -234,7 +232,7 @@ class _Compiler:
     def _when(self, node: Node, observed: Observed | None) -> Tick:
         assert node.guard is not None
         holds = condition(node.guard.condition, self._board, self._key_index)
-        truth: list[bool | None] = [None]
+        truth: list[bool | None] = [None]  # a slot of its own that no composite observes
         slot = 0
         if observed is not None and node.guard.interrupts:
             truth, slot = observed.truth, observed.add(holds)
@@ -290,19 +288,6 @@ _MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = 
     "when": _Compiler._when,
 }
 """The method that compiles each kind of inner node."""
-
-
-def thresholds(tree: Node, key: str) -> tuple[float, ...]:
-    """The distinct numbers with which a tree compares a key, ascending.
-
-    While the key's value stays strictly between two neighbours, no comparison changes its truth.
-    """
-    return tuple(sorted({term.number for term in asked_in(tree) if term.keys == (key,)}))
-
-
-def compares_keys(tree: Node, key: str) -> bool:
-    """True if a tree compares a key with another key."""
-    return any(term.other and key in term.keys for term in asked_in(tree))
 
 
 def _ignore(first: int, end: int) -> None:

@@ -209,6 +209,19 @@ def asked_in(tree: Node) -> Iterator[Condition]:
             yield from terms(node.guard.condition)
 
 
+def thresholds(tree: Node, key: str) -> tuple[float, ...]:
+    """The distinct numbers with which a tree compares a key, ascending.
+
+    While the key's value stays strictly between two neighbours, no comparison changes its truth.
+    """
+    return tuple(sorted({term.number for term in asked_in(tree) if term.keys == (key,)}))
+
+
+def compares_keys(tree: Node, key: str) -> bool:
+    """True if a tree compares a key with another key."""
+    return any(term.other and key in term.keys for term in asked_in(tree))
+
+
 def size(node: Node) -> int:
     """Number of nodes, >= 1."""
     return 1 + sum(map(size, node.children))

@@ -291,9 +291,9 @@ class Vocabulary:
         return hash((self.domain, *self.actions, *self.keys))
 
     @cached_property
-    def places(self) -> dict[str, int]:
+    def key_index(self) -> dict[str, int]:
         """The index of each key on a blackboard."""
-        return {name: place for place, name in enumerate(self.keys)}
+        return {name: index for index, name in enumerate(self.keys)}
 
     @cached_property
     def always(self) -> tuple[Condition, ...]:

@@ -16,9 +16,9 @@ from enum import StrEnum
 from functools import partial
 from math import hypot
 
-from islandgp.bt.core.engine import compares_keys, compile_tree, thresholds
+from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import needs_each_tick
-from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
+from islandgp.bt.core.node import AGAIN, RUNNING, Node, compares_keys, thresholds, walk
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.compiled import Crowded, compiled_for
@@ -208,7 +208,7 @@ def _simulate(
     bound = _bound_actions(tree, island, actions)
     board = island.board if sensors is None else list(island.board)
     tick = compile_tree(
-        tree, bound, board, VOCABULARY.places, watch=watch, step_s=island.world.episode.step
+        tree, bound, board, VOCABULARY.key_index, watch=watch, step_s=island.world.episode.step
     )
     if sensors is not None:
         tick = _sensing(tick, island.board, board, sensors)
