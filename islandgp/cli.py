@@ -6,6 +6,7 @@ import os
 import re
 import sys
 from contextlib import suppress
+from decimal import Decimal
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -155,10 +156,8 @@ ERRORS: Final = (
         r"Invalid value for (.+?): (File|Directory) '(.+)' is not (readable|writable)",
         r"\1: expected a \2 that is \4, found \3, which is not",
     ),
-    (
-        r"Invalid value for (.+?): (File|Directory) '(.+)' .+",
-        r"\1: expected a \2 at \3, found none",
-    ),
+    (r"Invalid value for (.+?): File '(.+)' .+", r"\1: there is no file \2"),
+    (r"Invalid value for (.+?): Directory '(.+)' .+", r"\1: there is no folder \2"),
 )
 """Patterns of Click's messages, with their replacements."""
 
@@ -175,12 +174,24 @@ def one_line(error: click.ClickException) -> str:
         text = f"expected another option, found {error.option_name}"
         remedy = f"did you mean {near[0]}?" if near else remedy
     text = re.sub(r"[^\s']{300,}", lambda word: f"{word[0][:100]}...", text)
+    text = re.sub("(?<= is not in the range ).+", lambda match: range_in_words(match[0]), text)
     for pattern, form in ERRORS:
         if match := re.fullmatch(pattern, text):
             text = match.expand(form)
             break
     line = f"{text[:1].lower()}{text[1:]}{'' if text.endswith('?') else f'; {remedy}'}"
     return f"{command}: {line}" if command else line
+
+
+def range_in_words(text: str) -> str:
+    """A range as Click writes it, such as 1e-06<=x<=86400, in words."""
+    words = {"<": "below", "<=": "at most", ">": "above", ">=": "at least"}
+    number = r"-?[0-9][0-9.e+-]*"
+    if match := re.fullmatch(rf"({number})<=x<=({number})", text):
+        return f"a number from {Decimal(match[1]):,f} to {Decimal(match[2]):,f}"
+    if match := re.fullmatch(rf"x([<>]=?)({number})", text):
+        return f"a number that is {words[match[1]]} {Decimal(match[2]):,f}"
+    return text
 
 
 def import_from_here() -> None:

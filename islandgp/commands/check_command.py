@@ -82,7 +82,8 @@ def command(
                 if diagnostics
                 else "no warnings"
             )
-            click.echo(f"{name}: {size(tree)} nodes, depth {depth(tree)}, {warnings_text}")
+            nodes = f"{size(tree)} node{'s' * (size(tree) != 1)}"
+            click.echo(f"{name}: {nodes}, depth {depth(tree)}, {warnings_text}")
     if as_json:
         click.echo(json.dumps(entries, indent=1))
     sys.exit(1 if wrong or (strict and doubtful) else 0)

@@ -11,7 +11,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
-from islandgp.commands.files import FILE, check_other_file, write_text
+from islandgp.commands.files import FILE, STDIN, check_other_file, write_text
 from islandgp.commands.options import (
     DomainOptions,
     NumberRange,
@@ -30,12 +30,17 @@ _BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 @click.argument("file", type=FILE, required=False)
 @click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
 @with_output_option
-@click.option("--plain", is_flag=True, help="Only nodes of the library; the meaning may differ.")
+@click.option(
+    "--plain",
+    is_flag=True,
+    help="Only nodes of the library; the meaning may differ; no effect on JSON.",
+)
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @click.option(
     "--step",
     type=NumberRange(*STEPS),
-    help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns.",
+    help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns; no effect"
+    " on JSON.",
 )
 @with_vocabulary_options
 def command(
@@ -55,8 +60,10 @@ def command(
     the standard error, and explained in docs/exports.md.
     """
     if header:
-        if file is not None or form is not None:
-            raise click.UsageError("expected --header alone, found FILE or --to with it")
+        if file is not None or form is not None or plain or step is not None:
+            raise click.UsageError(
+                "expected --header alone or with -o, found FILE, --to, --plain or --step with it"
+            )
         write_text(output, behaviortree_cpp.header())
         return
     if file is None:
@@ -64,7 +71,11 @@ def command(
     check_other_file(file, output)
     form = form or _BY_ENDING.get(output.rpartition(".")[2].lower(), "")
     if not form:
-        raise click.UsageError(f"expected --to with one of {', '.join(FORMATS)}, found none")
+        endings = ", ".join(f".{ending}" for ending in _BY_ENDING)
+        raise click.UsageError(
+            f"expected --to with one of {', '.join(FORMATS)}, or a name after -o that ends in one"
+            f" of {endings}, found {'none' if output == STDIN else output}"
+        )
     _, vocabulary, tree = read_in_domain(file, options, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain, step)
     write_text(output, exported)

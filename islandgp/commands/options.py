@@ -99,7 +99,8 @@ VOCABULARY: Final = click.option(
 with_stage_option = click.option(
     "--stage",
     type=click.IntRange(1),
-    help="Stage of the curriculum (Table 2) that scores the episode, from 1; default: the last.",
+    help="Stage of the curriculum (Table 2 of the paper) that scores the episode, from 1; default:"
+    " the last.",
 )
 with_timeout_option = click.option(
     "--timeout",

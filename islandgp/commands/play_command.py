@@ -59,8 +59,8 @@ def command(
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
     For one tree, the output has the counters of each world, the components of the
-    fitness, and the quality tiers (Table 4). Several trees are compared in the same
-    worlds, by the paired differences to the first. Evolution uses other seeds. If the
+    fitness, and the quality tiers (Table 4 of the paper). Several trees are compared in
+    the same worlds, by the paired differences to the first. Evolution uses other seeds. If the
     configuration perturbs worlds (--set 'perturb=...'), the fitness in the perturbed
     worlds is printed as well.
     """

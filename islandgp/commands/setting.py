@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.core.language import domain_of, domain_place, parse, plain
+from islandgp.bt.core.source import Source, shown
 from islandgp.commands.files import display_name, folder_of, read_text
 from islandgp.commands.options import DomainOptions, EpisodeOptions
 from islandgp.domain_files import domain_class, domain_files
@@ -127,17 +128,13 @@ def _for_tree(text: str, options: DomainOptions, name: str) -> tuple[str, ...]:
     if not domain or _keys_of(options.overrides) & _CHOOSES:
         return options.overrides
     if domain not in domain_files(options.config_dir):
-        domains, (line, column) = (
-            ", ".join(configured_domains(options.config_dir)),
-            domain_place(text),
-        )
-        raise OtherDomainError(
-            f"{name}:{line}:{column}: expected a tree for a domain that is configured"
-            f" ({domains}), found one for {domain!r}; give --config-dir FOLDER with a file"
-            f" domain/{domain}.yaml in it, or choose a domain by --set domain=NAME.",
-            line=line,
-            column=column,
-            source=plain(text).split("\n")[line - 1],
+        domains = ", ".join(configured_domains(options.config_dir))
+        raise Source(plain(text), name).error(
+            f"unknown domain {shown(domain)}",
+            *domain_place(text),
+            expected=f"a domain that is configured ({domains}); give --config-dir FOLDER with a"
+            f" file domain/{domain}.yaml in it, or choose a domain by --set domain=NAME",
+            kind=OtherDomainError,
         )
     return (*options.overrides, f"domain={domain}")
 

@@ -32,4 +32,5 @@ def command(file: str, output: str, explain: bool, options: DomainOptions) -> No
     if explain:
         for reason, times in Counter(reasons).items():
             click.echo(f"{reason}{f' ({times} times)' if times > 1 else ''}", err=True)
-        click.echo(f"{size(tree)} nodes before, {size(shorter)} after", err=True)
+        changes = f"{len(reasons) or 'no'} change{'s' * (len(reasons) != 1)}"
+        click.echo(f"{size(tree)} nodes before, {size(shorter)} after; {changes}", err=True)

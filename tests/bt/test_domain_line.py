@@ -71,7 +71,7 @@ def test_another_domain_is_reported_before_its_names() -> None:
         ("domain", 7, "the name of a domain"),
         ("domain 3 PatrolWaypoint", 8, "the name of a domain"),
         ("domain selector PatrolWaypoint", 8, "the name of a domain"),
-        ("domain island", 14, "too early"),
+        ("domain island", 14, "there is no tree after the domain"),
         ("domain island domain island PatrolWaypoint", 15, "unexpected 'domain'"),
         ("subtree a = PatrolWaypoint domain island use a", 28, "unexpected 'domain'"),
         ("PatrolWaypoint domain island", 16, "unexpected 'domain'"),
@@ -144,5 +144,5 @@ def test_where_the_line_is(text: str, place: str) -> None:
     """Messages about a domain that is not configured begin with it."""
     assert "a.bt:{}:{}".format(*domain_place(text)) == place
     if domain_of(text):
-        with pytest.raises(DomainError, match=f"^{place}: expected a tree for a domain that is"):
+        with pytest.raises(DomainError, match=f"^{place}: unknown domain 'mars'"):
             vocabulary_of(text, DomainOptions((), None), name="a.bt")

@@ -20,7 +20,6 @@ WRONG = [
     ("selector {", 1, 11, ["too early", P]),
     ("selector {\n  PatrolWaypoint\n\n", 2, 17, ["too early", "}"]),
     ("selector { PatrolWaypoint # }\n", 1, 26, ["too early"]),
-    ("selector { }", 1, 12, ["'}'", "Expected a node"]),
     ("selector PatrolWaypoint", 1, 10, [f"'{P}'", "Expected {"]),
     ("selector { PatrolWaypoint }}", 1, 28, ["one tree"]),
     ("PatrolWaypoint PatrolWaypoint", 1, 16, ["one tree", "the end"]),
@@ -66,6 +65,21 @@ WRONG = [
     ("when lap < 5 abort sel { PatrolWaypoint }", 1, 20, ["'sel'", "Did you mean self?"]),
     ("when lap < 5 abort { PatrolWaypoint }", 1, 20, ["both", "lower", "none", "self"]),
     ("when lap < 5 abrt self { PatrolWaypoint }", 1, 14, ["Did you mean abort?"]),
+    ("constant a = 3", 1, 15, ["there is no tree after the constants"]),
+    ("domain island", 1, 14, ["there is no tree after the domain"]),
+    # children
+    ("selector { }", 1, 12, ["a selector needs at least one child, found none"]),
+    ("inverter { }", 1, 12, ["an inverter needs one child, found none"]),
+    (f"recovery 2 {{ {P} }}", 1, 29, ["a recovery takes two children, found one"]),
+    ("recovery 2 { }", 1, 14, ["a recovery takes two children, found none"]),
+    # flags
+    (
+        f"when foundGarbage == isHumanoidWantToClear {{ {P} }}",
+        1,
+        6,
+        ["is a flag and can't be compared\n", "flags are joined by and, or"],
+    ),
+    (f"when foundGarbage > 0 {{ {P} }}", 1, 6, ["can't be compared with a number"]),
     # repeaters
     ("repeater { PatrolWaypoint }", 1, 10, ["Expected a number"]),
     ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' times", "1 to 100"]),
@@ -88,7 +102,7 @@ WRONG = [
     ),
     (f"subtree a {P} use a", 1, 11, ["= ("]),
     (f"subtree all = {P} use all", 1, 9, ["'all'", "can't name a subtree"]),
-    (f"subtree a = {P}", 1, 27, ["too early", "selector"]),
+    (f"subtree a = {P}", 1, 27, ["there is no tree after the subtrees"]),
     ("use", 1, 4, ["too early", "the name of a subtree"]),
 ]
 

@@ -100,7 +100,8 @@ def test_an_error_about_the_whole_tree_names_the_file(
     monkeypatch.chdir(tmp_path)
     Path("E").write_text("selector { PatrolWaypoint }", encoding="utf-8")
     result = islandgp("check", "--max-depth", 1, "E")
-    assert (result.code, result.out.startswith("E: Expected a tree of at most")) == (1, True)
+    found = "E: Expected a tree of at most 1 level, found 2; shorten it or raise the limit.\n"
+    assert (result.code, result.out) == (1, found)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -325,15 +326,16 @@ def test_the_vocabulary_of_the_domain_that_the_file_names(islandgp: Cli, tmp_pat
 def test_a_domain_that_is_not_there(
     islandgp: Cli, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    """One line with the remedy, and exit code 2."""
+    """The message has the place and the remedy; exit code 2."""
     file = tmp_path / "t.bt"
     file.write_text("domain maze\nForward\n")
     result = islandgp(*arguments, file)
     assert (result.code, result.out) == (2, "")
     domains = "cartpole, island, lunarlander, minigrid, mountaincar, pendulum, swimmer"
-    assert f"for a domain that is configured ({domains}), found one for 'maze'" in result.err
-    assert "--config-dir" in result.err
-    assert len(result.err.splitlines()) == 1
+    place, line, caret, expected = result.err.splitlines()
+    assert place == f"islandgp: {file}:1:8: unknown domain 'maze'"
+    assert (line.strip(), caret.index("^")) == ("domain maze", line.index("maze"))
+    assert expected.startswith(f"Expected a domain that is configured ({domains}); give --")
 
 
 def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
@@ -345,13 +347,13 @@ def test_check_goes_on_after_a_file_of_a_domain_that_is_not_there(
     ours.write_text("PatrolWaypoint\n")
     result = islandgp("check", maze, ours)
     assert (result.code, result.err) == (1, "")
-    first, second = result.out.splitlines()
-    assert first.startswith(f"{maze}:2:8: expected a tree for a domain that is configured")
-    assert second.startswith(f"{ours}: 1 nodes")
+    first, *_, second = result.out.splitlines()
+    assert first.startswith(f"{maze}:2:8: unknown domain 'maze'")
+    assert second.startswith(f"{ours}: 1 node, ")
     (entry,) = json.loads(islandgp("check", "--json", maze, ours).out)
     assert (entry["line"], entry["column"], entry["end"]) == (2, 8, 12)
     assert entry["code"] == "domain"
-    assert entry["message"].startswith("expected a tree for a domain")
+    assert entry["message"].startswith("unknown domain 'maze'. Expected a domain")
 
 
 def test_another_domain_than_the_file_names(islandgp: Cli, tmp_path: Path) -> None:

@@ -77,7 +77,7 @@ def test_places_are_those_of_the_nodes(tree: Node) -> None:
     lines = text.split("\n")
     placed = parse_placed(text)
     assert placed.node == tree
-    for node, (line, column, _) in zip(walk(tree), placed.places, strict=True):
+    for node, (line, column, *_) in zip(walk(tree), placed.places, strict=True):
         word = node.args[0] if node.kind == "action" else node.kind
         assert lines[line - 1][column - 1 :].startswith(str(word))
 

@@ -49,15 +49,15 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         ),
         (
             ["play", "-", "--seeds", "0"],
-            "islandgp: play: '--seeds': expected 1<=x<=100000, found 0; `islandgp play -h` shows",
+            "islandgp: play: '--seeds': expected a number from 1 to 100,000, found 0; `islandgp",
         ),
         (
             ["play", "-", "--timeout", "nan"],
-            "islandgp: play: '--timeout': expected x>=0, found nan; `islandgp play -h`",
+            "islandgp: play: '--timeout': expected a number that is at least 0, found nan; `islan",
         ),
         (
             ["show", "t.bt"],
-            "islandgp: show: 'FILE': expected a File at t.bt, found none; `islandgp show -h` shows",
+            "islandgp: show: 'FILE': there is no file t.bt; `islandgp show -h` shows",
         ),
         (
             ["show", "-", "--format", "x"],

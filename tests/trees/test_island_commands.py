@@ -236,9 +236,9 @@ def test_trace_between(islandgp: Cli) -> None:
     ("times", "message"),
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
-        (("--from", "nan"), "expected x>=0, found nan"),
-        (("--from", -5, "--to", -1), "expected x>=0, found -5.0"),
-        (("--to", -1), "expected x>=0, found -1.0"),
+        (("--from", "nan"), "expected a number that is at least 0, found nan"),
+        (("--from", -5, "--to", -1), "expected a number that is at least 0, found -5.0"),
+        (("--to", -1), "expected a number that is at least 0, found -1.0"),
     ],
 )
 def test_trace_between_times_that_make_no_sense(
@@ -273,7 +273,12 @@ def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
     result = islandgp("simplify", "-", "--explain", stdin=text)
     assert result.out == to_text(parse("selector { MoveToGarbage PatrolWaypoint }"))
     assert "double inverter" in result.err
-    assert "6 nodes before, 3 after" in result.err
+    assert "6 nodes before, 3 after; 2 changes" in result.err
+    condition = "when lap > 1 and lap > 0 { PatrolWaypoint }"
+    assert islandgp("simplify", "-", "--explain", stdin=condition).err == (
+        "the condition of when lap > 1 and lap > 0 is equivalent to lap > 1\n"
+        "2 nodes before, 2 after; 1 change\n"
+    )
     islandgp("simplify", "-", "-o", tmp_path / "t.bt", stdin=text)
     assert (tmp_path / "t.bt").read_text() == result.out
 

@@ -22,9 +22,9 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 """Each with @ in place of a file."""
 OK = "selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }\n"
 UNREADABLE: dict[str, tuple[Callable[[Path], object], str]] = {
-    "missing": (lambda _: None, "expected a File at odd.bt, found none"),
+    "missing": (lambda _: None, "there is no file odd.bt"),
     "folder": (Path.mkdir, "expected a File, found the folder odd.bt"),
-    "dangling link": (lambda file: file.symlink_to("nowhere"), "expected a File at odd.bt"),
+    "dangling link": (lambda file: file.symlink_to("nowhere"), "there is no file odd.bt"),
     "binary": (lambda file: file.write_bytes(bytes(range(256))), "found the byte 0x80"),
     "utf-16": (lambda file: file.write_bytes(OK.encode("utf-16")), "found the byte 0xff"),
     "twenty megabytes": (lambda file: file.write_bytes(b"# c\n" * 5_000_000), "16,777,216 bytes"),
@@ -107,7 +107,7 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
     [
         (["diff", "-", "-"], "expected one `-`, the standard input, found more"),
         (["check", "-", "ok.bt", "-"], "expected one `-`, the standard input, found more"),
-        (["fmt", "x" * 4000], "expected a File at"),
+        (["fmt", "x" * 4000], "there is no file"),
         (["check", "--vocabulary", "ok.bt", "ok.bt"], "expected JSON of `islandgp domain NAME"),
         (["check", "--vocabulary", ".", "ok.bt"], "expected a File, found the folder ."),
         (["check", "--config-dir", "ok.bt", "ok.bt"], "expected a Directory, found the file ok.bt"),
@@ -118,15 +118,21 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["export", "ok.bt", "-o", "no/x.xml"], "found: no folder no"),
         (["export", "ok.bt", "-o", "."], "expected a File, found the folder ."),
         (["export", "ok.bt", "--to", "pdf"], "expected one of 'json', 'btcpp', 'pytrees'"),
-        (["export", "ok.bt", "-o", "x.pdf"], "expected --to with one of"),
+        (["export", "ok.bt", "-o", "x.pdf"], "ends in one of .json, .xml, .py, found x.pdf"),
+        (["export", "ok.bt"], "expected --to with one of json, btcpp, pytrees, or a name after -o"),
         (["export", "ok.bt", "--to", "json", "-o", "ok.bt"], "found ok.bt itself"),
         (["show", "ok.bt", "--format", "dot", "-o", "ok.bt"], "found ok.bt itself"),
         (["simplify", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["replay", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["import", "ok.bt", "--from", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["export", "ok.bt", "--header"], "expected --header alone"),
+        (["export", "--header", "--plain"], "expected --header alone"),
+        (["export", "--header", "--step", "3"], "expected --header alone"),
         *(
-            (["export", "ok.bt", "--to", "btcpp", "--step", step], "expected 1e-06<=x<=86400")
+            (
+                ["export", "ok.bt", "--to", "btcpp", "--step", step],
+                "expected a number from 0.000001 to 86,400",
+            )
             for step in ("nan", "inf", "0", "-1", "1e-320")
         ),
         (["simplify", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
@@ -138,7 +144,10 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
             ["verify-tree", "ok.bt", f"never SeekCharger while {'(' * 3000}lap{')' * 3000}"],
             "too deep",
         ),
-        (["verify-tree", "ok.bt", RULE, "--steps", "0"], "expected 1<=x<=2000000, found 0"),
+        (
+            ["verify-tree", "ok.bt", RULE, "--steps", "0"],
+            "expected a number from 1 to 2,000,000, found 0",
+        ),
     ],
     ids=lambda each: " ".join(each)[:40] if isinstance(each, list) else "",
 )

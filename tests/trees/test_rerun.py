@@ -53,7 +53,7 @@ def test_check_runs_again(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mon
     assert "2 nodes, depth 2, no warnings" in parts[0]
     assert "Did you mean PatrolWaypoint?" in parts[1]
     assert "there is no file 'lib.bt'" in parts[2]
-    assert "1 nodes, depth 1, no warnings" in parts[3]
+    assert "1 node, depth 1, no warnings" in parts[3]
     assert "a file holds one tree" in parts[4]
     assert "2 nodes, depth 2, no warnings" in parts[5]
     assert len(parts) == 6

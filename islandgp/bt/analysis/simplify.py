@@ -203,7 +203,7 @@ def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     if condition == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=condition))
-    return changed, f"{head(node)} is {node.kind} {condition_text(condition)}"
+    return changed, f"the condition of {head(node)} is equivalent to {condition_text(condition)}"
 
 
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)

@@ -39,7 +39,7 @@ class _ConditionBuilder:
             self._terms += 1
             self._bounded(parts[0], level)
             name, compared = self._scope.word(parts[0]), parts[1:]
-            key = self._key(name, compared=bool(compared))
+            key = self._key(name, *compared[1:])
             if form == "flag":
                 return Condition(name.text, "is", 0.0)
             return self._comparison(name, key, *compared)
@@ -113,20 +113,25 @@ class _ConditionBuilder:
                 kind=LimitError,
             )
 
-    def _key(self, name: ScopedWord, *, compared: bool) -> Key | None:
-        """The key of a name; None if it can be any. Raises TreeError for a wrong one."""
+    def _key(self, name: ScopedWord, right: _Token | None = None) -> Key | None:
+        """The key of a name; None if it can be any. Raises TreeError for a wrong one.
+
+        `right`: what it is compared with; None: it is not compared.
+        """
         vocabulary = self._vocabulary
         if vocabulary is None or name.open:
             return None
         key = vocabulary.keys.get(name.text)
         if key is None:
             raise unknown_key(name, vocabulary, self._scope.values)
-        if key.flag and compared:
+        if key.flag and right is not None:
+            is_number = right.type != "NAME"
             raise name.error(
-                f"{name.text} is a flag and can't be compared with a number",
-                expected=f"`when {name.text}` or `when not {name.text}`",
+                f"{name.text} is a flag and can't be compared{' with a number' * is_number}",
+                expected=f"`when {name.text}` or `when not {name.text}`; flags are joined by and,"
+                " or",
             )
-        if not key.flag and not compared:
+        if not key.flag and right is None:
             raise name.error(
                 f"{name.text} is {key.kind} and must be compared with one",
                 expected=f"`when {key.example(name.text)}`, with one of {' '.join(key.operators)}",

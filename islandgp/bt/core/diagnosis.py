@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, TIMED
+from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, KINDS, TIMED
 from islandgp.bt.core.parameters import value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
@@ -28,7 +28,13 @@ if TYPE_CHECKING:
     from lark.exceptions import UnexpectedInput
 
 _NAMING = ("subtree", "use", "domain", "constant")  # keywords that are followed by a name
+_DEFINITIONS = {
+    "subtree": "subtrees", "constant": "constants", "include": "includes", "domain": "domain",
+}  # fmt: skip
+"""What comes before a tree, as messages call it."""
 _BEFORE_NUMBERS = (*COUNTED, *TIMED, "success", "failure")
+
+_ONE_CHILD = [name for name, kind in KINDS.items() if kind.decorates]
 
 _SIGNS = {
     "&&": "and", "&": "and", "||": "or", "|": "or", "!": "not", "//": "#, which begins a comment",
@@ -190,6 +196,10 @@ def _unexpected_end(
     expected, _ = _expected(accepted, before, vocabulary)
     line, column = last.end_line or 1, last.end_column or 1
     message = "the text ends too early"
+    if "SUBTREE" in accepted:
+        definition = next(str(word) for word in reversed(before) if word in _DEFINITIONS)
+        message = f"there is no tree after the {_DEFINITIONS[definition]}"
+        expected = "a node or an action"
     if (brace := _unclosed(source, before)) is not None:
         node = _parent(source, before)
         message += f": the brace of the {node} in line {before[brace].line} is not closed"
@@ -234,7 +244,10 @@ def _unexpected_word(
     if "USE" in accepted and "NUMBER" in accepted and token in INNER:
         message += "; name this node as a subtree above, and pass `use` and its name"
     only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
-    if only == {"RBRACE"}:
+    if token == "}" and "SELECTOR" in accepted and _unclosed(source, before) is not None:
+        message = _missing_child(_parent(source, before), found=before[-1] != "{")
+        expected = "a node or an action"
+    elif only == {"RBRACE"}:
         takes = "two children" if _parent(source, before) == "recovery" else "one child"
         message += f"; this node takes {takes}, so wrap several in a sequence or a selector"
     elif only == {"$END"}:
@@ -247,6 +260,15 @@ def _unexpected_word(
         token.strip('"'), spelled
     )
     return source.error_at(token, message, expected=expected, guess=guess)
+
+
+def _missing_child(node: str, *, found: bool) -> str:
+    """The message for a brace that closes too early. `found`: there is a child before it."""
+    article = "an" if node[0] in "aeiou" else "a"
+    if node == "recovery":
+        return f"a recovery takes two children, found {'one' if found else 'none'}"
+    count = "one child" if node in _ONE_CHILD else "at least one child"
+    return f"{article} {node} needs {count}, found none"
 
 
 def _instead(

@@ -278,11 +278,11 @@ def within(node: Node, limits: Limits) -> bool:
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError if a tree is too deep or too large."""
     for unit, value, limit in (
-        ("levels", depth(node), limits.max_depth),
-        ("nodes", size(node), limits.max_nodes),
+        ("level", depth(node), limits.max_depth),
+        ("node", size(node), limits.max_nodes),
     ):
         if value > limit:
             raise LimitError(
-                f"Expected a tree of at most {limit} {unit}, found {value};"
+                f"Expected a tree of at most {limit} {unit}{'s' * (limit != 1)}, found {value};"
                 " shorten it or raise the limit."
             )

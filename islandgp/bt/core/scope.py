@@ -126,11 +126,11 @@ class Scope:
         """The error of an unknown name; `keys`: the keys that could be in its place."""
         names = self.constants if word.parameter else {**self.values, **self.constants}
         listing = shorten(", ".join(names), 200, placeholder=" ...")
-        others = f"; or a key: {', '.join(keys)}" if keys else ""
+        others = f" or a key ({', '.join(keys)})" if keys else ""
         return word.error(
             f"unknown constant {'or key ' * bool(keys)}{shown(word.token)}",
-            expected=f"a number, or a constant that is defined above: {listing or 'none so far'}"
-            f"{others}",
+            expected=f"a number{',' if keys else ' or'} a constant that is defined above"
+            f" ({listing or 'none so far'}){others}",
             guess=closest(word.token, [*names, *keys]),
             kind=UnknownNameError,
         )

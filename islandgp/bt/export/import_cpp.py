@@ -81,6 +81,7 @@ _PLAIN: Final = {
 }
 """Tags of nodes that have no arguments here."""
 _BRANCHING: Final = ("IfThenElse", "WhileDoElse", *(f"Switch{n}" for n in range(2, 7)))
+_WRITES: Final = ("Script", "SetBlackboard", "UnsetBlackboard")
 _READ: Final = (*TAGS, *_PLAIN, *_BRANCHING)
 
 MEMORY = Loss(
@@ -378,7 +379,13 @@ class _Importer(SubtreeReader):
                 self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        tags = (*_READ, "SubTree", *self.vocabulary.actions)
+        if tag in _WRITES:
+            self.fail(
+                element,
+                f"the language has no node {shown(tag)}, as trees do not write to the blackboard;"
+                " write the entry in an action",
+            )
+        tags = dict.fromkeys((*_READ, "SubTree", *self.vocabulary.actions))
         guess = closest(tag, tags)
         hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(tags)}"
         self.fail(element, f"the language has no node {shown(tag)}; {hint}")

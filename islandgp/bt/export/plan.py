@@ -231,10 +231,14 @@ def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterabl
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
     if missing := kinds.intersection(unfit) | (kinds - EXPORTED):
-        other = "as plain XML" if missing <= NAV2 and not plain else "in another form"
+        other = "as JSON (--to json)"
+        if kinds <= EXPORTED - NAV2:
+            other = "as Python (--to pytrees, without --plain)"
+        elif kinds <= EXPORTED - {"cooldown"}:
+            other = "as plain XML (--to btcpp --plain)"
         raise DomainError(
-            f"Expected a tree without {min(missing)}, for which there is no exact node; export"
-            f" it {other}."
+            f"Expected a tree without {min(missing)}, for which the library has no node; export it"
+            f" {other}."
         )
     if timed and not plain and step_s is None:
         raise DomainError(
