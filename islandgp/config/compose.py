@@ -20,10 +20,11 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.errors import USER_ERRORS, check_packages, explain, parsed, unresolved
-from islandgp.config.naming import command_line, group_of, key_of, run_folder
+from islandgp.config.naming import command_line, group_of, run_folder
 from islandgp.config.settings import Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
+from islandgp.records.parameters import key_of
 from islandgp.trust import names_in, trust
 
 BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"

@@ -12,6 +12,7 @@ from islandgp.records.parameters import (
     RUNTIME_KEYS,
     ending_in_digest,
     is_secret,
+    key_of,
     without_credentials,
 )
 from islandgp.redaction import HIDDEN
@@ -65,11 +66,6 @@ def command_line(argv: Sequence[str]) -> str:
     """The command for a shell, with secrets hidden."""
     words = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in argv]
     return shlex.join(["python", "-m", "islandgp", *map(without_credentials, words)])
-
-
-def key_of(override: str) -> str:
-    """The key of an override, e.g. `gp.population` of `+gp.population=8`."""
-    return override.lstrip("+~").partition("=")[0].partition("@")[0]
 
 
 def group_of(override: str) -> str:

@@ -91,6 +91,11 @@ def without_credentials(text: str) -> str:
     return CREDENTIALS.sub(f"{HIDDEN}@", text)
 
 
+def key_of(override: str) -> str:
+    """The key of an override, e.g. `gp.population` of `+gp.population=8`."""
+    return override.lstrip("+~").partition("=")[0].partition("@")[0]
+
+
 def is_secret(key: str) -> bool:
     """True if a dotted key is that of a secret."""
     *path, last = key.split(".")

@@ -92,8 +92,9 @@ class Arm:
     """Runs that differ only in their seed."""
 
     name: str
-    selection: str  # text of the --arm option
+    selection: str  # text of the --arm option, or the overrides of a sweep's arm
     runs: tuple[Run, ...]  # by seed
+    keys: frozenset[str] = frozenset()  # of the configuration, in which it may differ from others
 
     @property
     def seeds(self) -> tuple[int, ...]:

@@ -13,7 +13,7 @@ from islandgp.records.parameters import runtime_keys
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.episodes import cost_warnings
 from islandgp.study.paper import paper_of
-from islandgp.study.select import Selection, in_short, parse_selection
+from islandgp.study.select import in_short
 from islandgp.study.texts import note
 
 VARIED_GROUPS: Final = frozenset({"supervisor"})
@@ -63,11 +63,10 @@ def compare_arms(
     """
     _check_names(arms)
     _check_vocabulary(arms)
-    selections = [parse_selection(arm.selection) for arm in arms]
-    intended: list[str] = []  # differences that are in the selections
+    intended: list[str] = []  # differences in keys that the arms may differ in
     warnings = _inside(arms)
     for key, values in _differences(arms):
-        if _may_differ(key, selections):
+        if _may_differ(key, [arm.keys for arm in arms]):
             intended.append(f"The arms differ in {key}: {values}.")
         else:
             warnings.append(f"{key} differs: {values}")
@@ -243,14 +242,19 @@ def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
     return runtime_keys(*(run.config for arm in arms for run in arm.runs)) | separate
 
 
-def _may_differ(key: str, selections: Sequence[Selection]) -> bool:
+def _may_differ(key: str, keys_by_arm: Sequence[frozenset[str]]) -> bool:
+    """True if the arms may differ in a key: each has it, a part of it, or the whole of it."""
     if _group(key) in VARIED_GROUPS:
         return True
     if _group(key) in TASK or key in BUDGET:
         return False
     if _group(key) in REPLACEABLE_GROUPS:
-        return all(_group(key) in map(_group, s.keys) for s in selections)
-    return all(key in s.keys for s in selections)
+        return all(_group(key) in map(_group, keys) for keys in keys_by_arm)
+    return all(any(_contains(key, k) or _contains(k, key) for k in keys) for keys in keys_by_arm)
+
+
+def _contains(whole: str, key: str) -> bool:
+    return f"{key}.".startswith(f"{whole}.")
 
 
 def _seeds(arms: Sequence[Arm]) -> list[str]:

@@ -22,7 +22,7 @@ from islandgp.plain import DECODE_ERRORS, from_plain
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
-from islandgp.sweep.folder import arm_of
+from islandgp.sweep.folder import SweepFile, SweepFolder
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +202,7 @@ def select(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[s
     fitting = [run for run in runs if matches(run, selection)]
     if not any(run.finished for run in fitting):
         raise StudyError(_nothing(name, selection, runs, len(fitting)))
-    return _arm(name, text, fitting)
+    return _arm(name, text, fitting, selection.keys)
 
 
 def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
@@ -219,26 +219,65 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
             f"Expected --name or --arm, as there are runs of {len(names)} sweeps, found neither.\n"
             "There are:\n  " + "\n  ".join(overview(runs))
         )
-    members: dict[str, list[RunEntry]] = defaultdict(list)
-    for run in runs:
-        members[arm_of(run.path) or str(run.flat["supervisor.name"])].append(run)
+    files = {folder: SweepFolder(folder).read() for folder in {run.path.parent for run in runs}}
+    keys = frozenset[str]().union(*(file.studied_keys() for file in files.values() if file))
+    members, notes = _by_arm(runs, files)
     finished = {label: group for label, group in members.items() if any(r.finished for r in group)}
     if len(finished) < 2:
+        unfinished = sum(not run.finished for group in members.values() for run in group)
+        more = f" and {unfinished} unfinished runs" if unfinished else ""
         raise StudyError(
-            f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'};"
-            " run a sweep such as supervisor=baseline,expert, or select arms by --arm."
+            f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'}"
+            f"{more}; run a sweep such as supervisor=baseline,expert, or select arms by --arm."
         )
     ordered = sorted(finished.items(), key=lambda each: each[0].startswith(UNSUPERVISED))
-    arms, notes = [], list[str]()
+    arms: list[Arm] = []
     for label, group in ordered:
-        name = re.sub(r"[^\w.+-]+", "-", label)
-        arm, remarks = _arm(name, f"supervisor={label}", group)
+        name = base = re.sub(r"[^\w.+-]+", "-", label).strip("-")
+        number = 2
+        while name in {arm.name for arm in arms}:
+            name, number = f"{base}-{number}", number + 1
+        arm, remarks = _arm(name, f"supervisor={label}", group, keys)
         arms.append(arm)
         notes += remarks
     return arms, notes
 
 
-def _arm(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
+def _by_arm(
+    runs: Sequence[RunEntry], files: Mapping[Path, SweepFile | None]
+) -> tuple[dict[str, list[RunEntry]], list[str]]:
+    """The runs by arm, and a note on those that are beside a sweep's runs, but none of its jobs.
+
+    Args:
+        runs: of one sweep, or single runs of one name.
+        files: sweep.json by folder; None for a folder with single runs only.
+    """
+    members: dict[str, list[RunEntry]] = defaultdict(list)
+    others: list[str] = []
+    jobs = {
+        folder / job.folder: file.arm(job)
+        for folder, file in files.items()
+        if file is not None
+        for job in file.jobs
+    }
+    for run in runs:
+        if files[run.path.parent] is None:
+            members[str(run.flat["supervisor.name"])].append(run)
+        elif run.path in jobs:
+            members[jobs[run.path].replace(" +", " ")].append(run)
+        else:
+            others.append(run.path.name)
+    if not others:
+        return members, []
+    return members, [
+        f"{len(others)} runs that are not jobs of the sweep are left out ({', '.join(others[:3])}"
+        f"{', ...' * (len(others) > 3)}); --arm selects any run."
+    ]
+
+
+def _arm(
+    name: str, text: str, runs: Sequence[RunEntry], keys: frozenset[str]
+) -> tuple[Arm, tuple[str, ...]]:
     """The arm of the finished ones of these runs, and notes on the others."""
     selected = sorted((read(r) for r in runs if r.finished), key=lambda r: (r.seed, str(r.path)))
     notes: tuple[str, ...] = ()
@@ -247,7 +286,7 @@ def _arm(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str
             f"{name}: {len(left_out)} unfinished runs are left out ({', '.join(left_out[:3])}"
             f"{', ...' * (len(left_out) > 3)}); the command that started them finishes them.",
         )
-    return Arm(name, text, tuple(selected)), notes
+    return Arm(name, text, tuple(selected), keys), notes
 
 
 def named(name: str, runs: Sequence[RunEntry]) -> list[RunEntry]:

@@ -21,6 +21,7 @@ from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked, take
+from islandgp.records.parameters import key_of
 from islandgp.trust import must_be_no_link
 
 
@@ -50,9 +51,16 @@ class SweepFile:
 
     def arm(self, job: SweepJob) -> str:
         """Name of a job's arm: its supervisor, and the overrides that are not common to all."""
-        everywhere = set.intersection(*(set(j.choices) for j in self.jobs))
-        distinguishing = {*job.choices} - everywhere - {f"supervisor={job.supervisor}"}
+        distinguishing = {*job.choices} - self._common() - {f"supervisor={job.supervisor}"}
         return " ".join([job.supervisor, *sorted(distinguishing)])
+
+    def studied_keys(self) -> frozenset[str]:
+        """Keys, and groups with dots, of the overrides that are not common to all jobs."""
+        choices = {choice for job in self.jobs for choice in job.choices} - self._common()
+        return frozenset(key_of(choice).replace("/", ".") for choice in choices)
+
+    def _common(self) -> set[str]:
+        return set.intersection(*(set(job.choices) for job in self.jobs))
 
     def arms(self) -> dict[str, list[SweepJob]]:
         """The jobs by arm."""

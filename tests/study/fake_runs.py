@@ -23,6 +23,7 @@ from islandgp.gp.record import (
 from islandgp.records.lines import digests, generation_lines
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
+from islandgp.study.select import parse_selection
 from tests.composed import plain
 from tests.samples import ANY, NOTHING, snapshot
 
@@ -142,7 +143,8 @@ def fake_run(
 
 def fake_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
     """An arm of runs."""
-    return Arm(name, selection or f"supervisor={name}", tuple(runs))
+    text = selection or f"supervisor={name}"
+    return Arm(name, text, tuple(runs), parse_selection(text).keys)
 
 
 def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from islandgp.errors import RunError, StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import RENAMED, flatten, with_present_names
 from islandgp.results import load
+from islandgp.study.comparable import compare_arms
 from islandgp.study.library import reference_trees
 from islandgp.study.select import (
     RunEntry,
@@ -26,6 +28,7 @@ from islandgp.study.select import (
     read,
     select,
 )
+from islandgp.sweep.folder import SweepFolder, SweepJob
 from tests.study.fake_runs import config, fake_run, individual, write_run
 from tests.tracking.folders import closed_run
 
@@ -263,6 +266,79 @@ def test_arms_of_a_sweep_are_named_and_ordered(tmp_path: Path) -> None:
         ("baseline", "supervisor=baseline", (0, 1)),
     ]
     assert "expert: 1 unfinished runs are left out (expert-1)" in notes[0]
+
+
+def _sweep(folder: Path, arms: Mapping[tuple[str, ...], dict[str, Any]]) -> None:
+    """Writes a sweep with a run for each arm, given as overrides and changes of fake_run."""
+    jobs = []
+    for number, (choices, changes) in enumerate(arms.items()):
+        write_run(fake_run("expert", 0, **changes), folder / f"job{number}")
+        job = f"job{number}"
+        jobs.append(SweepJob(job, job, "expert", 0, ("gp.population=30", *choices), 4, ""))
+    SweepFolder(folder).open("sweep", jobs)
+
+
+def test_arms_of_a_sweep_may_differ_in_what_it_varies(tmp_path: Path) -> None:
+    """Also in added keys, packages of groups, whole mappings, and keys of a later command only."""
+    _sweep(
+        tmp_path,
+        {
+            (): {},
+            ("+perturb.noise=1",): {"perturb": {"noise": 1}},
+            ("search/breeding=paper",): {"search": {"policy": {"breeding": {"lists": 1}}}},
+            ("gp.founders=true",): {"gp__founders": True},
+        },
+    )
+    arms, _ = arms_of_sweep(find(tmp_path))
+    assert [arm.name for arm in arms] == [
+        "expert",
+        "expert-perturb.noise-1",
+        "expert-search-breeding-paper",
+        "expert-gp.founders-true",
+    ]
+    assert not compare_arms(arms).comparability_warnings
+
+
+def test_arms_of_a_sweep_must_not_differ_in_other_keys(tmp_path: Path) -> None:
+    """Neither in a key with the same beginning nor in one that defines fitness."""
+    _sweep(
+        tmp_path,
+        {
+            ("gp.mutation=1",): {"gp__mutation": 1, "gp__mutation_rate": 0.1},
+            ("gp.mutation=2",): {"gp__mutation": 2, "gp__mutation_rate": 0.2},
+        },
+    )
+    arms, _ = arms_of_sweep(find(tmp_path))
+    with pytest.raises(StudyError, match=r"found:\n  gp\.mutation_rate differs: 0\.1") as info:
+        compare_arms(arms)
+    assert "gp.mutation differs" not in str(info.value)
+
+
+def test_arms_of_a_sweep_have_different_names(tmp_path: Path) -> None:
+    """Overrides that differ in replaced characters only get a number."""
+    lists = {(f"gp.depth={text}",): {"gp__depth": [1, 2]} for text in ("[1,2]", "[[1],2]")}
+    _sweep(tmp_path, lists)
+    arms, _ = arms_of_sweep(find(tmp_path))
+    assert [arm.name for arm in arms] == ["expert-gp.depth-1-2", "expert-gp.depth-1-2-2"]
+
+
+def test_runs_beside_those_of_a_sweep_are_left_out(tmp_path: Path) -> None:
+    """A copy of a job, or a single run of the same name, is in no arm; a note names it."""
+    _sweep(tmp_path, {("gp.founders=true",): {}, ("gp.founders=false",): {}})
+    write_run(fake_run("expert", 0), tmp_path / "copy")
+    arms, notes = arms_of_sweep(find(tmp_path))
+    assert [len(arm.runs) for arm in arms] == [1, 1]
+    assert notes == [
+        "1 runs that are not jobs of the sweep are left out (copy); --arm selects any run."
+    ]
+
+
+def test_unfinished_runs_are_counted_if_arms_are_missing(tmp_path: Path) -> None:
+    """The message has the finished arms and the number of unfinished runs."""
+    write_run(fake_run("expert", 0), tmp_path / "expert")
+    write_run(fake_run("baseline", 0), tmp_path / "baseline", finished=False)
+    with pytest.raises(StudyError, match="found expert and 1 unfinished runs; "):
+        arms_of_sweep(find(tmp_path))
 
 
 def test_a_sweep_must_be_named_and_have_two_arms() -> None:
