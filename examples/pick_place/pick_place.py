@@ -61,7 +61,7 @@ class World(BaseModel, frozen=True, extra="forbid"):
     ticks: int = Field(ge=1, le=10_000)  # of an episode, at most
     drive: int = Field(ge=1, le=100)  # ticks from table to table
     failure: float = Field(ge=0, le=1)  # probability that a skill fails
-    lost: float = Field(ge=0, le=1)  # chance to be lost after driving
+    lost: float = Field(ge=0, le=1)  # probability that driving makes `localised` false
 
 
 class Robot:

@@ -29,7 +29,7 @@ class RosKey:
         self._at = 0.0  # s, monotonic; when the value came
 
     def take(self, message: Any) -> None:
-        """Handle a message. NaN is not used as a value, as sensors send it for a missing one."""
+        """Handle a message. NaN and infinity, which sensors send for a missing value, are none."""
         value = value_of(message, self.entry.field)
         self._value = None if isinstance(value, float) and not isfinite(value) else value
         self._at = monotonic()

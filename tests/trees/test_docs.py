@@ -64,6 +64,22 @@ def test_parameters_are_as_documented() -> None:
     assert to_text(parse(files["fetch.bt"])) == files["fetch_expanded.bt"]
 
 
+def test_the_vocabulary_file_fits_its_trees(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trees and the vocabulary of docs/language.md are checked as the page shows it."""
+    page = generate.LANGUAGE.read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    for name, text in re.findall(r"^```(?:bt|json) (\S+)\n(.*?)^```$", page, re.S | re.M):
+        Path(name).write_text(text, encoding="utf-8")
+    command, shown = (
+        re.search(rf"^```{kind} robot\n(.*?)^```$", page, re.S | re.M)[1]  # type: ignore[index]
+        for kind in ("sh", "text")
+    )
+    result = islandgp(*command.split()[1:])
+    assert (result.code, result.out) == (0, shown)
+
+
 def test_the_drawing_of_a_tree_is_up_to_date() -> None:
     """docs/img/patrol.svg is the drawing of the tree above it, whose text is canonical."""
     match = re.search(r"```bt patrol.bt\n(.*?)```", generate.LANGUAGE.read_text("utf-8"), re.DOTALL)
