@@ -44,19 +44,20 @@ UNSEEN: Final = range(200_000, 200_100)  # of worlds
 RANDOM: Final = 400  # random trees of each kind
 UNSEEN_OF_RANDOM: Final = range(300_000, 300_000 + RANDOM)  # a world for each of them
 REFERENCE: Final = "random"
+BY_HAND: Final = "by hand"
 FEWEST: Final = 10  # seeds of an arm that is compared
 POINTS: Final = 20  # of a curve
 QUIET: Final = ("tracking=off", "progress=off", "evaluator=serial")
 
 ARMS: Final[dict[str, tuple[str, ...]]] = {
-    "random": ("search=random", "supervisor=baseline"),
+    "racing": ("search=racing", "supervisor=baseline", "search.policy.library=0"),
     "paper": ("search=paper", "supervisor=baseline"),
     "hill": ("search=hill", "supervisor=baseline"),
     "lexicase": ("search=lexicase", "supervisor=baseline"),
     "map_elites": ("search=map_elites", "supervisor=baseline"),
     "novelty": ("search=novelty", "supervisor=baseline"),
     "nsga2": ("search=nsga2", "supervisor=baseline"),
-    "racing": ("search=racing", "supervisor=baseline", "search.policy.library=0"),
+    "random": ("search=random", "supervisor=baseline"),
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
@@ -72,13 +73,16 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
 PAIRS: Final = (
     ("racing", "random"),
     ("racing", "paper"),
-    ("racing", "hill"),
+    *(("racing", other) for other in ("hill", "lexicase", "map_elites", "novelty", "nsga2")),
     ("racing", "paper, last stage"),
     ("racing", "racing, paper's operators"),
     ("racing, expert", "compose"),
     ("racing, expert", "racing, library"),
     ("racing, library", "compose"),
     ("racing, expert", "racing"),
+    ("paper, expert", "paper"),
+    ("paper, editor", "paper"),
+    ("racing, editor", "racing, library"),
 )
 """Pairs of arms in the second table, which also compares each arm with the hand-written tree."""
 
@@ -211,19 +215,22 @@ def write_raw(name: str, raw: dict[str, Any]) -> None:
 
 
 def seeds_of(raw: dict[str, Any], arms: Iterable[str]) -> dict[str, list[str]]:
-    """The arms of a world that have FEWEST seeds, with the seeds that all of these have."""
-    seeds_by_arm = {
-        arm: {*raw["arms"][arm]} for arm in arms if len(raw["arms"].get(arm, ())) >= FEWEST
-    }
+    """The arms of a world with the most seeds, and the seeds that all of these have.
+
+    These are arms with FEWEST seeds and two thirds of the most.
+    """
+    measured_arms = {arm: {*raw["arms"].get(arm, ())} for arm in arms}
+    least = max(FEWEST, max(map(len, measured_arms.values())) * 2 / 3)
+    seeds_by_arm = {arm: seeds for arm, seeds in measured_arms.items() if len(seeds) >= least}
     common = sorted(set.intersection(*seeds_by_arm.values())) if seeds_by_arm else []
     return dict.fromkeys(seeds_by_arm, common)
 
 
 def report() -> None:
-    """The table, the profiles and the curves; arms with fewer than FEWEST seeds only as means."""
+    """The tables, the profiles and the curves."""
     raws = {name: read_raw(name) for name in WORLDS}
     scores: dict[str, dict[str, list[float]]] = {}
-    means = []  # of arms with few seeds
+    means = []  # of arms with fewer seeds
     for name, world in WORLDS.items():
         arms = raws[name]["arms"]
         compared = seeds_of(raws[name], arms_of(world))
@@ -250,7 +257,12 @@ def report() -> None:
         *differences({name: raws[name] for name in scores}),
     ]
     if means:
-        lines += ["", f"Arms with fewer than {FEWEST} seeds, which are not compared:", "", *means]
+        lines += [
+            "",
+            "Means of arms with fewer seeds than the arms of the first table:",
+            "",
+            *means,
+        ]
     (FOLDER / "table.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
     profile_picture(by_world, label="Mean in unseen worlds").save(FOLDER)
@@ -258,15 +270,26 @@ def report() -> None:
 
 
 def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """The table of the differences of PAIRS, and of each arm from the tree written by hand."""
+    """The table of the differences of PAIRS, and of each arm from the tree written by hand.
+
+    Each has the seeds that both arms have, at least FEWEST.
+    """
     rows: list[tuple[str, str, int, Interval, float]] = []
     for name, raw in raws.items():
-        seeds = seeds_of(raw, arms_of(WORLDS[name]))
-        by_arm = {arm: [raw["arms"][arm][seed]["score"] for seed in seeds[arm]] for arm in seeds}
-        by_hand = {arm: [raw["by_hand"]] * len(scores) for arm, scores in by_arm.items()}
-        pairs = [(a, b, by_arm[a], by_arm[b]) for a, b in PAIRS if a in by_arm and b in by_arm]
-        pairs += [(arm, "by hand", by_arm[arm], by_hand[arm]) for arm in by_arm if arm != REFERENCE]
-        for first, second, scores, others in pairs:
+        by_arm = {
+            arm: {seed: run["score"] for seed, run in raw["arms"].get(arm, {}).items()}
+            for arm in arms_of(WORLDS[name])
+        }
+        pairs = [pair for pair in PAIRS if {*pair} <= {*by_arm}]
+        pairs += [(arm, BY_HAND) for arm in by_arm if arm != REFERENCE]
+        by_arm[BY_HAND] = dict.fromkeys(
+            {s for runs in by_arm.values() for s in runs}, raw["by_hand"]
+        )
+        for first, second in pairs:
+            seeds = sorted({*by_arm[first]} & {*by_arm[second]})
+            if len(seeds) < FEWEST:
+                continue
+            scores, others = ([by_arm[arm][seed] for seed in seeds] for arm in (first, second))
             test = paired_test(scores, others)
             label = f"{name}: {first} - {second}"
             difference = paired_difference(scores, others)
