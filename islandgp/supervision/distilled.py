@@ -162,14 +162,14 @@ class Distilled:
         """See `Supervisor`."""
         values = features(state, self.crisis)
         target, rate = str(decide(self.policy.target, values)), decide(self.policy.rate, values)
-        tree = self.expert.tree_for(target, state, rng)
+        tree_fields = self.expert.tree_for(target, state, rng)
         return replace(
             self.expert.advise(state, rng),
             mutation_rate=min(1.0, max(0.0, float(rate))),
             source=self.name,
             target=target,
             reasoning=f"as {self.policy.teacher} decided in states like this one",
-            **tree,
+            **tree_fields,
         )
 
 

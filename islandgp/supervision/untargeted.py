@@ -28,5 +28,5 @@ class Untargeted(Expert):
         if not targets:
             return guidance
         target = targets[rng.integers(len(targets))]
-        fields = self.tree_for(target, state, rng, ", drawn at random")
-        return replace(guidance, target=target, **fields)
+        tree_fields = self.tree_for(target, state, rng, ", drawn at random")
+        return replace(guidance, target=target, **tree_fields)
