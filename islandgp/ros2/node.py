@@ -37,9 +37,15 @@ class TreeNode:
         *,
         step_s: float | None = None,
     ) -> None:
-        """Makes clients and subscriptions of `node`, an rclpy Node.
+        """Makes clients and subscriptions of a node.
 
-        `vocabulary` and `step_s` are those of `load_tree` and `Tree.bind`.
+        Args:
+            node: an rclpy Node.
+            file: of the tree.
+            robot_map: the interfaces of the actions and keys.
+            vocabulary: a file with the robot's actions and keys; None: those of the domain that
+                the tree names, or any.
+            step_s: seconds between two ticks; needed for a tree that counts time.
 
         Raises:
             ConfigError: the map names an interface or a field that does not exist.
@@ -72,7 +78,7 @@ class TreeNode:
         """Ticks the tree once. If a key has no value, stops all actions and returns None.
 
         Raises:
-            DomainError: the value of a key is not a number.
+            DomainError: the value of a key is not a number, a truth value or a declared word.
         """
         self._reload()
         tree = self.robot_tree.tree
@@ -160,7 +166,7 @@ def holds(read: Callable[[], object], **_: object) -> bool:
 
 @contextmanager
 def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
-    """Creates a node, and a function that runs its callbacks for a number of seconds.
+    """Context manager: yields a new node and `spin(seconds)`, which runs its callbacks.
 
     Python keeps handling Ctrl-C, so goals can be cancelled before the end.
     """

@@ -1,9 +1,10 @@
 """Trees as XML for BehaviorTree.CPP, version 4.
 
 The file holds the tree `Robot`, one for each named subtree, and the model of the
-actions for Groot. The blackboard keys keep their names; numbers and flags must be on the blackboard
-before the first tick. If the library's nodes behave differently, the file uses nodes of
-`nodes/islandgp_nodes.hpp`; a plain file does not, and `losses` lists its differences in behaviour.
+actions for Groot. The blackboard keys keep their names; all of them (numbers, flags, words) must be
+on the blackboard before the first tick. If the library's nodes behave differently, the file uses
+nodes of `nodes/islandgp_nodes.hpp`; a plain file does not, and `losses` lists its differences in
+behaviour.
 
 One tick here is one call of `Tree::tickExactlyOnce()`.
 """
@@ -56,7 +57,7 @@ class NodeType(NamedTuple):
 
     tag: str
     attributes: tuple[str, ...] = ()  # names of our arguments there, in our order
-    ours: str = ""  # Control or Decorator, for Groot, of a node of ours; "": of the library
+    ours: str = ""  # its category in Groot, Control or Decorator, if it is in our header; else ""
 
 
 NODES: Final[dict[str, NodeType]] = {
@@ -99,15 +100,14 @@ TAGS: Final = {node.tag: kind for kind, node in NODES.items()}
 
 BUILT_IN: Final = frozenset((
     *TAGS, "Action", "Condition", "Control", "Decorator", "SubTree",
-    "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "Delay", "EntryUpdated",
-    "ForceFailure", "ForceSuccess", "IfThenElse", "KeepRunningUntilFailure", "LoopBool",
-    "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "ParallelAll", "Precondition",
-    "RetryUntilSuccessful", "RetryUntilSuccesful", "RunOnce", "Script", "SequenceWithMemory",
-    "SetBlackboard", "SkipUnlessUpdated", "Sleep", "SubTreePlus", "Switch2", "Switch3", "Switch4",
-    "Switch5", "Switch6", "TestNode", "Timeout", "UnsetBlackboard", "WaitValueUpdate",
+    "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "EntryUpdated",
+    "IfThenElse", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector",
+    "ParallelAll", "Precondition", "RetryUntilSuccesful", "RunOnce", "Script",
+    "SequenceWithMemory", "SetBlackboard", "SkipUnlessUpdated", "Sleep", "SubTreePlus", "Switch2",
+    "Switch3", "Switch4", "Switch5", "Switch6", "TestNode", "UnsetBlackboard", "WaitValueUpdate",
     "WasEntryUpdated", "WhileDoElse",
 ))  # fmt: skip
-"""Names of nodes of the library, which actions cannot have."""
+"""Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
 
 REPEAT = Loss(
     "repeat",
@@ -147,7 +147,7 @@ def losses(tree: Node) -> list[Loss]:
 
 
 def differs(node: Node) -> bool:
-    """True if the library's node for a parallel, a repeater or a `when` behaves differently."""
+    """True if the library's node for a parallel, a repetition, a time or a `when` differs."""
     if isinstance(node.args, SecondsArgs):
         return True
     if isinstance(node.args, CountArgs):
@@ -179,8 +179,8 @@ def to_xml(
             a port cannot have, the tree has a kind without an equivalent node, or `step_s` is
             missing.
     """
-    unfit = {"cooldown"} if plain else {"cooldown", *NAV2}
-    check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
+    rejected_kinds = {"cooldown"} if plain else {"cooldown", *NAV2}
+    check_kinds(tree, plain=plain, step_s=step_s, rejected_kinds=rejected_kinds)
     actions = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(actions):
         raise DomainError(
@@ -193,8 +193,8 @@ def to_xml(
     identity = TREE_ID if TREE_ID not in actions else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in keys_in(tree))
-    unfit = {*BUILT_IN, *actions, *vocabulary.actions, identity}
-    root, subtrees = separated(planned, unfit, keep=shared)
+    reserved = {*BUILT_IN, *actions, *vocabulary.actions, identity}
+    root, subtrees = separated(planned, reserved, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
     if custom_kinds:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
@@ -264,14 +264,18 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
 
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
+    """The lines of a part of the plan, each indented by `indent`.
+
+    `step_s`: seconds between two ticks, as in `to_xml`.
+    """
     notes: dict[str, str] = {}
-    repeated: list[str] = []  # notes of the condition of a guard
+    condition_notes: list[str] = []  # a second note of the same name: of the guard's condition
     for text in part.comments:
         match = _NOTE.fullmatch(text)
         if match and match[1] not in notes:
             notes[match[1]] = match[2]
         elif match and part.children and part.children[0].kind == "check":
-            repeated.append(text)
+            condition_notes.append(text)
         else:
             yield f"{indent}<!-- {_comment(text)} -->"
     notes = {name: notes[name] for name in NOTES if name in notes}
@@ -289,7 +293,7 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
     tag = NODES[part.kind].tag
     yield f"{indent}<{tag}{_attributes(part, step_s)}{_text_of(notes)}>"
     for child in part.children:
-        condition = child._replace(comments=(*repeated,)) if child.kind == "check" else child
+        condition = child._replace(comments=(*condition_notes,)) if child.kind == "check" else child
         yield from _lines(condition, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
 
@@ -307,7 +311,7 @@ def _attributes(part: TargetNode, step_s: float | None) -> str:
     if part.kind == "parallel" and isinstance(part.args, ParallelArgs):
         count = len(part.children)
         succeeds, fails = part.args.needed(count)
-        # It fails when it cannot succeed any more, for any value here.
+        # BehaviorTree.CPP's Parallel also fails once success is impossible, for any failure_count.
         fails = min(fails, count - succeeds + 1) if part.args.success == "all" else fails
         succeeds = -1 if part.args.success == "all" else succeeds
         return f' success_count="{succeeds}" failure_count="{fails}"'

@@ -98,7 +98,7 @@ CUSTOM_NODES: Final = frozenset({
 """Kinds of our own nodes, in addition to the kinds of `TargetNode`."""
 
 Differs: TypeAlias = Callable[[Node], bool]
-"""True if a library's node for a parallel, a repeater or a `when` differs in meaning."""
+"""True if a library's node for a parallel, a repetition, a time or a `when` differs in meaning."""
 
 _KINDS: Final = {
     "inverter": ("inverter", "inverter"),
@@ -197,7 +197,7 @@ def separated(
         reserved: names that no subtree can have.
         keep: False: insert the subtrees in their places, without names.
     """
-    unfit = set(reserved)
+    taken = set(reserved)
     names: dict[tuple[str, TargetNode], str] = {}
 
     def visit(part: TargetNode) -> TargetNode:
@@ -210,8 +210,8 @@ def separated(
             return children[0]
         name = subtree_of(part)
         if (name, children[0]) not in names:
-            names[name, children[0]] = fresh_name(name, unfit)
-            unfit.add(names[name, children[0]])
+            names[name, children[0]] = fresh_name(name, taken)
+            taken.add(names[name, children[0]])
         use = UseArgs(names[name, children[0]])
         return TargetNode("subtree", use, comments=part.comments)
 
@@ -219,18 +219,20 @@ def separated(
     return root, {name: body for (_, body), name in names.items()}
 
 
-def check_kinds(tree: Node, *, plain: bool, step_s: float | None, unfit: Iterable[str]) -> None:
+def check_kinds(
+    tree: Node, *, plain: bool, step_s: float | None, rejected_kinds: Iterable[str]
+) -> None:
     """Raises DomainError for a tree with a kind, or with seconds, that cannot be exported.
 
     Args:
         tree: to be exported.
         plain: True: only nodes of the library, which measure seconds.
         step_s: seconds between two ticks; our nodes count ticks.
-        unfit: kinds without a node in the library.
+        rejected_kinds: kinds without a node in the library.
     """
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
-    if missing := kinds.intersection(unfit) | (kinds - EXPORTED):
+    if missing := kinds.intersection(rejected_kinds) | (kinds - EXPORTED):
         other = "as JSON (--to json)"
         if kinds <= EXPORTED - NAV2:
             other = "as Python (--to pytrees, without --plain)"
@@ -252,12 +254,12 @@ def subtree_of(part: TargetNode) -> str:
     return part.args.name
 
 
-def fresh_name(name: str, unfit: set[str]) -> str:
-    """A valid name like `name` that is not in `unfit`: recharge_20_3 for `recharge(20, 3)`."""
+def fresh_name(name: str, taken: set[str]) -> str:
+    """A valid name like `name` that is not in `taken`: recharge_20_3 for `recharge(20, 3)`."""
     prefix = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
     prefix = prefix if prefix[:1].isalpha() or prefix[:1] == "_" else f"tree_{prefix}"
     candidate, number = prefix, 1
-    while candidate in unfit:
+    while candidate in taken:
         number += 1
         candidate = f"{prefix}_{number}"
     return candidate

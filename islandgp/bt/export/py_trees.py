@@ -88,8 +88,8 @@ def to_python(
 
     Each named subtree becomes a separate function.
     """
-    unfit = {"cooldown", *NAV2} if plain else NAV2
-    check_kinds(tree, plain=plain, step_s=step_s, unfit=unfit)
+    rejected_kinds = {"cooldown", *NAV2} if plain else NAV2
+    check_kinds(tree, plain=plain, step_s=step_s, rejected_kinds=rejected_kinds)
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.kind == "cooldown_ticks" for part in parts(planned)):
         planned = TargetNode("tick_counter", (), (planned,))
