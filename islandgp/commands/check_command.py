@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -48,45 +49,51 @@ def command(
 ) -> None:
     """Report errors and warnings for the trees in FILES.
 
-    A `use` counts as its whole subtree. Exit code 1 if a file is not a tree.
+    A `use` counts as its whole subtree. Exit code 1 if a file is not a valid tree, or with
+    --strict has warnings; 2 if a file cannot be read.
     """
     limits = Limits(max_depth or 10**9, max_nodes or 10**9)
-    wrong = doubtful = 0
+    files_with_errors = files_with_warnings = 0
     entries: list[dict[str, Any]] = []
     for file in files:
         text, name, folder = read_text(file), display_name(file), folder_of(file)
-        errors: list[TreeError] = []
-        try:
-            vocabulary = vocabulary_of(text, options, name=name, folder=folder, in_world=True)
-            if errors := tree_errors(text, vocabulary, name=name, folder=folder):
-                raise errors[0]
-            tree, diagnostics = checked(text, vocabulary, name, folder, limits)
-        except TreeError as error:
-            wrong += 1
-            for each in errors or [error]:
-                message = str(each)
-                if as_json:
-                    entries.append(plain_error(each, name))
-                else:
-                    click.echo(message if message.startswith(f"{name}:") else f"{name}: {message}")
-            continue
-        doubtful += bool(diagnostics)
+        errors, tree, diagnostics = _findings(text, name, folder, options, limits)
+        files_with_errors += bool(errors)
+        files_with_warnings += bool(diagnostics)
         if as_json:
+            entries += [plain_error(error, name) for error in errors]
             entries += [plain_finding(finding, text, name) for finding in diagnostics]
             continue
+        for error in errors:
+            message = str(error)
+            click.echo(message if message.startswith(f"{name}:") else f"{name}: {message}")
         for finding in diagnostics:
             click.echo(finding.text(text, name=name))
-        if not quiet:
-            warnings_text = (
-                f"{len(diagnostics)} warning{'s' * (len(diagnostics) != 1)}"
-                if diagnostics
-                else "no warnings"
-            )
-            nodes = f"{size(tree)} node{'s' * (size(tree) != 1)}"
-            click.echo(f"{name}: {nodes}, depth {depth(tree)}, {warnings_text}")
+        if tree is not None and not quiet:
+            click.echo(f"{name}: {_summary(tree, diagnostics)}")
     if as_json:
         click.echo(json.dumps(entries, indent=1))
-    sys.exit(1 if wrong or (strict and doubtful) else 0)
+    sys.exit(1 if files_with_errors or (strict and files_with_warnings) else 0)
+
+
+def _findings(
+    text: str, name: str, folder: Path, options: DomainOptions, limits: Limits
+) -> tuple[Sequence[TreeError], Node | None, Sequence[LintWarning]]:
+    """The errors of a text; if there are none, its tree and its warnings."""
+    try:
+        vocabulary = vocabulary_of(text, options, name=name, folder=folder, in_world=True)
+        if errors := tree_errors(text, vocabulary, name=name, folder=folder):
+            return errors, None, ()
+        return (), *checked(text, vocabulary, name, folder, limits)
+    except TreeError as error:
+        return [error], None, ()
+
+
+def _summary(tree: Node, diagnostics: Sequence[LintWarning]) -> str:
+    """The size of a tree and the number of its warnings, in words."""
+    nodes = f"{size(tree)} node{'s' * (size(tree) != 1)}"
+    count = f"{len(diagnostics) or 'no'} warning{'s' * (len(diagnostics) != 1)}"
+    return f"{nodes}, depth {depth(tree)}, {count}"
 
 
 def checked(
@@ -103,7 +110,8 @@ def plain_error(error: TreeError, name: str) -> dict[str, Any]:
     first, *rest = str(error).splitlines()
     placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
     file, message = placed.groups() if placed else (name, first)
-    hints = rest[2:] if error.source or placed else rest  # without the line and its caret
+    # An error with a place shows the line and a caret, which JSON leaves out.
+    hints = rest[2:] if error.source or placed else rest
     code = next((code for kind, code in CODES.items() if isinstance(error, kind)), "syntax")
     place = _plain_place(error.line, error.column, error.source)
     return {

@@ -1,10 +1,10 @@
-"""The seven actions of section 2.2.3, each a function of the island.
+"""The seven actions of section 2.2.3 of the paper (docs/paper.md), each a function of the island.
 
 An action is called once per tick while its leaf runs; `fresh` is True on the first call. It
-returns a status and may turn the wheels. While it is RUNNING it calls `wake_at` with the step at
-which its status may change and, if its result depends on the robot's position, `same_for` with the
-distance within which a fresh call would have the same result. `docs/extending.md` shows how to add
-an action.
+returns a status and may turn the wheels. As the island skips ticks that change nothing, an action
+that may end at a known step calls `wake_at` with it while it is RUNNING, and an action whose result
+depends on the robot's position calls `same_for`, also if it ends at once, with the distance within
+which a fresh call would have the same result. `docs/extending.md` shows how to add an action.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def seek_charger(island: State, fresh: bool) -> int:
 
 
 def execute_charge(island: State, fresh: bool) -> int:
-    """Charges until full; a further attempt counts after enough of the charge was used."""
+    """Charges until full; logs `charge` again only after `charge_again` percent were used."""
     robot = island.robot
     beyond = min(_distances(island, island.world.chargers)) - robot.settings.station_reach
     island.same_for(abs(beyond))
@@ -85,7 +85,7 @@ def execute_charge(island: State, fresh: bool) -> int:
 def move_to_humanoid(island: State, fresh: bool) -> int:
     """Drives to the nearest humanoid in sight that asks, and takes over its garbage.
 
-    It fails as long as the blackboard shows no humanoid that asks.
+    It fails if no humanoid in sight asks, or if the robot has no room.
     """
     robot, people = island.robot, island.humanoids
     if robot.room <= 0:
@@ -94,22 +94,24 @@ def move_to_humanoid(island: State, fresh: bool) -> int:
     if fresh:
         island.humanoid = people.nearest_asking(island.physics.humanoid_positions(), position)
         island.aim_end = 0
-    h = island.humanoid
-    if h < 0 or not people.asks(h):
+    humanoid = island.humanoid
+    if humanoid < 0 or not people.asks(humanoid):
         return FAILURE
-    at = people.position(h)
-    gap = abs(at - position)
+    place = people.position(humanoid)
+    gap = abs(place - position)
     if gap > robot.settings.perception:
         return FAILURE
     if gap <= people.settings.reach:
-        island.act(IslandEvent.INTERACTION, _load(island, people.hand_over(h, robot.room)))
+        items = people.hand_over(humanoid, robot.room)
+        robot.load += items
+        island.act(IslandEvent.INTERACTION, items)
         return SUCCESS
-    _pursue(island, at, gap)
+    _pursue(island, place, gap)
     return RUNNING
 
 
 def deliver_to_clearing_point(island: State, fresh: bool) -> int:
-    """Drives to the nearest clearing point and unloads; an empty delivery costs once a visit."""
+    """Drives to the nearest clearing point and unloads; an empty robot is fined once per visit."""
     robot, points, lead = island.robot, island.world.clearing_points, inf
     if fresh:
         robot.clearing_point, lead = _nearest(island, points)
@@ -152,7 +154,11 @@ ACTIONS: Final[Mapping[str, IslandAction]] = {
 
 
 def drive(island: State, x: float, y: float, reach: float, lead: float = inf) -> int:
-    """RUNNING while the wheels turn towards (x, y), SUCCESS within reach; `lead` as `drive_to`."""
+    """RUNNING while the wheels turn towards (x, y), SUCCESS within reach.
+
+    `lead`: see `IslandRobot.drive_to`; inf if the call is not fresh, as a running action keeps its
+    goal.
+    """
     robot = island.robot
     distance = hypot(x - robot.x, y - robot.y)
     if distance <= reach:
@@ -178,24 +184,19 @@ def _distances(island: State, stations: Sequence[tuple[float, float]]) -> list[f
     return [hypot(x - rx, y - ry) for x, y in stations]
 
 
-def _pursue(island: State, at: complex, gap: float) -> None:
-    """Drives to the last aim at a humanoid, now at `at`; updates the aim every AIM_EVERY steps."""
-    robot, people, position = (
-        island.robot,
-        island.humanoids,
-        complex(island.robot.x, island.robot.y),
-    )
+def _pursue(island: State, place: complex, gap: float) -> None:
+    """Drives to the last aim at a humanoid, which is at `place`; updates it every AIM_EVERY steps.
+
+    `gap`: metres between the robot and the humanoid.
+    """
+    robot, people = island.robot, island.humanoids
+    position = complex(robot.x, robot.y)
     island.same_for(0)  # a fresh call would update the aim
     if island.step >= island.aim_end or abs(island.aim - position) < robot.stride:
-        island.aim = at
+        island.aim = place
         island.aim_end = island.step + AIM_EVERY
     robot.drive_to(island.aim.real, island.aim.imag, 0.0)
     aim_steps = steps_to(abs(island.aim - position) - robot.stride, robot.stride)
     room = min(gap - people.settings.reach, robot.settings.perception - gap)
     meeting_steps = steps_to(room, robot.stride + island.walk)
     island.wake_at(min(island.aim_end, island.step + min(aim_steps, meeting_steps)))
-
-
-def _load(island: State, items: int) -> int:
-    island.robot.load += items
-    return items
