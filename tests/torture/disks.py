@@ -145,9 +145,9 @@ def open_files(lab: Lab) -> None:
 def memory(lab: Lab) -> None:
     """`ulimit -v`: an address space that is too small.
 
-    Not between 300 and 340 MiB: there SciPy's OpenBLAS may never return from being loaded.
+    Not between 300 and 450 MiB: there SciPy's OpenBLAS may never return from being loaded.
     """
-    for mib in (200, 400, 600, 800):
+    for mib in (200, 600, 800, 1000):
         home = lab.folder()
         ending = lab.run(home, *REAL, prefix=limited(f"ulimit -v {mib * 1024}"))
         if ending.code:
