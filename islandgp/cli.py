@@ -145,21 +145,21 @@ ERRORS: Final = (
     (r"Invalid value for (.+?): (.+) is not in the range (.+)", r"\1: expected \3, found \2"),
     (r"Invalid value for (.+?): (.+) is not one of (.+)", r"\1: expected one of \3, found \2"),
     (
-        r"Invalid value for (.+?): File '(.+)' is a directory",
+        r"Invalid value for (.+?): File ['\"](.+)['\"] is a directory",
         r"\1: expected a File, found the folder \2",
     ),
     (
-        r"Invalid value for (.+?): Directory '(.+)' is a file",
+        r"Invalid value for (.+?): Directory ['\"](.+)['\"] is a file",
         r"\1: expected a Directory, found the file \2",
     ),
     (
-        r"Invalid value for (.+?): (File|Directory) '(.+)' is not (readable|writable)",
+        r"Invalid value for (.+?): (File|Directory) ['\"](.+)['\"] is not (readable|writable)",
         r"\1: expected a \2 that is \4, found \3, which is not",
     ),
-    (r"Invalid value for (.+?): File '(.+)' .+", r"\1: there is no file \2"),
-    (r"Invalid value for (.+?): Directory '(.+)' .+", r"\1: there is no folder \2"),
+    (r"Invalid value for (.+?): File ['\"](.+)['\"] .+", r"\1: there is no file \2"),
+    (r"Invalid value for (.+?): Directory ['\"](.+)['\"] .+", r"\1: there is no folder \2"),
 )
-"""Patterns of Click's messages, with their replacements."""
+"""Patterns of Click's messages, with their replacements. It quotes a path as `repr` does."""
 
 
 def one_line(error: click.ClickException) -> str:

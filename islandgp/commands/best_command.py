@@ -123,8 +123,8 @@ def _finished(path: Path) -> list[RunFolder]:
         for group in sorted({*TASK, "constraints", "perturb"}):
             if (first.get(group) or {}) != (config.get(group) or {}):
                 raise RunError(
-                    f"Expected runs with one {group}, found that {runs[0].path.name} and"
-                    f" {run.path.name} differ in it; give a run's own folder."
+                    f"Expected runs with the same {group}, found different ones in"
+                    f" {runs[0].path.name} and {run.path.name}; give a run's own folder."
                 )
     return runs
 

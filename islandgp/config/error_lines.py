@@ -66,6 +66,9 @@ def error_lines(
             yield f"{path.removesuffix('.[key]')}: expected {pattern_text}, found {e['input']!r}"
         elif e["type"] == "missing":
             yield f"{path}: expected a value, found none"
+        elif e["type"] == "model_type":
+            names = ", ".join(keys_at(config, e["loc"], model))
+            yield f"{path}: expected a mapping with keys of {names}, found {e['input']!r}"
         elif e["type"] == "value_error":
             colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
             yield f"{path}{colon}{message}" if path else message

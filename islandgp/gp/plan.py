@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
@@ -22,12 +22,14 @@ from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.scoring.state import Crisis, StateSettings
 
+MAX_GENERATIONS: Final = 100_000  # of a run
+
 
 class GP(BaseModel, frozen=True, extra="forbid"):
     """Genetic programming, section 2.3."""
 
     population: int = Field(ge=4, le=10_000)
-    generations: int = Field(ge=1, le=100_000)  # including generation 0
+    generations: int = Field(ge=1, le=MAX_GENERATIONS)  # including generation 0
     selection: str  # of parents: an entry of SELECTIONS, or "module:function"
     tournament_size: int = Field(ge=1)  # individuals that a selection compares
     crossover: str  # an entry of CROSSOVERS, or "module:function"
@@ -133,6 +135,12 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
                 f"budget.episodes: expected at least {minimum:,}, one generation and its"
                 f" validation, found {self.episodes:,}; raise it, or lower gp.population or"
                 " gp.episodes"
+            )
+        most = MAX_GENERATIONS * minimum
+        if self.episodes > most:
+            raise ValueError(
+                f"budget.episodes: expected at most {most:,}, those of {MAX_GENERATIONS:,}"
+                f" generations, found {self.episodes:,}; lower it, or raise gp.population"
             )
         return max(1, int(self.episodes / (1 + validation)) // one)
 

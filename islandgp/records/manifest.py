@@ -63,7 +63,9 @@ class DamagedFile:
         return self.damage is Damage.MISSING and self.name in RESTORABLE
 
     def __str__(self) -> str:
-        remedy = "; the command of the run restores it" * self.restorable
+        # After a kill, the page of an unfinished run may be there, without an entry.
+        restored = self.restorable or self.name == PAGE
+        remedy = "; the command of the run restores it" * restored
         return f"{self.name}: {self.damage}{remedy}"
 
 

@@ -225,7 +225,7 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
     finished = {label: group for label, group in members.items() if any(r.finished for r in group)}
     if len(finished) < 2:
         unfinished = sum(not run.finished for group in members.values() for run in group)
-        more = f" and {unfinished} unfinished runs" if unfinished else ""
+        more = f" (unfinished runs: {unfinished})" if unfinished else ""
         raise StudyError(
             f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'}"
             f"{more}; run a sweep such as supervisor=baseline,expert, or select arms by --arm."

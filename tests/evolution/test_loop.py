@@ -17,6 +17,7 @@ from islandgp.bt.core.node import Node, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
+from islandgp.gp.plan import MAX_GENERATIONS, Budget
 from islandgp.gp.record import RunState, Step, record_values
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
@@ -360,6 +361,19 @@ class Tries(Constant):
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
         return replace(super().advise(state, rng), episodes=7)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "line"),
+    [(9, "expected at least 10, one "), (10**20, "expected at most 1,000,000, those of 100,000 ")],
+)
+def test_a_budget_has_one_generation_and_no_more_than_the_greatest_number(
+    episodes: int, line: str
+) -> None:
+    """The message names the key that was set, with the limit."""
+    with pytest.raises(ValueError, match=f"^budget.episodes: {line}"):
+        Budget(episodes=episodes).generations(8, 1, 0.3)
+    assert Budget(episodes=1_000_000).generations(8, 1, 0.3) <= MAX_GENERATIONS
 
 
 def test_every_episode_counts_in_the_budget() -> None:

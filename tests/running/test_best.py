@@ -108,7 +108,7 @@ def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
         overrides = (f"runs={tmp_path}", f"seed={seed}", f"world.episode.length={length}")
         islandgp.compose(*SHORT, *overrides).run()
     (folder,) = tmp_path.iterdir()
-    assert "Expected runs with one world" in str(best(folder).exception)
+    assert "Expected runs with the same world" in str(best(folder).exception)
 
 
 def test_a_folder_without_a_finished_run(tmp_path: Path) -> None:

@@ -89,7 +89,10 @@ def test_words() -> None:
         ({"pickups": {"at_most": "few"}}, "constraints.pickups.at_most='few': input should be"),
         ({"pickups": {"at_most": float("nan")}}, "constraints.pickups.at_most=nan: input should"),
         ({"pickups": {"at_most": True}}, "constraints.pickups.at_most=true: input should be"),
-        ({"pickups": 3}, "constraints.pickups=3: input should be"),
+        (
+            {"pickups": 3},
+            "constraints.pickups: expected a mapping with keys of at_least, at_most, found 3",
+        ),
         ([3], "constraints=[3]: input should be a valid dictionary"),
     ],
 )

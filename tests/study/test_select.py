@@ -337,7 +337,7 @@ def test_unfinished_runs_are_counted_if_arms_are_missing(tmp_path: Path) -> None
     """The message has the finished arms and the number of unfinished runs."""
     write_run(fake_run("expert", 0), tmp_path / "expert")
     write_run(fake_run("baseline", 0), tmp_path / "baseline", finished=False)
-    with pytest.raises(StudyError, match="found expert and 1 unfinished runs; "):
+    with pytest.raises(StudyError, match=r"found expert \(unfinished runs: 1\); "):
         arms_of_sweep(find(tmp_path))
 
 

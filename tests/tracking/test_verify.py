@@ -90,6 +90,7 @@ def write(file: str, text: str) -> Callable[[Path], None]:
         (write("notes.txt", "mine"), "notes.txt: added"),
         (remove("manifest.json"), "manifest.json: missing"),
         (write("manifest.json", "{"), "manifest.json, found a damaged file"),
+        (write("run.html", "of"), "run.html: added; the command of the run restores it"),
         (edit("manifest.json", b'"lineage.csv"', b'"lineage.cvs"'), "lineage.csv: added"),
         (lambda run: (run / "best.svg").symlink_to(run / "best.bt"), "best.svg, found a link"),
     ],

@@ -111,6 +111,8 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["check", "--vocabulary", "ok.bt", "ok.bt"], "expected JSON of `islandgp domain NAME"),
         (["check", "--vocabulary", ".", "ok.bt"], "expected a File, found the folder ."),
         (["check", "--config-dir", "ok.bt", "ok.bt"], "expected a Directory, found the file ok.bt"),
+        (["check", "robot's.bt"], "there is no file robot's.bt"),
+        (["check", "--config-dir", "robot's", "ok.bt"], "there is no folder robot's"),
         (["diff", "ok.bt"], "expected NEW, found none"),
         (["tune", "ok.bt", "--episodes", "nan"], "expected a valid integer, found 'nan'"),
         (["tune", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
