@@ -97,7 +97,10 @@ def tables() -> dict[str, str]:
                 ("comparison", _codes(OPERATORS)),
                 ("between conditions", _codes(["and", "or", "not"])),
                 ("`abort`; the last is the default", _codes(ABORTS)),
-                ("`success`, `failure` of a parallel", f"{_codes(POLICIES)}, or a whole number"),
+                (
+                    "`success`, `failure` of a parallel",
+                    f"{_codes(POLICIES)}, or a whole number from {REPEATS[0]} to {REPEATS[1]}",
+                ),
                 (_codes(TIMED), f"seconds from {SECONDS[0]:g} to {SECONDS[1]:,}"),
                 (_codes(COUNTED), f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
             ],
