@@ -20,7 +20,7 @@ from islandgp.evaluation.base import check_version
 from islandgp.gp.record import Champion, Cost
 from islandgp.plain import DECODE_ERRORS, from_plain
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import flatten
+from islandgp.records.parameters import ending_in_digest, flatten
 from islandgp.study.arms import Arm, Run
 from islandgp.sweep.folder import SweepFile, SweepFolder
 
@@ -111,6 +111,9 @@ MLFLOW: Final = "mlflow:"
 UNSUPERVISED: Final = "baseline"
 """The supervisor that does not guide the search; its arms are compared with all others."""
 
+MAX_NAME: Final = 80
+"""Most characters of an arm's name: files of a report have the names of two arms."""
+
 _RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
 _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
 """A part of a selection; it may contain spaces in brackets and quotes."""
@@ -132,6 +135,11 @@ class Selection:
 def parse_arm(text: str) -> tuple[str, str]:
     """`expert=supervisor=expert` as ("expert", "supervisor=expert"). Raises StudyError."""
     name, _, selection = text.partition("=")
+    if len(name.strip()) > MAX_NAME:
+        raise StudyError(
+            f"Expected an arm's name of at most {MAX_NAME} characters, found {len(name.strip())}:"
+            f" {name.strip():.20}...; files of the report have these names."
+        )
     if not re.fullmatch(r"\w[\w.+-]*", name.strip()) or not selection.strip():
         raise StudyError(
             f'Expected --arm NAME="KEY=VALUE ...", found {text!r};'
@@ -233,7 +241,7 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
     ordered = sorted(finished.items(), key=lambda each: each[0].startswith(UNSUPERVISED))
     arms: list[Arm] = []
     for label, group in ordered:
-        name = base = re.sub(r"[^\w.+-]+", "-", label).strip("-")
+        name = base = _arm_name(label)
         number = 2
         while name in {arm.name for arm in arms}:
             name, number = f"{base}-{number}", number + 1
@@ -241,6 +249,12 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
         arms.append(arm)
         notes += remarks
     return arms, notes
+
+
+def _arm_name(label: str) -> str:
+    """The supervisor and overrides as an arm's name; a long one is cut, and ends in a digest."""
+    name = re.sub(r"[^\w.+-]+", "-", label).strip("-")
+    return name if len(name) <= MAX_NAME else ending_in_digest(name, label, MAX_NAME)
 
 
 def _by_arm(

@@ -322,6 +322,19 @@ def test_arms_of_a_sweep_have_different_names(tmp_path: Path) -> None:
     assert [arm.name for arm in arms] == ["expert-gp.depth-1-2", "expert-gp.depth-1-2-2"]
 
 
+def test_a_long_name_of_an_arm_is_cut(tmp_path: Path) -> None:
+    """It ends in a digest, so names differ; a longer one in --arm is refused."""
+    longer = [(f"gp.tags={'x' * 300}{end}",) for end in "ab"]
+    _sweep(tmp_path, {choices: {} for choices in longer})
+    arms, _ = arms_of_sweep(find(tmp_path))
+    first, second = [arm.name for arm in arms]
+    assert len(first) == len(second) == 80
+    assert first != second
+    assert parse_arm(f"{first}=seed=1") == (first, "seed=1")
+    with pytest.raises(StudyError, match="at most 80 characters, found 81: xxx"):
+        parse_arm(f"{'x' * 81}=seed=1")
+
+
 def test_runs_beside_those_of_a_sweep_are_left_out(tmp_path: Path) -> None:
     """A copy of a job, or a single run of the same name, is in no arm; a note names it."""
     _sweep(tmp_path, {("gp.founders=true",): {}, ("gp.founders=false",): {}})
