@@ -19,6 +19,7 @@ from islandgp.study.aggregates import (
     interquartile_mean,
     stratified_bootstrap,
 )
+from islandgp.study.figures import drawing
 from islandgp.study.figures.drawing import DPI, LINES, MARKERS, PALETTE, named, nth_style, plain
 from islandgp.study.figures.profiles import WIDTH, profile_picture
 from islandgp.study.profiles import ALL_WORLDS, Scores, normalised, summarise
@@ -231,3 +232,11 @@ def test_the_documented_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     (*_, last, _) = names["rows"]  # type: ignore[misc] # rows of summarise
     assert (last.world, last.arm) == (ALL_WORLDS, "expert")
     assert last.iqm.low < last.iqm.estimate
+
+
+def test_long_titles_of_panels_have_lines_that_fit() -> None:
+    """Four in a row have lines of at most 20 characters; nothing of the name is lost."""
+    title = drawing.heading("expert-gp.crossover_rate-0.5-gp.mutation_rate-0.1", 4)
+    assert max(map(len, title.split("\n"))) <= 20
+    assert title.replace("\n", "") == "expert-gp.crossover_rate-0.5-gp.mutation_rate-0.1"
+    assert drawing.heading("expert", 4) == "expert"

@@ -8,6 +8,7 @@ readers.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -208,7 +209,7 @@ def panel_picture(
         for axes, arm in zip(panels, study.arms, strict=True):
             fill(axes, arm)
             epoch_lines(axes, study)
-            axes.set_title(plain(arm.name))
+            axes.set_title(heading(arm.name, min(len(study.arms), MAX_COLUMNS)))
         for axes in panels[-MAX_COLUMNS:]:  # the lowest panel of each column
             axes.set_xlabel("Generation")
         for axes in panels[::MAX_COLUMNS]:
@@ -241,6 +242,11 @@ def named(arm: Arm) -> str:
 def plain(name: str) -> str:
     """A name escaped for matplotlib: `$` would begin a formula, `_` would hide a legend entry."""
     return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
+
+
+def heading(text: str, columns: int) -> str:
+    """The title of one of `columns` panels in a row, broken into lines that fit."""
+    return plain(textwrap.fill(text, 80 // columns))
 
 
 def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:

@@ -83,9 +83,9 @@ def figure_8(study: Comparison) -> drawing.Picture | None:
         rows = figure.subplots(len(arms), 2, squeeze=False, width_ratios=(1, 2))
         for (left, right), arm in zip(rows, arms, strict=True):
             _pattern_totals(left, arm)
-            left.set_title(f"{arm.name}: all decisions")
+            left.set_title(drawing.heading(f"{arm.name}: all decisions", 3))
             _patterns_over_time(right, arm, study)
-            right.set_title(f"{arm.name}: over generations")
+            right.set_title(drawing.heading(f"{arm.name}: over generations", 3))
 
     return drawing.picture("figure-8", draw, height=0.9 + 2.6 * len(arms))
 
