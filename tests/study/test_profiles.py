@@ -235,8 +235,8 @@ def test_the_documented_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_long_titles_of_panels_have_lines_that_fit() -> None:
-    """Four in a row have lines of at most 20 characters; nothing of the name is lost."""
+    """Four in a row have lines of at most 17 characters; nothing of the name is lost."""
     title = drawing.heading("expert-gp.crossover_rate-0.5-gp.mutation_rate-0.1", 4)
-    assert max(map(len, title.split("\n"))) <= 20
+    assert max(map(len, title.split("\n"))) <= 17
     assert title.replace("\n", "") == "expert-gp.crossover_rate-0.5-gp.mutation_rate-0.1"
     assert drawing.heading("expert", 4) == "expert"

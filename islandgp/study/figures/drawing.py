@@ -246,7 +246,7 @@ def plain(name: str) -> str:
 
 def heading(text: str, columns: int) -> str:
     """The title of one of `columns` panels in a row, broken into lines that fit."""
-    return plain(textwrap.fill(text, 80 // columns))
+    return plain(textwrap.fill(text, 68 // columns))
 
 
 def groups(study: Comparison, n: int) -> Iterator[tuple[Arm, Style, int, float, float]]:
