@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 from concurrent.futures import Future
 from time import sleep
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -35,18 +36,23 @@ def test_time_at_work_and_time_of_waiting_count(busy: bool) -> None:
         episode()
 
 
-def test_waiting_for_a_worker_goes_on_after_a_suspension(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Only the first of ten waits takes a suspended process beyond its time."""
+@pytest.mark.parametrize(("waits", "ends"), [(3, True), (7, False)])
+def test_a_suspension_takes_one_wait_for_a_worker(
+    monkeypatch: pytest.MonkeyPatch, waits: int, ends: bool
+) -> None:
+    """Each wait counts with its own length, however long the process was suspended in it."""
     future: Future[Any] = Future()
-    waits = []
+    seconds = []
 
-    def waited(futures: list[Future[Any]], seconds: float) -> Any:
-        waits.append(seconds)
-        if len(waits) == 2:
+    def long_wait(futures: list[Future[Any]], period: float) -> Any:
+        seconds.append(period)
+        if len(seconds) == waits:
             future.set_result("an outcome")
         return real(futures, 0)
 
     real = processes.wait_for
-    monkeypatch.setattr(processes, "wait_for", waited)
-    assert processes._ends(future, 600)
-    assert waits == [60, 60]
+    monkeypatch.setattr(processes, "wait_for", long_wait)
+    monkeypatch.setattr(processes, "_manages", lambda pool: True)  # noqa: ARG005 -- its argument
+    pool: Any = SimpleNamespace(episode_timeout=6 * processes.PERIOD - processes.GRACE, _pool=None)
+    assert processes.Processes._ends(pool, future) == ends
+    assert sum(seconds) == min(waits, 6) * processes.PERIOD

@@ -17,7 +17,7 @@ from islandgp.study.emergence import (
 from islandgp.study.figures.emergence import box
 from islandgp.study.findings import examine
 from islandgp.study.measures import emergence
-from islandgp.study.tables.comparisons import when
+from islandgp.study.tables.comparisons import time_cell
 from tests.study.fake_runs import fake_run
 
 
@@ -117,7 +117,7 @@ def test_band_of_a_share_by_hand() -> None:
 
 def test_a_cell_shows_how_many_runs_got_there() -> None:
     """A table's cell gives mean, SD and median, or the median and how many runs it rests on."""
-    assert when(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
-    assert when(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"
-    assert when(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
-    assert when(summary([None, None], 41)) == "never in 2 runs"
+    assert time_cell(summary([6, 8, 5, 5, 15], 41)) == "7.8 ± 4.2, median 6.0"
+    assert time_cell(summary([6], 41)) == "6.0 ± \N{EN DASH}, median 6.0"
+    assert time_cell(summary([3, None, 5], 41)) == "median 5.0, 2 of 3 runs"
+    assert time_cell(summary([None, None], 41)) == "never in 2 runs"
