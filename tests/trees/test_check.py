@@ -100,8 +100,8 @@ def test_an_error_about_the_whole_tree_names_the_file(
     monkeypatch.chdir(tmp_path)
     Path("E").write_text("selector { PatrolWaypoint }", encoding="utf-8")
     result = islandgp("check", "--max-depth", 1, "E")
-    found = "E: Expected a tree of at most 1 level, found 2; shorten it or raise the limit.\n"
-    assert (result.code, result.out) == (1, found)
+    message = "E: Expected a tree of at most 1 level, found 2; shorten it or raise the limit.\n"
+    assert (result.code, result.out) == (1, message)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -186,17 +186,17 @@ def test_warning_in_a_subtree() -> None:
 def test_a_warning_names_the_uses_to_which_it_applies() -> None:
     """A branch that can run in some uses of its subtree only is reported with the other uses."""
     text = "subtree chk(p) = when batteryLevel < p { SeekCharger }\nselector { %s PatrolWaypoint }"
-    (found,) = warnings(text % "use chk(-3) use chk(50)", VOCABULARY)
-    assert found.message.startswith("this branch can never run: batteryLevel < p can't hold")
-    assert found.message.endswith("; in the use at 2:12")
-    (found,) = warnings(text % "use chk(-3) use chk(-4)", VOCABULARY)
-    assert found.message.endswith("0 to 100")
+    (warning,) = warnings(text % "use chk(-3) use chk(50)", VOCABULARY)
+    assert warning.message.startswith("this branch can never run: batteryLevel < p can't hold")
+    assert warning.message.endswith("; in the use at 2:12")
+    (warning,) = warnings(text % "use chk(-3) use chk(-4)", VOCABULARY)
+    assert warning.message.endswith("0 to 100")
     inner = "subtree twice(q) = sequence { use chk(q) }\n"
-    (found,) = warnings(
+    (warning,) = warnings(
         text.replace("\n", f"\n{inner}") % "use chk(50) use twice(-1) use twice(9) use chk(-2)",
         VOCABULARY,
     )
-    assert found.message.endswith("; in the uses at 3:24, 3:51")
+    assert warning.message.endswith("; in the uses at 3:24, 3:51")
 
 
 def test_limits(islandgp: Cli, tmp_path: Path) -> None:

@@ -245,7 +245,7 @@ def _unexpected_word(
         message += "; name this node as a subtree above, and pass `use` and its name"
     only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
     if token == "}" and "SELECTOR" in accepted and _unclosed(source, before) is not None:
-        message = _missing_child(_parent(source, before), found=before[-1] != "{")
+        message = _missing_child(_parent(source, before), has_child=before[-1] != "{")
         expected = "a node or an action"
     elif only == {"RBRACE"}:
         takes = "two children" if _parent(source, before) == "recovery" else "one child"
@@ -262,11 +262,11 @@ def _unexpected_word(
     return source.error_at(token, message, expected=expected, guess=guess)
 
 
-def _missing_child(node: str, *, found: bool) -> str:
-    """The message for a brace that closes too early. `found`: there is a child before it."""
+def _missing_child(node: str, *, has_child: bool) -> str:
+    """The message for a brace that closes too early. `has_child`: there is a child before it."""
     article = "an" if node[0] in "aeiou" else "a"
     if node == "recovery":
-        return f"a recovery takes two children, found {'one' if found else 'none'}"
+        return f"a recovery takes two children, found {'one' if has_child else 'none'}"
     count = "one child" if node in _ONE_CHILD else "at least one child"
     return f"{article} {node} needs {count}, found none"
 
