@@ -70,7 +70,7 @@ def demo(overrides: Sequence[str]) -> int:
     code = main(["supervisor=replay", record, f"runs={home / 'second_run'}", *common])
     if code:
         return code
-    second_run = _folder(home / "again") / "generations.jsonl"
+    second_run = _folder(home / "second_run") / "generations.jsonl"
     same = second_run.read_bytes() == (live / "generations.jsonl").read_bytes()
     print(f"The two records are {'identical, byte for byte' if same else 'DIFFERENT'}.")
     return 0 if same else 1
