@@ -49,15 +49,13 @@ FEWEST: Final = 10  # seeds of an arm that is compared
 POINTS: Final = 20  # of a curve
 QUIET: Final = ("tracking=off", "progress=off", "evaluator=serial")
 
+OTHER_SEARCHES: Final = ("hill", "lexicase", "map_elites", "novelty", "nsga2")
 ARMS: Final[dict[str, tuple[str, ...]]] = {
     "racing": ("search=racing", "supervisor=baseline", "search.policy.library=0"),
-    "paper": ("search=paper", "supervisor=baseline"),
-    "hill": ("search=hill", "supervisor=baseline"),
-    "lexicase": ("search=lexicase", "supervisor=baseline"),
-    "map_elites": ("search=map_elites", "supervisor=baseline"),
-    "novelty": ("search=novelty", "supervisor=baseline"),
-    "nsga2": ("search=nsga2", "supervisor=baseline"),
-    "random": ("search=random", "supervisor=baseline"),
+    **{
+        name: (f"search={name}", "supervisor=baseline")
+        for name in ("paper", *OTHER_SEARCHES, "random")
+    },
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
@@ -70,12 +68,11 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
         *("supervisor=baseline", "search.policy.library=0"),
     ),
 }
+CONTROLS: Final = ("paper, last stage", "racing, paper's operators")
+"""Arms that run only on the island."""
+
 PAIRS: Final = (
-    ("racing", "random"),
-    ("racing", "paper"),
-    *(("racing", other) for other in ("hill", "lexicase", "map_elites", "novelty", "nsga2")),
-    ("racing", "paper, last stage"),
-    ("racing", "racing, paper's operators"),
+    *(("racing", other) for other in ("random", "paper", *OTHER_SEARCHES, *CONTROLS)),
     ("racing, expert", "compose"),
     ("racing, expert", "racing, library"),
     ("racing, library", "compose"),
@@ -87,17 +84,10 @@ PAIRS: Final = (
 """Pairs of arms in the second table, which also compares each arm with the hand-written tree."""
 
 WITH_LIBRARY: Final = (
-    "paper, expert",
-    "paper, editor",
-    "racing, library",
-    "racing, expert",
-    "racing, editor",
-    "compose",
+    *("paper, expert", "paper, editor", "compose"),
+    *("racing, library", "racing, expert", "racing, editor"),
 )
 """Arms that use the trees of a library; only for domains with one."""
-
-STAGED: Final = ("paper, last stage", "racing, paper's operators")
-"""Controls, only on the island."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +145,7 @@ WORLDS: Final[dict[str, World]] = {
 def arms_of(world: World) -> Iterator[str]:
     """The arms that can run in a world."""
     for arm in world.arms or ARMS:
-        if world.library or arm not in (*WITH_LIBRARY, *STAGED):
+        if world.library or arm not in (*WITH_LIBRARY, *CONTROLS):
             yield arm
 
 

@@ -278,7 +278,8 @@ def _by_arm(
         if files[run.path.parent] is None:
             members[str(run.flat["supervisor.name"])].append(run)
         elif run.path in jobs:
-            members[jobs[run.path].replace(" +", " ")].append(run)
+            label = jobs[run.path].replace(" +", " ")  # `+` is Hydra's mark of an added key
+            members[label].append(run)
         else:
             others.append(run.path.name)
     if not others:

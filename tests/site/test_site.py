@@ -28,8 +28,13 @@ def test_the_site_is_built_without_warnings() -> None:
         assert process.returncode == 0, process.stdout + process.stderr
         assert "arning" not in process.stdout + process.stderr
     site = ROOT / "build" / "site"
-    pages = {page.relative_to(ROOT / "build/pages").with_suffix(".html")
-             for page in (ROOT / "build/pages").rglob("*.md")}  # fmt: skip
+    sources = [
+        page.relative_to(ROOT / "build/pages") for page in (ROOT / "build/pages").rglob("*.md")
+    ]
+    pages = {  # a folder's README is its index
+        page.with_name("index.html") if page.name == "README.md" else page.with_suffix(".html")
+        for page in sources
+    }
     assert {page for page in pages if not (site / page).exists()} == set()
     assert "gp.population" in (site / "configuration.html").read_text(encoding="utf-8")
     assert "parse" in (site / "api.html").read_text(encoding="utf-8")

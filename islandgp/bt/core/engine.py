@@ -232,7 +232,7 @@ class _Compiler:
     def _when(self, node: Node, observed: Observed | None) -> Tick:
         assert node.guard is not None
         holds = condition(node.guard.condition, self._board, self._key_index)
-        truth: list[bool | None] = [None]  # a slot of its own that no composite observes
+        truth: list[bool | None] = [None]  # a separate slot that no composite observes
         slot = 0
         if observed is not None and node.guard.interrupts:
             truth, slot = observed.truth, observed.add(holds)

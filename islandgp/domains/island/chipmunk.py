@@ -33,37 +33,32 @@ def _call(builder, result, name, values):
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
 
 
+def _void(name):
+    """The code of a call of Chipmunk's function `name`, which returns nothing."""
+
+    def code(context, builder, _signature, args):
+        _call(builder, ir.VoidType(), name, args)
+        return context.get_dummy_value()
+
+    return code
+
+
 @intrinsic
 def step_space(_typing, _space, _dt):
     """cpSpaceStep(space, dt)."""
-
-    def code(context, builder, _signature, args):
-        _call(builder, ir.VoidType(), "cpSpaceStep", args)
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.float64), code
+    return types.void(types.int64, types.float64), _void("cpSpaceStep")
 
 
 @intrinsic
 def steer(_typing, _body, _x, _y):
     """cpBodySetVelocity(body, {x, y}); a vector is passed as two numbers except on Windows."""
-
-    def code(context, builder, _signature, args):
-        _call(builder, ir.VoidType(), "cpBodySetVelocity", args)
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.float64, types.float64), code
+    return types.void(types.int64, types.float64, types.float64), _void("cpBodySetVelocity")
 
 
 @intrinsic
 def place(_typing, _body, _x, _y):
     """cpBodySetPosition(body, {x, y})."""
-
-    def code(context, builder, _signature, args):
-        _call(builder, ir.VoidType(), "cpBodySetPosition", args)
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.float64, types.float64), code
+    return types.void(types.int64, types.float64, types.float64), _void("cpBodySetPosition")
 
 
 def _pair(name):
