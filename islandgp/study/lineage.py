@@ -8,7 +8,7 @@ not measure how much of the newcomer's tree is left, as crossover may keep a sin
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -47,12 +47,15 @@ class Newcomer:
 def newcomers(run: Run) -> tuple[Newcomer, ...]:
     """The newcomers of generations 1 and later, by generation."""
     came = list(_came(run.records))
-    last = [generation for generation, _ in came]
-    descendants = [0] * len(came)
-    for generation, _, ancestors in _walk(run.records, [i.id for _, i in came]):
-        for k in _bits(ancestors):
-            last[k] = generation
-            descendants[k] += 1
+    last = {i.id: generation for generation, i in came}
+    descendants: Counter[str] = Counter()
+    lines: dict[str, frozenset[str]] = {}  # the newcomers of an individual's line, by id
+    for generation, record in enumerate(run.records):
+        for i in record.individuals:
+            ancestors = frozenset[str]().union(*(lines.get(name, ()) for name in i.parents))
+            last |= dict.fromkeys(ancestors, generation)
+            descendants.update(ancestors)
+            lines[i.id] = ancestors | ({i.id} & last.keys())
     end = len(run.records) - 1
     return tuple(
         Newcomer(
@@ -60,20 +63,18 @@ def newcomers(run: Run) -> tuple[Newcomer, ...]:
             origin=Origin(i.origin),
             generation=generation,
             fitness=i.fitness,
-            lived=last[k] - generation,
+            lived=last[i.id] - generation,
             watched=end - generation,
-            descendants=descendants[k] - 1,
+            descendants=descendants[i.id],
         )
-        for k, (generation, i) in enumerate(came)
+        for generation, i in came
     )
 
 
 def elite_share(run: Run, origin: Origin) -> float:
     """Share of the final elite that descends from a newcomer of an origin, in [0, 1]."""
-    ids = [i.id for _, i in _came(run.records) if i.origin == origin]
-    descends = {i.id for _, i, _ in _walk(run.records, ids)}
-    elite = final_elite(run)
-    return sum(i.id in descends for i in elite) / len(elite)
+    heirs, elite = _with_descendants(run, (origin,)), final_elite(run)
+    return sum(i.id in heirs for i in elite) / len(elite)
 
 
 def final_elite(run: Run) -> list[IndividualRecord]:
@@ -82,10 +83,17 @@ def final_elite(run: Run) -> list[IndividualRecord]:
     return ranked[: max(1, round(ELITE * len(ranked)))]
 
 
-def with_injected_ancestor(run: Run) -> frozenset[str]:
+def with_injected_ancestor(run: Run) -> set[str]:
     """Ids of the injected individuals and their descendants."""
-    ids = [i.id for _, i in _came(run.records) if i.origin in ADVISED]
-    return frozenset(i.id for _, i, _ in _walk(run.records, ids))
+    return _with_descendants(run, ADVISED)
+
+
+def _with_descendants(run: Run, origins: Collection[Origin]) -> set[str]:
+    """Ids of the newcomers of some origins, and of their descendants."""
+    heirs = {i.id for _, i in _came(run.records) if i.origin in origins}
+    for record in run.records:
+        heirs |= {i.id for i in record.individuals if not heirs.isdisjoint(i.parents)}
+    return heirs
 
 
 def injected_shares(run: Run) -> list[float]:
@@ -170,7 +178,7 @@ def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:
     return [_source(run, _original(i, by_id), heirs) for i in individuals]
 
 
-def _source(run: Run, i: IndividualRecord, heirs: frozenset[str]) -> str:
+def _source(run: Run, i: IndividualRecord, heirs: Set[str]) -> str:
     if i.origin == Origin.INJECTED and not i.mutation:
         return f"{UNCHANGED}{giver(run, i)}"
     if i.origin == Origin.EDITED:
@@ -214,26 +222,3 @@ def _came(records: Sequence[GenerationRecord]) -> Iterator[tuple[int, Individual
         for i in record.individuals:
             if generation and i.origin in (*ADVISED, Origin.RANDOM):
                 yield generation, i
-
-
-def _walk(
-    records: Sequence[GenerationRecord], ids: Sequence[str]
-) -> Iterator[tuple[int, IndividualRecord, int]]:
-    """Each individual with its ancestors among `ids`, itself included, as bits."""
-    bit = {name: 1 << k for k, name in enumerate(ids)}
-    bits: dict[str, int] = {}
-    for generation, record in enumerate(records):
-        for i in record.individuals:
-            ancestors = bit.get(i.id, 0)
-            for parent in i.parents:
-                ancestors |= bits.get(parent, 0)
-            bits[i.id] = ancestors
-            if ancestors:
-                yield generation, i, ancestors
-
-
-def _bits(mask: int) -> Iterator[int]:
-    while mask:
-        low = mask & -mask
-        yield low.bit_length() - 1
-        mask ^= low
