@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from statistics import fmean
-from typing import Any
 
 from islandgp.evolution.single_behaviours import CHILDREN, POOL, ROUNDS, WORLDS
-from islandgp.gp.record import Cost, GenerationRecord
 from islandgp.study.arms import Arm, Run
 from islandgp.study.texts import note
 
 
 def episodes_until(run: Run) -> tuple[int, ...]:
-    """Cumulative episodes of a run after each generation, including those from the cache."""
-    each = zip(run.records, run.costs, strict=True)
-    return tuple(accumulate(_episodes(record, cost, run.flat) for record, cost in each))
+    """Cumulative episodes of a run after each generation, including those from the cache.
+
+    A generation whose costs are lost counts with those of the configuration.
+    """
+    planned = _planned_episodes(run)
+    return tuple(accumulate(cost.episodes or planned for cost in run.costs))
 
 
-def _episodes(record: GenerationRecord, cost: Cost, flat: Mapping[str, Any]) -> int:
-    """The episodes of a generation, from its record, its costs, or the configuration."""
-    for number in (getattr(record, "episodes", None), cost.episodes):
-        if isinstance(number, int) and number > 0:
-            return number
-    return int(flat["gp.population"]) * int(flat["gp.episodes"])
+def _planned_episodes(run: Run) -> int:
+    """The episodes of a generation by the configuration."""
+    return int(run.flat["gp.population"]) * int(run.flat["gp.episodes"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ def _validation(run: Run) -> float:
     """The approximate number of validation episodes; 0 for a run without validation, or cut."""
     if not run.validation:
         return 0.0
-    planned = int(run.flat["gp.population"]) * int(run.flat["gp.episodes"]) * len(run.records)
+    planned = _planned_episodes(run) * len(run.records)
     return round(float(run.flat.get("gp.validation", 0)) * planned)
 
 

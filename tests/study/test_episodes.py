@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from operator import attrgetter
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
-from islandgp.gp.record import Cost, GenerationRecord
+from islandgp.gp.record import Cost
 from islandgp.study.arms import Arm, Run
 from islandgp.study.comparable import compare_arms
 from islandgp.study.episodes import (
@@ -36,17 +35,7 @@ def test_episodes_are_those_of_the_costs() -> None:
     assert episodes_until(_run(30, 30, 10, 2)) == (30, 60, 70, 72)
 
 
-def test_episodes_of_a_record_come_first() -> None:
-    """Where a generation's record has the number, the costs are not read."""
-    run = _run(30, 30)
-    records = tuple(
-        cast("GenerationRecord", SimpleNamespace(snapshot=r.snapshot, episodes=n))
-        for r, n in zip(run.records, (7, None), strict=True)
-    )
-    assert episodes_until(replace(run, records=records)) == (7, 37)
-
-
-def test_without_either_they_are_those_of_the_configuration() -> None:
+def test_without_costs_they_are_those_of_the_configuration() -> None:
     """Population times episodes an individual."""
     run = _run(0, 0, 5, gp__population=20, gp__episodes=3)
     assert episodes_until(run) == (60, 120, 125)
