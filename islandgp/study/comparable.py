@@ -83,7 +83,13 @@ def compare_arms(
     return Comparison(
         arms=shortened,
         comparability_warnings=tuple(warnings),
-        notes=(*intended, *_cuts(arms), *cost_warnings(shortened), *_alike(shortened), *notes),
+        notes=(
+            *intended,
+            *_cuts(arms, horizon),
+            *cost_warnings(shortened),
+            *_alike(shortened),
+            *notes,
+        ),
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
@@ -92,25 +98,21 @@ def compare_arms(
 def _alike(arms: Sequence[Arm]) -> Iterator[str]:
     """A note for each pair of arms whose runs have identical populations."""
     for a, b in combinations(arms, 2):
-        other_populations = {run.seed: [r.individuals for r in run.records] for run in b.runs}
-        populations = {run.seed: [r.individuals for r in run.records] for run in a.runs}
-        same = [
-            seed
-            for seed, individuals in populations.items()
-            if individuals == other_populations.get(seed)
-        ]
+        populations, others = (
+            {run.seed: [r.individuals for r in run.records] for run in arm.runs} for arm in (a, b)
+        )
+        same = [seed for seed, each in populations.items() if each == others.get(seed)]
         if same:
             seeds = in_short(sorted(same))
             yield note("same", a=a.name, b=b.name, same=len(same), runs=len(a.runs), seeds=seeds)
 
 
-def _cuts(arms: Sequence[Arm]) -> list[str]:
-    """Notes on arms that lose generations, because all runs are cut to the shortest one."""
-    horizon = min(arm.generations for arm in arms)
-    longest = {arm.name: max(len(run.records) for run in arm.runs) for arm in arms}
-    return [
-        note("cut", arm=name, n=n, last=horizon - 1) for name, n in longest.items() if n > horizon
-    ]
+def _cuts(arms: Sequence[Arm], horizon: int) -> Iterator[str]:
+    """Notes on arms that lose generations, because all runs are cut to `horizon` of them."""
+    for arm in arms:
+        longest = max(len(run.records) for run in arm.runs)
+        if longest > horizon:
+            yield note("cut", arm=arm.name, n=longest, last=horizon - 1)
 
 
 def paired(first: Arm, second: Arm) -> bool:

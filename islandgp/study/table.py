@@ -6,7 +6,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isinf, isnan
+from math import isinf, isnan, nan
 from typing import Final, Self
 
 from islandgp.statistics import EXACT, EXACT_TIES, UNTESTED, Interval, PairedTest, RankTest
@@ -16,6 +16,9 @@ Tested = RankTest | PairedTest | ImprovementTest
 
 Row = Iterable[tuple[str, str]]
 """A row: the cell of each column."""
+
+CsvRow = Iterable[tuple[str, object]]
+"""A row of exact values: the value of each column; None is an empty cell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +39,31 @@ class Table:
         return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in pairs), notes)
 
 
-def to_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def to_csv(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """The rows as CSV with a header line."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(rows)
     return out.getvalue()
+
+
+def values_csv(rows: Iterable[CsvRow]) -> str:
+    """One or more rows with the same columns as CSV."""
+    pairs = [list(row) for row in rows]
+    return to_csv([column for column, _ in pairs[0]], ([v for _, v in row] for row in pairs))
+
+
+def interval_values(name: str, i: Interval | None, before_end: str = "_") -> CsvRow:
+    """An estimate and the ends of its interval; None for unknown values."""
+    values = (nan, nan, nan) if i is None else (i.estimate, i.low, i.high)
+    columns = (name, f"{name}{before_end}low", f"{name}{before_end}high")
+    return zip(columns, map(known, values), strict=True)
+
+
+def known(x: float) -> float | None:
+    """None (an empty cell) for nan."""
+    return None if isnan(x) else x
 
 
 MINUS: Final = "\N{MINUS SIGN}"

@@ -6,20 +6,20 @@ import re
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from functools import cache
-from math import isnan, nan
+from math import nan
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING
 
-from islandgp.statistics import Interval, mean_sd
-from islandgp.study.arms import Comparison
+from islandgp.statistics import mean_sd
+from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
-from islandgp.study.measures import OVERHEAD, all_measures
+from islandgp.study.measures import OVERHEAD, Measure, all_measures
 from islandgp.study.paper import MARK
 from islandgp.study.report import ComparisonReport
-from islandgp.study.table import to_csv
+from islandgp.study.table import CsvRow, interval_values, known, to_csv, values_csv
 from islandgp.study.tables.scores import scores_csv
 
 if TYPE_CHECKING:
@@ -83,41 +83,35 @@ def write(report: ComparisonReport, study: Comparison, folder: Path) -> list[Pat
 def runs_csv(study: Comparison) -> str:
     """The measures of every run; a cell is empty without emergence or validation."""
     measures = all_measures(study)
-    rows = []
-    for arm in study.arms:
-        for run in arm.runs:
-            costs = [of(run) for of in OVERHEAD.values()]
-            numbers = [m.of(run) for m in measures]
-            named = (arm.name, run.seed, run.supervisor, run.name)
-            rows.append([*named, *numbers, *costs, run.validation_mean])
-    keys = (m.key for m in measures)
-    return to_csv(("arm", "seed", "supervisor", "name", *keys, *OVERHEAD, "validation_mean"), rows)
+    return values_csv(_run_row(arm, run, measures) for arm in study.arms for run in arm.runs)
 
 
-def champions_csv(champions: Sequence[Generalisation]) -> str:
+def _run_row(arm: Arm, run: Run, measures: Sequence[Measure]) -> CsvRow:
+    yield "arm", arm.name
+    yield "seed", run.seed
+    yield "supervisor", run.supervisor
+    yield "name", run.name
+    yield from ((measure.key, measure.of(run)) for measure in measures)
+    yield from ((name, of(run)) for name, of in OVERHEAD.items())
+    yield "validation_mean", run.validation_mean
+
+
+def champions_csv(results: Sequence[Generalisation]) -> str:
     """Best robots in unseen worlds, with paired differences to each reference tree, in points."""
-    reference_trees = [g for g in champions if g.seed is None]
-    columns = [
-        "arm",
-        "seed",
-        "champion_fitness",
-        "worlds",
-        "unseen",
-        "worst",
-        *champions[0].reached,
-    ]
-    for y in reference_trees:
-        columns += [f"minus {y.arm}{end}" for end in ("", ", low", ", high")]
-    rows = []
-    for g in champions:
-        if g.seed is not None:
-            plain = (g.arm, g.seed, g.trained, g.worlds, g.unseen, g.worst)
-            row: list[object] = [*plain, *g.reached.values()]
-            for y in reference_trees:
-                d = g.minus(y)
-                row += map(_known, (d.estimate, d.low, d.high))
-            rows.append(row)
-    return to_csv(columns, rows)
+    reference_trees = [g for g in results if g.seed is None]
+    return values_csv(_champion_row(g, reference_trees) for g in results if g.seed is not None)
+
+
+def _champion_row(g: Generalisation, reference_trees: Sequence[Generalisation]) -> CsvRow:
+    yield "arm", g.arm
+    yield "seed", g.seed
+    yield "champion_fitness", g.trained
+    yield "worlds", g.worlds
+    yield "unseen", g.unseen
+    yield "worst", g.worst
+    yield from g.reached.items()
+    for tree in reference_trees:
+        yield from interval_values(f"minus {tree.arm}", g.minus(tree), ", ")
 
 
 def tests_csv(findings: Sequence[Finding]) -> str:
@@ -125,62 +119,44 @@ def tests_csv(findings: Sequence[Finding]) -> str:
 
     Its median is empty if half of the runs or more are censored.
     """
-    rows = [_row(f) for f in findings]
-    return to_csv([*rows[0]], [[*row.values()] for row in rows])
+    return values_csv(map(_finding_row, findings))
 
 
-def _row(f: Finding) -> dict[str, object]:
-    t, p, shift = f.rank, f.paired, f.shift
-    hazard = f.hazard if f.measure.emergence else Interval(nan, nan, nan)
-    censored_counts = [sample.count(None) for sample in f.samples]
-    means = [
-        (None, None) if censored else tuple(map(_known, mean_sd(values)))
-        for values, censored in zip(f.numbers, censored_counts, strict=True)
-    ]
-    without = map(fmean, f.numbers) if f.measure.emergence else (None, None)
-    return {
-        "first": f.arms[0],
-        "second": f.arms[1],
-        "measure": f.measure.key,
-        "unit": f.measure.unit,
-        "family": f.family,  # what the adjusted p-values belong to, and its comparisons
-        "family_size": f.size,
-        **_two("n", t.n),
-        "mean_first": means[0][0],
-        "sd_first": means[0][1],
-        "mean_second": means[1][0],
-        "sd_second": means[1][1],
-        **_two("median", (quantile(sample, 0.5) for sample in f.samples)),
-        **_two("censored", censored_counts),
-        "U": t.u,
-        "z": t.z,
-        "p": t.p,
-        "kind": t.kind,
-        "p_bh": f.rank_q,
-        "r": t.r,
-        "paired_p": None if p is None else p.p,
-        "paired_kind": None if p is None else p.kind,
-        "paired_p_bh": f.paired_q,
-        "log_rank_p": f.log_rank,
-        "log_rank_p_bh": f.log_rank_q,
-        "hazard_ratio": _known(hazard.estimate),  # above 1: sooner in the first arm
-        "hazard_ratio_low": _known(hazard.low),
-        "hazard_ratio_high": _known(hazard.high),
-        **_two("without", without),  # for emergence: mean generations lived through without one
-        # Of the means, or of the two before, with its 95 % interval.
-        "difference": _known(shift.estimate),
-        "difference_low": _known(shift.low),
-        "difference_high": _known(shift.high),
-    }
+def _finding_row(f: Finding) -> CsvRow:
+    t, p, emergence = f.rank, f.paired, f.measure.emergence
+    yield from zip(("first", "second"), f.arms, strict=True)
+    yield "measure", f.measure.key
+    yield "unit", f.measure.unit
+    yield "family", f.family  # what the adjusted p-values belong to, and its comparisons
+    yield "family_size", f.size
+    yield from _two("n", t.n)
+    for arm, values, sample in zip(("first", "second"), f.numbers, f.samples, strict=True):
+        mean, sd = (nan, nan) if None in sample else mean_sd(values)
+        yield f"mean_{arm}", known(mean)
+        yield f"sd_{arm}", known(sd)
+    yield from _two("median", (quantile(sample, 0.5) for sample in f.samples))
+    yield from _two("censored", (sample.count(None) for sample in f.samples))
+    yield "U", t.u
+    yield "z", t.z
+    yield "p", t.p
+    yield "kind", t.kind
+    yield "p_bh", f.rank_q
+    yield "r", t.r
+    yield "paired_p", p and p.p
+    yield "paired_kind", p and p.kind
+    yield "paired_p_bh", f.paired_q
+    yield "log_rank_p", f.log_rank
+    yield "log_rank_p_bh", f.log_rank_q
+    # Above 1: sooner in the first arm.
+    yield from interval_values("hazard_ratio", f.hazard if emergence else None)
+    # For emergence: mean generations lived through without one.
+    yield from _two("without", map(fmean, f.numbers) if emergence else (None, None))
+    # Of the means, or of the two before, with its 95 % interval.
+    yield from interval_values("difference", f.shift)
 
 
-def _two(name: str, values: Iterable[object]) -> dict[str, object]:
-    return dict(zip((f"{name}_first", f"{name}_second"), values, strict=True))
-
-
-def _known(x: float) -> float | None:
-    """None (an empty cell) for NaN."""
-    return None if isnan(x) else x
+def _two(name: str, values: Iterable[object]) -> CsvRow:
+    return zip((f"{name}_first", f"{name}_second"), values, strict=True)
 
 
 def metrics(findings: Sequence[Finding]) -> dict[str, float]:

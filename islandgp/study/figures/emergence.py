@@ -39,7 +39,7 @@ def _boxes(axes: Axes, study: Comparison) -> None:
     from matplotlib.ticker import MaxNLocator
 
     n, tiers = study.generations, study.milestones
-    strip = max(1.0, 0.1 * n)  # style high the strip 'never' is, in generations
+    strip = max(1.0, 0.1 * n)  # height of the strip "never", in generations
     never_y, top = n - 0.5 + 0.3 * strip, n - 0.5 + strip
     missing = False
     for arm, style, k, at, width in drawing.groups(study, len(tiers)):

@@ -6,13 +6,23 @@ from collections.abc import Sequence
 from math import isnan
 from typing import Final
 
-from islandgp.statistics import MIN_VALUES, Interval
+from islandgp.statistics import MIN_VALUES
 from islandgp.study.aggregates import MIN_PER_WORLD
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.generalise import Generalisation
 from islandgp.study.profiles import ALL_WORLDS, ScoreRow, Scores, adjusted, world_rows
-from islandgp.study.table import NONE, Row, Table, interval, probability, tested, to_csv
+from islandgp.study.table import (
+    NONE,
+    CsvRow,
+    Row,
+    Table,
+    interval,
+    interval_values,
+    probability,
+    tested,
+    values_csv,
+)
 from islandgp.study.texts import note
 
 VALIDATED: Final = "validation mean"
@@ -126,20 +136,16 @@ def scores_csv(rows: Sequence[ScoreRow], world: str = "world") -> str:
         rows: as for `score_table`.
         world: heading of the first column.
     """
-    columns = [world, "arm", "runs"]
+    return values_csv(_exact(row, world) for row in rows)
+
+
+def _exact(row: ScoreRow, world: str) -> CsvRow:
+    yield world, row.world
+    yield "arm", row.arm
+    yield "runs", row.runs
     for name in ("mean", "median", "iqm", "improvement"):
-        columns += [name, f"{name}_low", f"{name}_high"]
-    columns += ["reference", "p", "kind", "p_bh"]
-    return to_csv(columns, list(map(_exact, rows)))
-
-
-def _exact(row: ScoreRow) -> list[object]:
-    cells: list[object] = [row.world, row.arm, row.runs]
-    for estimate in (row.mean, row.median, row.iqm, row.improvement):
-        cells += [None] * 3 if estimate is None else _ends(estimate)
-    test = (None, None) if row.test is None else (row.test.p, row.test.kind)
-    return [*cells, row.reference, *test, row.p_bh]
-
-
-def _ends(i: Interval) -> list[float | None]:
-    return [None if isnan(x) else x for x in (i.estimate, i.low, i.high)]
+        yield from interval_values(name, getattr(row, name))
+    yield "reference", row.reference
+    yield "p", row.test and row.test.p
+    yield "kind", row.test and row.test.kind
+    yield "p_bh", row.p_bh
