@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Final, NamedTuple
 
 import click
 
 from islandgp.bt.analysis.lint import LintWarning, warnings
-from islandgp.bt.core.language import parse, plain, tree_errors
+from islandgp.bt.core.language import plain, tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.commands.files import FILE, display_name, folder_of, read_text
+from islandgp.commands.files import FILE, TreeText, read_tree_text
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of
@@ -53,11 +53,12 @@ def command(
     --strict has warnings; 2 if a file cannot be read.
     """
     limits = Limits(max_depth or 10**9, max_nodes or 10**9)
+    vocabulary_for = partial(vocabulary_of, options=options, in_world=True)
     files_with_errors = files_with_warnings = 0
     entries: list[dict[str, Any]] = []
     for file in files:
-        text, name, folder = read_text(file), display_name(file), folder_of(file)
-        errors, tree, diagnostics = _findings(text, name, folder, options, limits)
+        text, name, _ = source = read_tree_text(file)
+        tree, errors, diagnostics = findings(source, vocabulary_for, limits)
         files_with_errors += bool(errors)
         files_with_warnings += bool(diagnostics)
         if as_json:
@@ -76,17 +77,32 @@ def command(
     sys.exit(1 if files_with_errors or (strict and files_with_warnings) else 0)
 
 
-def _findings(
-    text: str, name: str, folder: Path, options: DomainOptions, limits: Limits
-) -> tuple[Sequence[TreeError], Node | None, Sequence[LintWarning]]:
-    """The errors of a text; if there are none, its tree and its warnings."""
+class Findings(NamedTuple):
+    """The tree of a text with its warnings, or its errors."""
+
+    tree: Node | None  # None: the text has errors
+    errors: Sequence[TreeError] = ()
+    warnings: Sequence[LintWarning] = ()
+
+
+def findings(
+    source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary], limits: Limits
+) -> Findings:
+    """The errors of a text; if there are none, its tree and its warnings.
+
+    Raises:
+        IslandError: raised by `vocabulary_for`, other than a TreeError.
+    """
+    text, name, folder = source
     try:
-        vocabulary = vocabulary_of(text, options, name=name, folder=folder, in_world=True)
+        vocabulary = vocabulary_for(source)
         if errors := tree_errors(text, vocabulary, name=name, folder=folder):
-            return errors, None, ()
-        return (), *checked(text, vocabulary, name, folder, limits)
+            return Findings(None, errors)
+        tree = source.tree(vocabulary)
+        check_limits(tree, limits)
+        return Findings(tree, (), warnings(text, vocabulary, name=name, folder=folder))
     except TreeError as error:
-        return [error], None, ()
+        return Findings(None, [error])
 
 
 def _summary(tree: Node, diagnostics: Sequence[LintWarning]) -> str:
@@ -94,15 +110,6 @@ def _summary(tree: Node, diagnostics: Sequence[LintWarning]) -> str:
     nodes = f"{size(tree)} node{'s' * (size(tree) != 1)}"
     count = f"{len(diagnostics) or 'no'} warning{'s' * (len(diagnostics) != 1)}"
     return f"{nodes}, depth {depth(tree)}, {count}"
-
-
-def checked(
-    text: str, vocabulary: Vocabulary, name: str, folder: Path, limits: Limits
-) -> tuple[Node, list[LintWarning]]:
-    """The tree of a text and its warnings. Raises TreeError."""
-    tree = parse(text, vocabulary, name=name, folder=folder)
-    check_limits(tree, limits)
-    return tree, warnings(text, vocabulary, name=name, folder=folder)
 
 
 def plain_error(error: TreeError, name: str) -> dict[str, Any]:

@@ -12,11 +12,11 @@ import click
 from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.builder import NodePlace
-from islandgp.bt.core.language import domain_of, parse_placed
+from islandgp.bt.core.language import PlacedTree, domain_of, parse_placed
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.render import label
-from islandgp.commands.files import FILE, display_name, folder_of, read_text
+from islandgp.commands.files import FILE, TreeText, read_tree_text
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import DomainError
@@ -35,16 +35,13 @@ def command(old: str, new: str, show_all: bool, options: DomainOptions) -> None:
     Marks: - deleted, + inserted, ~ changed; the number after # is the line in the file. Exit
     code 1 if the trees or their domains differ.
     """
-    before, text = read_text(old), read_text(new)
-    a, places_a, _ = parse_placed(
-        before, name=display_name(old), folder=folder_of(old), named=False
-    )
-    b, places_b, _ = parse_placed(text, name=display_name(new), folder=folder_of(new), named=False)
-    domains = [name for name in (domain_of(before), domain_of(text)) if name]
+    before, after = read_tree_text(old), read_tree_text(new)
+    (a, places_a, _), (b, places_b, _) = _placed(before), _placed(after)
+    domains = [name for file in (before, after) if (name := domain_of(file.text))]
     are_two_domains = len(set(domains)) > 1
 
     def read_vocabulary() -> Vocabulary:
-        return vocabulary_of(text, options, name=display_name(new), folder=folder_of(new))
+        return vocabulary_of(after, options)
 
     if options.declaration is not None:
         read_vocabulary()  # a wrong declaration is reported first
@@ -59,6 +56,10 @@ def command(old: str, new: str, show_all: bool, options: DomainOptions) -> None:
     if not are_two_domains and _do_the_same(a, b, read_vocabulary):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
+
+
+def _placed(source: TreeText) -> PlacedTree:
+    return parse_placed(source.text, name=source.name, folder=source.folder, named=False)
 
 
 def _do_the_same(a: Node, b: Node, read_vocabulary: Callable[[], Vocabulary]) -> bool:

@@ -19,7 +19,7 @@ from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.bt.core.parameters import described, signature
 from islandgp.bt.core.vocabulary import Key
-from islandgp.commands.files import FILE, STDIN, display_name, read_text, read_tree
+from islandgp.commands.files import FILE, STDIN, read_tree_text
 from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
 from islandgp.domain import Domain, Schema
@@ -96,7 +96,7 @@ def _settings(name: str, files: Sequence[str], options: DomainOptions) -> Settin
     if name or not files:
         named = (f"domain={name}",) if name else ()
         return configured((*named, *options.overrides), options.config_dir)
-    return settings_of(read_text(files[0]), options, name=display_name(files[0]))
+    return settings_of(read_tree_text(files[0]), options)
 
 
 class _Printed(StringIO):
@@ -169,7 +169,7 @@ def _check(
     """Runs the contract suite; returns the exit code."""
     from islandgp.testing.domain_suite import DomainSuite, run_suite
 
-    trees = [read_tree(file, domain.schema.vocabulary) for file in files]
+    trees = [read_tree_text(file).tree(domain.schema.vocabulary) for file in files]
     known, left_out = known_trees(settings, domain)
     for line in left_out:
         click.echo(f"left out: {line}")
@@ -219,8 +219,10 @@ def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[st
         try:
             if file is None:
                 trees |= dict.fromkeys(_library(settings, domain))
-            elif (domain_of(read_text(str(file))) or default_domain()) == vocabulary.domain:
-                trees[read_tree(str(file), vocabulary)] = None
+                continue
+            source = read_tree_text(str(file))
+            if (domain_of(source.text) or default_domain()) == vocabulary.domain:
+                trees[source.tree(vocabulary)] = None
         except IslandError as error:
             left_out[str(error).splitlines()[0]] = None
     return list(trees), list(left_out)

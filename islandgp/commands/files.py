@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable
 from errno import EACCES, ENOENT
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import click
 
@@ -129,17 +129,22 @@ def read_text(file: str) -> str:
         raise IslandError(f"Expected to read {display_name(file)}: {error.strerror}.") from None
 
 
-def folder_of(file: str) -> Path:
-    """The folder of a tree file's includes; for the standard input, the current folder."""
-    return Path.cwd() if file == STDIN else Path(file).parent
+class TreeText(NamedTuple):
+    """The text of a tree, and its place."""
+
+    text: str
+    name: str  # of the file, in messages
+    folder: Path | None  # of included files; None: the text cannot include files
+
+    def tree(self, vocabulary: Vocabulary | None = None, *, marked: bool = False) -> Node:
+        """The tree, as from `parse`. Raises TreeError."""
+        return parse(self.text, vocabulary, name=self.name, folder=self.folder, marked=marked)
 
 
-def read_tree(file: str, vocabulary: Vocabulary | None = None) -> Node:
-    """The tree in a file. Without a vocabulary any names are accepted.
-
-    Raises TreeError or IslandError.
-    """
-    return parse(read_text(file), vocabulary, name=display_name(file), folder=folder_of(file))
+def read_tree_text(file: str) -> TreeText:
+    """The text of a tree file. Raises IslandError as `read_text`."""
+    folder = Path.cwd() if file == STDIN else Path(file).parent
+    return TreeText(read_text(file), display_name(file), folder)
 
 
 def check_other_file(file: str, output: str) -> None:

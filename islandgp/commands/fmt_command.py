@@ -8,7 +8,7 @@ import sys
 import click
 
 from islandgp.bt.editor.format import format_text
-from islandgp.commands.files import FILE, STDIN, display_name, folder_of, read_text, write_text
+from islandgp.commands.files import FILE, STDIN, read_tree_text, write_text
 from islandgp.errors import IslandError
 
 
@@ -25,10 +25,9 @@ def command(files: tuple[str, ...], check: bool, diff: bool) -> None:
     changed = 0
     wrong: list[str] = []
     for file in files:
-        name = display_name(file)
         try:
-            before = read_text(file)
-            after = format_text(before, name=name, folder=folder_of(file))
+            before, name, folder = read_tree_text(file)
+            after = format_text(before, name=name, folder=folder)
         except IslandError as error:
             wrong.append(str(error))
             continue

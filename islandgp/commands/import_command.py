@@ -13,10 +13,9 @@ from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
 from islandgp.commands.files import (
     FILE,
+    TreeText,
     check_other_file,
-    display_name,
-    folder_of,
-    read_text,
+    read_tree_text,
     write_text,
 )
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
@@ -49,7 +48,7 @@ def command(
     that is the default domain.
     """
     check_other_file(file, output)
-    text, name = read_text(file), display_name(file)
+    text, name, folder = read_tree_text(file)
     form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
     if form is None:
         raise TreeError(
@@ -60,12 +59,13 @@ def command(
         raise TreeError(
             f"{name}: expected XML with --tree, found JSON, which holds one tree; leave it out"
         )
-    vocabulary = vocabulary_of(text if options.declaration else "", options, name=name)
+    source = TreeText(text if options.declaration else "", name, None)
+    vocabulary = vocabulary_of(source, options)
     if form == "json":
         read = from_json(text, vocabulary, name=name)
         imported = Imported(read, (), to_text(read))
     else:
-        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder_of(file))
+        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
         for line, column, loss in imported.differences

@@ -15,7 +15,7 @@ from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
 from islandgp.bt.core.includes import mentioned
-from islandgp.bt.core.language import MAX_CHARACTERS, tree_errors
+from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.editor.assist import meaning, offers
@@ -29,7 +29,8 @@ from islandgp.bt.editor.names import (
     renamed,
     symbol_at,
 )
-from islandgp.commands.check_command import checked, plain_error, plain_finding
+from islandgp.commands.check_command import findings, plain_error, plain_finding
+from islandgp.commands.files import TreeText
 from islandgp.errors import IslandError, TreeError
 
 PAUSE: Final = 0.2  # s without a change before a text is checked
@@ -45,8 +46,8 @@ SYMBOLS: Final = {"subtree": types.SymbolKind.Function, "constant": types.Symbol
 WORD_OR_SIGN: Final = re.compile(r"\w+|&+|\|+|.")
 REPLACEMENT: Final = re.compile(r"(use )?\w+|[<>=!]=?|[-{}\"]")  # suggestions that can be inserted
 
-Words = Callable[[str, str, Path], Vocabulary]
-"""The vocabulary for a text, its name and its folder; raises IslandError."""
+Words = Callable[[TreeText], Vocabulary]
+"""The vocabulary for a text; raises IslandError."""
 
 
 class Server(LanguageServer):
@@ -72,7 +73,7 @@ class Server(LanguageServer):
     def known(self, document: TextDocument) -> Vocabulary:
         """The vocabulary of a text's domain; empty for an unknown domain."""
         try:
-            return self.vocabulary_for(document.source, _name(document), _folder(document))
+            return self.vocabulary_for(_tree_text(document))
         except IslandError:
             return EMPTY_VOCABULARY
 
@@ -185,13 +186,11 @@ def uses(server: Server, params: types.ReferenceParams) -> list[types.Location]:
     symbol = symbol_at(document.source, at)
     if symbol is None:
         return []
-    files = _files(server, document, symbol.symbol)
-    excluded = None if params.context.include_declaration else symbol.symbol
     return [
         types.Location(each.uri, _range(each, word))
-        for each in files
+        for each in _files(server, document, symbol.symbol)
         for word in references(each.source, symbol.symbol)
-        if excluded is None or word != defines(each.source, excluded)
+        if params.context.include_declaration or word != defines(each.source, symbol.symbol)
     ]
 
 
@@ -274,18 +273,16 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
 
 def _findings(document: TextDocument, vocabulary_for: Words) -> list[dict[str, Any]]:
     """The errors and warnings of `check --json`; an unknown domain is an error at its position."""
-    text, name, folder = document.source, _name(document), _folder(document)
+    text, name, _ = source = _tree_text(document)
     try:
-        vocabulary = vocabulary_for(text, name, folder)
-        if errors := tree_errors(text, vocabulary, name=name, folder=folder):
-            return [{**plain_error(error, name), "guess": error.guess} for error in errors]
-        _, findings = checked(text, vocabulary, name, folder, ANY_SIZE)
-    except TreeError as error:
-        return [{**plain_error(error, name), "guess": error.guess}]
+        _, errors, warnings = findings(source, vocabulary_for, ANY_SIZE)
     except IslandError as error:
         place = {"line": 1, "column": 1, "end": 1, "severity": "error", "code": "domain"}
         return [{"file": name, **place, "message": str(error)}]
-    return [plain_finding(finding, text, name) for finding in findings]
+    return [
+        *({**plain_error(error, name), "guess": error.guess} for error in errors),
+        *(plain_finding(warning, text, name) for warning in warnings),
+    ]
 
 
 def _diagnostic(finding: dict[str, Any], document: TextDocument) -> types.Diagnostic:
@@ -308,6 +305,10 @@ def _diagnostic(finding: dict[str, Any], document: TextDocument) -> types.Diagno
 def _range(document: TextDocument, word: Word) -> types.Range:
     places = (document.client_position_at_offset(offset) for offset in (word.start, word.end))
     return types.Range(*places)
+
+
+def _tree_text(document: TextDocument) -> TreeText:
+    return TreeText(document.source, _name(document), _folder(document))
 
 
 def _name(document: TextDocument) -> str:

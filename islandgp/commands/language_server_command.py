@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import logging
 import sys
+from functools import partial
 from importlib.util import find_spec
-from pathlib import Path
 
 import click
 
-from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import configured_domains, vocabulary_of
 from islandgp.errors import ConfigError
@@ -33,9 +32,7 @@ def command(options: DomainOptions) -> None:
 
     from islandgp.commands.language_server import Server
 
-    def vocabulary_for(text: str, name: str, folder: Path) -> Vocabulary:
-        return vocabulary_of(text, options, name=name, folder=folder, in_world=True)
-
+    vocabulary_for = partial(vocabulary_of, options=options, in_world=True)
     server = Server(vocabulary_for, configured_domains(options.config_dir))
     stream = sys.stdout.buffer
     sys.stdout = sys.stderr  # output of a domain's code must not mix with the protocol

@@ -15,7 +15,7 @@ import click
 
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node
-from islandgp.commands.files import FILE, display_name, read_tree
+from islandgp.commands.files import FILE, display_name, read_tree_text
 from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import recorded, stage_index, tree_in_domain
@@ -75,7 +75,7 @@ def command(
     tree, settings, problem = tree_in_domain(files[0], episode.options)
     settings, stage = _limited(settings, episode.timeout), stage_index(settings, episode.stage)
     schema = problem.domain.schema
-    trees = [tree, *(read_tree(file, schema.vocabulary) for file in files[1:])]
+    trees = [tree, *(read_tree_text(file).tree(schema.vocabulary) for file in files[1:])]
     outcomes = _outcomes(trees, settings, seeds, stage)
     perturbed = (
         [_fitness(each) for each in _outcomes(trees, settings, seeds, stage, perturbed=True)]

@@ -9,9 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.core.language import domain_of, domain_place, parse, plain
+from islandgp.bt.core.language import domain_of, domain_place, plain
 from islandgp.bt.core.source import Source, shown
-from islandgp.commands.files import display_name, folder_of, read_text
+from islandgp.commands.files import TreeText, read_text, read_tree_text
 from islandgp.commands.options import DomainOptions, EpisodeOptions
 from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
@@ -55,11 +55,10 @@ def tree_in_domain(file: str, options: DomainOptions) -> tuple[Node, Settings, P
         ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
         TreeError: the file is not a tree of the domain.
     """
-    text, name = read_text(file), display_name(file)
-    settings = settings_of(text, options, name=name)
+    source = read_tree_text(file)
+    settings = settings_of(source, options)
     problem = settings.problem()
-    tree = parse(text, problem.domain.schema.vocabulary, name=name, folder=folder_of(file))
-    return tree, settings, problem
+    return source.tree(problem.domain.schema.vocabulary), settings, problem
 
 
 def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
@@ -75,9 +74,9 @@ def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
     return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
 
 
-def settings_of(text: str, options: DomainOptions, *, name: str) -> Settings:
+def settings_of(source: TreeText, options: DomainOptions) -> Settings:
     """The settings of the domain chosen by the options or the text. Raises as `tree_in_domain`."""
-    return configured(_for_tree(text, options, name), options.config_dir)
+    return configured(_for_tree(source, options), options.config_dir)
 
 
 def read_in_domain(
@@ -88,23 +87,18 @@ def read_in_domain(
     Raises:
         ConfigError, DomainError, TreeError: as `vocabulary_of` and `parse`.
     """
-    text, name, folder = read_text(file), display_name(file), folder_of(file)
-    vocabulary = vocabulary_of(text, options, name=name, folder=folder)
-    return text, vocabulary, parse(text, vocabulary, name=name, folder=folder, marked=marked)
+    source = read_tree_text(file)
+    vocabulary = vocabulary_of(source, options)
+    return source.text, vocabulary, source.tree(vocabulary, marked=marked)
 
 
 def vocabulary_of(
-    text: str,
-    options: DomainOptions,
-    *,
-    name: str,
-    folder: Path | None = None,
-    in_world: bool = False,
+    source: TreeText, options: DomainOptions, *, in_world: bool = False
 ) -> Vocabulary:
     """The vocabulary of the domain that the options or the text of a tree name.
 
-    `folder`: of the tree's file. `in_world`: with the conditions of actions that hold in the
-    configured worlds, in addition to those that hold in every world.
+    `in_world`: with the conditions of actions that hold in the configured worlds, in addition to
+    those that hold in every world.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or the file declares no vocabulary.
@@ -113,25 +107,26 @@ def vocabulary_of(
     if (file := options.declaration) is not None:
         from islandgp.bt.export.declared import declared
 
+        text, name, folder = source
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(text, options, name), options.config_dir, in_world)
+    return _vocabulary(_for_tree(source, options), options.config_dir, in_world)
 
 
-def _for_tree(text: str, options: DomainOptions, name: str) -> tuple[str, ...]:
+def _for_tree(source: TreeText, options: DomainOptions) -> tuple[str, ...]:
     """The overrides, with the domain named by the text of a tree unless they choose one.
 
     Raises:
         ConfigError: an override is not KEY=VALUE.
         OtherDomainError: no configuration has the domain of the text.
     """
-    domain = domain_of(text)
+    domain = domain_of(source.text)
     if not domain or _keys_of(options.overrides) & _CHOOSES:
         return options.overrides
     if domain not in domain_files(options.config_dir):
         domains = ", ".join(configured_domains(options.config_dir))
-        raise Source(plain(text), name).error(
+        raise Source(plain(source.text), source.name).error(
             f"unknown domain {shown(domain)}",
-            *domain_place(text),
+            *domain_place(source.text),
             expected=f"a domain that is configured ({domains}); give --config-dir FOLDER with a"
             f" file domain/{domain}.yaml in it, or choose a domain by --set domain=NAME",
             kind=OtherDomainError,

@@ -10,7 +10,7 @@ import click
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.export.render import to_dot, to_lines, to_mermaid, to_rich, to_svg
-from islandgp.commands.files import FILE, STDIN, check_other_file, read_tree, write_text
+from islandgp.commands.files import FILE, STDIN, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import with_output_option
 
 FORMATS: Final[dict[str, Callable[[Node], str]]] = {
@@ -44,7 +44,7 @@ def command(file: str, form: str | None, output: str) -> None:
     """
     check_other_file(file, output)
     form = form or _form(output)
-    tree = read_tree(file)
+    tree = read_tree_text(file).tree()
     if form == "text" and output == STDIN:
         from rich.console import Console
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.bt.core.language import parse
 from islandgp.bt.core.printer import number_text
-from islandgp.commands.files import FILE, display_name, folder_of, read_text, write_text
+from islandgp.commands.files import FILE, read_tree_text, write_text
 from islandgp.commands.options import (
     DomainOptions,
     with_domain_options,
@@ -73,11 +72,11 @@ def command(
     """
     from islandgp.search.numbers import NumberSettings, thresholds_of, tuned
 
-    text, name, folder = read_text(file), display_name(file), folder_of(file)
-    settings = settings_of(text, options, name=name)
+    source = text, name, folder = read_tree_text(file)
+    settings = settings_of(source, options)
     index = stage_index(settings, stage)
     vocabulary = settings.problem().domain.schema.vocabulary
-    parse(text, vocabulary, name=name, folder=folder)
+    source.tree(vocabulary)
     thresholds = thresholds_of(text, vocabulary, name=name, folder=folder)
     if not thresholds:
         click.echo(

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.editor.format import format_text
+from islandgp.commands.files import TreeText
 from islandgp.commands.options import DomainOptions
 from islandgp.commands.setting import vocabulary_of
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -145,4 +146,4 @@ def test_where_the_line_is(text: str, place: str) -> None:
     assert "a.bt:{}:{}".format(*domain_place(text)) == place
     if domain_of(text):
         with pytest.raises(DomainError, match=f"^{place}: unknown domain 'mars'"):
-            vocabulary_of(text, DomainOptions((), None), name="a.bt")
+            vocabulary_of(TreeText(text, "a.bt", None), DomainOptions((), None))
