@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from time import monotonic
 from typing import TYPE_CHECKING, Final, Literal, Self
 
@@ -92,47 +93,34 @@ def duration(seconds: float) -> str:
     return f"{total // 86400} d {total % 86400 // 3600:02d} h"
 
 
+@dataclass(slots=True)
 class Progress:
-    """Shows the progress of a run. A context manager."""
+    """Shows the progress of a run. A context manager; nothing is printed before it is entered."""
 
-    def __init__(
-        self,
-        mode: Literal["auto", "plain", "off"],
-        generations: int,
-        title: str,
-        milestones: Sequence[str],
-        *,
-        rate: bool = True,
-        done: int = 0,
-        keep: bool = True,
-    ) -> None:
-        """Nothing is printed before the context is entered.
+    mode: Literal["auto", "plain", "off"]
+    """auto: a live table on a terminal, else lines; plain: lines; off: no output."""
+    generations: int  # number of all generations, >= 1
+    title: str  # first line
+    milestones: Sequence[str]  # tiers with a column
+    _: KW_ONLY
+    rate: bool = True  # the search uses the mutation rate, which then has a column
+    done: int = 0  # generations shown so far; at first those before a resumed run continues
+    keep: bool = True  # the live table stays on the terminal at the end
+    rows: list[tuple[str, ...]] = field(default_factory=list, init=False)
+    columns: dict[str, int] = field(init=False)  # names and widths
+    _before: int = field(init=False)  # generations before a resumed run continues
+    _began: float = field(default_factory=monotonic, init=False)
+    _live: Live | None = field(default=None, init=False)
 
-        Args:
-            mode: auto: a live table on a terminal, else lines; plain: lines; off: no output.
-            generations: number of all generations, >= 1.
-            title: first line.
-            milestones: tiers with a column.
-            rate: True if the search uses the mutation rate, which then has a column.
-            done: number of generations before a resumed run continues.
-            keep: True if the live table stays on the terminal at the end.
-        """
-        self.mode = mode
-        self.generations = generations
-        self.title = title
-        self.milestones = milestones
-        self.columns = columns(milestones, rate=rate)
-        self.rate = rate
-        self.done = self.before = done
-        self.began = monotonic()
-        self.rows: list[tuple[str, ...]] = []
-        self._live: Live | None = None
-        if mode == "auto" and sys.stderr.isatty():
+    def __post_init__(self) -> None:
+        self.columns = columns(self.milestones, rate=self.rate)
+        self._before = self.done
+        if self.mode == "auto" and sys.stderr.isatty():
             from rich.console import Console
             from rich.live import Live
 
             console = Console(stderr=True)
-            self._live = Live(console=console, refresh_per_second=4, transient=not keep)
+            self._live = Live(console=console, refresh_per_second=4, transient=not self.keep)
 
     def __enter__(self) -> Self:
         if self._live is not None:
@@ -151,7 +139,7 @@ class Progress:
     def show(self, step: Step) -> None:
         """Show a generation."""
         self.done += 1
-        a_generation = (monotonic() - self.began) / (self.done - self.before)
+        a_generation = (monotonic() - self._began) / (self.done - self._before)
         seconds_left = a_generation * (self.generations - self.done)
         self.rows.append(row(step, self.generations, seconds_left, self.milestones, rate=self.rate))
         if self._live is not None:

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -242,40 +241,45 @@ def run(
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
         where = _evolve_tracked(
-            settings, plan, cost, target, supervisor, tracker, keep_display, judge
+            _OpenRun(settings, plan, cost, target, supervisor, tracker, keep_display, judge)
         )
     finally:
         target.close()
     return _end(target, where)
 
 
-def _evolve_tracked(
-    settings: Settings,
-    plan: Plan,
-    cost: LibraryCost,
-    target: RunFolder,
-    supervisor: Supervisor,
-    tracker: Tracker,
-    keep_display: bool,
-    judge: Judge | None,
-) -> str:
+@dataclass(frozen=True, slots=True)
+class _OpenRun:
+    """The parts of a run whose folder is open; the arguments of `run` are described there."""
+
+    settings: Settings
+    plan: Plan
+    library_cost: LibraryCost
+    target: RunFolder
+    supervisor: Supervisor
+    tracker: Tracker
+    keep_display: bool
+    judge: Judge | None
+
+
+def _evolve_tracked(run: _OpenRun) -> str:
     """Evolves, with the run's tracker and page; returns the tracker's last line."""
-    status, page = Status.FAILED, PageWriter(target)
-    tracker.start(target)
+    status, page = Status.FAILED, PageWriter(run.target)
+    run.tracker.start(run.target)
     try:
-        _evolve(settings, plan, cost, target, supervisor, tracker, page, keep_display, judge)
+        _evolve(run, page)
         status = Status.FINISHED
     except (KeyboardInterrupt, Pruned):
         status = Status.KILLED
         raise
     except Exception as error:
-        target.fail(error)
+        run.target.fail(error)
         raise
     finally:
         try:
             page.end(status)
         finally:
-            where = tracker.finish(status)
+            where = run.tracker.finish(status)
     return where
 
 
@@ -300,17 +304,8 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     return _end(target, note, where)
 
 
-def _evolve(
-    settings: Settings,
-    plan: Plan,
-    cost: LibraryCost,
-    target: RunFolder,
-    supervisor: Supervisor,
-    tracker: Tracker,
-    page: PageWriter,
-    keep_display: bool,
-    judge: Judge | None,
-) -> None:
+def _evolve(run: _OpenRun, page: PageWriter) -> None:
+    settings, plan, target, supervisor = run.settings, run.plan, run.target, run.supervisor
     if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
             line = supervisor.start()
@@ -318,22 +313,20 @@ def _evolve(
             print(line, file=sys.stderr)
     start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
     done = 0 if start is None else start.generation
-    if judge is not None:
+    if run.judge is not None:
         for record in islice(target.records(), done):
-            judge(record["snapshot"]["generation"], record["snapshot"]["best"])
+            run.judge(record["snapshot"]["generation"], record["snapshot"]["best"])
     evaluator = make_evaluator(settings)
     needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
-    past = target.generations() if done and needed else ()
-    search = make_search(settings, plan)
     steps = evolve(
         plan,
         settings.seed,
         supervisor,
         evaluator,
-        search=search,
+        search=make_search(settings, plan),
         start=start,
-        past=past,
-        library_episodes=lambda: cost.episodes,
+        past=target.generations() if done and needed else (),
+        library_episodes=lambda: run.library_cost.episodes,
     )
     progress = Progress(
         settings.progress,
@@ -342,10 +335,16 @@ def _evolve(
         settings.classes.milestones,
         rate="rate" in settings.search.factory.uses,
         done=done,
-        keep=keep_display,
+        keep=run.keep_display,
     )
+
+    def write(step: Step) -> None:
+        target.append(step)
+        run.tracker.generation()
+        page.generation()
+
     try:
-        last = _keep(steps, partial(_write, target, tracker, page), progress, judge)
+        last = _keep(steps, write, progress, run.judge)
         target.must_be_as_left()
         best = best_robot(settings, target, evaluator)
     finally:
@@ -372,12 +371,6 @@ def _keep(
         writing.result()
     assert step is not None
     return step
-
-
-def _write(target: RunFolder, tracker: Tracker, page: PageWriter, step: Step) -> None:
-    target.append(step)
-    tracker.generation()
-    page.generation()
 
 
 def _finish(settings: Settings, plan: Plan, target: RunFolder, last: Step, best: Best) -> None:

@@ -146,7 +146,7 @@ def test_a_signal_stops_any_command_with_a_line(
         signal.raise_signal(getattr(signal, name))
         return ""
 
-    monkeypatch.setattr(fmt_command, "read_text", read)
+    monkeypatch.setattr(fmt_command, "read_tree_text", read)
     result = shell(monkeypatch, capsys)("fmt", "-")
     assert (result.code, result.err.strip()) == (130, "islandgp: stopped")
 

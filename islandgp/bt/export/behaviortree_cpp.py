@@ -12,7 +12,7 @@ One tick here is one call of `Tree::tickExactlyOnce()`.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 from xml.sax.saxutils import quoteattr
 
@@ -207,14 +207,12 @@ def to_xml(
         ]
     lines.append("  <TreeNodesModel>")
     for name in actions:
-        comment = _comment(vocabulary.action(name).meaning)
-        meaning = f"<!-- {comment} -->" if comment else ""
-        ports = vocabulary.action(name).arguments
-        tag = "Condition" if vocabulary.action(name).condition else "Action"
-        lines.append(f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}> {meaning}".rstrip())
-        lines += (f"      {_port(port, each)}" for port, each in ports.items())
-        lines += [f"    </{tag}>"] if ports else []
-    lines += (line for kind in sorted(custom_kinds) for line in _model(kind))
+        action = vocabulary.action(name)
+        tag = "Condition" if action.condition else "Action"
+        ports = [_port(port, each) for port, each in action.arguments.items()]
+        lines += _model(tag, name, ports, _comment(action.meaning))
+    for tag, names, category in (NODES[kind] for kind in sorted(custom_kinds)):
+        lines += _model(category, tag, [f'<input_port name="{name}"/>' for name in names])
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
 
@@ -291,7 +289,7 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         yield f"{indent}<ScriptCondition code={code}{_text_of(notes)}/>"
         return
     tag = NODES[part.kind].tag
-    yield f"{indent}<{tag}{_attributes(part, step_s)}{_text_of(notes)}>"
+    yield f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}>"
     for child in part.children:
         condition = child._replace(comments=(*condition_notes,)) if child.kind == "check" else child
         yield from _lines(condition, indent + "  ", step_s)
@@ -307,28 +305,28 @@ def _comment(text: str) -> str:
     return "".join(c for c in text if c.isprintable()).replace("--", "- -").replace("--", "- -")
 
 
-def _attributes(part: TargetNode, step_s: float | None) -> str:
-    if part.kind == "parallel" and isinstance(part.args, ParallelArgs):
-        count = len(part.children)
-        succeeds, fails = part.args.needed(count)
-        # BehaviorTree.CPP's Parallel also fails once success is impossible, for any failure_count.
-        fails = min(fails, count - succeeds + 1) if part.args.success == "all" else fails
-        succeeds = -1 if part.args.success == "all" else succeeds
-        return f' success_count="{succeeds}" failure_count="{fails}"'
-    if part.kind == "round_robin":
-        return ' wrap_around="true"'
-    if part.kind == "rate_controller" and isinstance(part.args, SecondsArgs):
-        return f' hz="{number_text(float(f"{1 / part.args.seconds:.12g}"))}"'
-    if isinstance(part.args, SecondsArgs):
-        attributes, seconds = NODES[part.kind].attributes, part.args.seconds
-        if len(attributes) == 1:
-            return f' {attributes[0]}="{max(1, round(seconds * 1000))}"'
-        assert step_s is not None
-        return f' ticks="{part.args.ticks(step_s)}" seconds="{number_text(seconds)}"'
+def _attributes(part: TargetNode, step_s: float | None) -> dict[str, str]:
+    """The attributes of a node with children, other than notes."""
     if part.rest:
-        return f' name="{REST}"'
-    values = zip(NODES[part.kind].attributes, part.args, strict=False)
-    return "".join(f" {name}={quoteattr(_value_text(value))}" for name, value in values)
+        return {"name": REST}
+    names, args = NODES[part.kind].attributes, part.args
+    values: Iterable[object] = args
+    if part.kind == "parallel" and isinstance(args, ParallelArgs):
+        succeeds, fails = args.needed(len(part.children))
+        if args.success == "all":
+            # The library's Parallel also fails once success is impossible, for any failure_count.
+            succeeds, fails = -1, min(fails, len(part.children) - succeeds + 1)
+        values = succeeds, fails
+    elif part.kind == "round_robin":
+        values = ("true",)
+    elif part.kind == "rate_controller" and isinstance(args, SecondsArgs):
+        values = (float(f"{1 / args.seconds:.12g}"),)
+    elif isinstance(args, SecondsArgs) and names[0] != "ticks":
+        values = (max(1, round(args.seconds * 1000)),)
+    elif isinstance(args, SecondsArgs):
+        assert step_s is not None
+        values = args.ticks(step_s), args.seconds
+    return dict(zip(names, map(_value_text, values), strict=False))
 
 
 def _value_text(value: object) -> str:
@@ -344,16 +342,13 @@ def _port(name: str, parameter: Parameter) -> str:
     return f'<input_port name="{name}" type="{sort}" default={default_text}/>'
 
 
-def _model(kind: str) -> Iterator[str]:
-    """The declaration of one of our nodes, for Groot."""
-    tag, attributes, sort = NODES[kind]
-    if not attributes:
-        yield f'    <{sort} ID="{tag}"/>'
-        return
-    yield f'    <{sort} ID="{tag}">'
-    for name in attributes:
-        yield f'      <input_port name="{name}"/>'
-    yield f"    </{sort}>"
+def _model(tag: str, name: str, ports: Sequence[str], comment: str = "") -> Iterator[str]:
+    """The declaration of a node, for Groot."""
+    meaning = f" <!-- {comment} -->" if comment else ""
+    yield f"    <{tag} ID={quoteattr(name)}{'' if ports else '/'}>{meaning}"
+    if ports:
+        yield from (f"      {port}" for port in ports)
+        yield f"    </{tag}>"
 
 
 def _script(expr: ConditionExpr) -> str:

@@ -146,33 +146,29 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
     if part.kind == "check":
         yield f"{indent}{_check(_guard(part).condition)},"
         return
-    before, behind = _around(part, step_s)
+    opening = _opening(part, step_s)
     if not part.children:
-        yield f"{indent}{before}{behind},"
+        yield f"{indent}{opening}),"
         return
-    yield f"{indent}{before}"
+    yield f"{indent}{opening}"
     for child in part.children[1:] if _is_guard(part) else part.children:
         yield from _lines(child, indent + "    ", step_s)
-    yield f"{indent}{behind},"
+    yield f"{indent})," if opening.endswith("child=") else f"{indent}]),"
 
 
 def _is_guard(part: TargetNode) -> bool:
     return part.kind == "reactive_sequence" and part.children[0].kind == "check"
 
 
-_TICKED: Final = {
-    "wait_ticks": "WaitTicks",
-    "timeout_ticks": "TimeoutTicks",
-    "cooldown_ticks": "CooldownTicks",
+_CLOCKS: Final = {
+    "delay": ("wait", "Sequence({name!r}, memory=True, children=[Timer('timer', {seconds}),"),
+    "timeout": ("timeout", "Timeout({name!r}, duration={seconds}, child="),
+    "wait_ticks": ("wait", "WaitTicks({name!r}, ticks={ticks}, child="),
+    "timeout_ticks": ("timeout", "TimeoutTicks({name!r}, ticks={ticks}, child="),
+    "cooldown_ticks": ("cooldown", "CooldownTicks({name!r}, ticks={ticks}, child="),
 }
-_KIND_OF: Final = {
-    "wait_ticks": "wait",
-    "delay": "wait",
-    "timeout_ticks": "timeout",
-    "timeout": "timeout",
-    "cooldown_ticks": "cooldown",
-}
-_AROUND: Final = {
+"""Our kind of nodes that measure time, and the text before their children."""
+_OPENINGS: Final = {
     "interruptible_fallback": "InterruptibleSelector('selector', children=[",
     "interruptible_sequence": "InterruptibleSequence('sequence', children=[",
     "fallback": "Selector('selector', memory=True, children=[",
@@ -188,44 +184,37 @@ _AROUND: Final = {
 """The text before the children of nodes without arguments."""
 
 
-def _around(part: TargetNode, step_s: float | None) -> tuple[str, str]:
-    """The Python text before and after a node's children."""
+def _opening(part: TargetNode, step_s: float | None) -> str:
+    """The Python text before a node's children."""
     kind, args = part.kind, part.args
     if kind == "subtree":
-        return f"{subtree_of(part)}(action", ")"
+        return f"{subtree_of(part)}(action"
     if isinstance(args, ActionArgs):
         reserved = any(keyword.iskeyword(name) for name, _ in args.values)
         keywords = "".join(f", {name}={value!r}" for name, value in args.values)
         keywords = f", **{dict(args.values)!r}" if reserved else keywords
-        return f"action({args.name!r}{keywords}", ")"
+        return f"action({args.name!r}{keywords}"
     if _is_guard(part):
-        return f"EternalGuard({_condition(part)}, child=", ")"
+        return f"EternalGuard({_condition(part)}, child="
     if kind == "when":
-        return f"When({_condition(part)}, abort={_guard(part).abort!r}, child=", ")"
+        return f"When({_condition(part)}, abort={_guard(part).abort!r}, child="
+    if kind == "judged_parallel" and isinstance(args, ParallelArgs):
+        return f"JudgedParallel('parallel', {args.success!r}, {args.failure!r}, children=["
     if isinstance(args, ParallelArgs):
-        if kind == "judged_parallel":
-            return (
-                f"JudgedParallel('parallel', {args.success!r}, {args.failure!r}, children=[",
-                "])",
-            )
         one = args.success in ("one", 1)
         policy = "SuccessOnOne()" if one else "SuccessOnAll(synchronise=True)"
         name = head(Node("parallel", args))
-        return f"Parallel({name!r}, ParallelPolicy.{policy}, children=[", "])"
+        return f"Parallel({name!r}, ParallelPolicy.{policy}, children=["
     if isinstance(args, SecondsArgs):
-        name, seconds = head(Node(_KIND_OF[kind], args)), number_text(args.seconds)
-        if kind in _TICKED:
-            assert step_s is not None
-            return f"{_TICKED[kind]}({name!r}, ticks={args.ticks(step_s)}, child=", ")"
-        if kind == "delay":
-            return f"Sequence({name!r}, memory=True, children=[Timer('timer', {seconds}),", "])"
-        return f"Timeout({name!r}, duration={seconds}, child=", ")"
+        our_kind, opening = _CLOCKS[kind]
+        name, seconds = head(Node(our_kind, args)), number_text(args.seconds)
+        ticks = None if step_s is None else args.ticks(step_s)
+        return opening.format(name=name, seconds=seconds, ticks=ticks)
     if isinstance(args, CountArgs):
         if kind == "retry":
-            return f"Retry('retry', num_failures={args.times:.0f}, child=", ")"
-        return f"Repeat('repeater', num_success={args.times:.0f}, child=", ")"
-    before = _AROUND[kind]
-    return before, "])" if before.endswith("[") else ")"
+            return f"Retry('retry', num_failures={args.times:.0f}, child="
+        return f"Repeat('repeater', num_success={args.times:.0f}, child="
+    return _OPENINGS[kind]
 
 
 def _guard(part: TargetNode) -> GuardArgs:
