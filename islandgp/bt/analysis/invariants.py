@@ -92,7 +92,7 @@ class _Finder:
         ticked: list[Boards] = []
         for child in self._machine.children[place]:
             ticked.append(entered)
-            ends = self._either(self._machine.fresh(child), self._resumed_outcomes(child))
+            ends = self._machine.either(self._machine.fresh(child), self._resumed_outcomes(child))
             for status in (1 - advance, RUNNING):
                 reached = self._sets.both(entered, ends[status])
                 outcomes[status] = self._sets.either(outcomes[status], reached)
@@ -192,14 +192,14 @@ class _Finder:
         if node.guard:
             return machine.guarded(place, inside, fresh=False)
         if kind.delayed:
-            failure, success, _ = self._either(inside, machine.fresh(children[0]))
+            failure, success, _ = machine.either(inside, machine.fresh(children[0]))
             return failure, success, ANY_BOARD
         if kind.counts is None:
             return turned(self._sets, node, inside)
         if count_of(node) == 1:
             return inside
-        restarts = self._either(inside, machine.fresh(children[0]))
-        return self._either(restarts, repeated(self._sets, node, restarts, last=False))
+        restarts = machine.either(inside, machine.fresh(children[0]))
+        return machine.either(restarts, repeated(self._sets, node, restarts, last=False))
 
     def _in_parallel(self, child: int, needed: tuple[int, int]) -> Outcomes:
         """The outcomes of a child of a running parallel; the child may have ended before."""
@@ -230,7 +230,3 @@ class _Finder:
                 outcomes[status] = either(outcomes[status], each[status])
         outcomes[advance] = entered  # by the last branch
         return outcomes[0], outcomes[1], outcomes[2]
-
-    def _either(self, one: Outcomes, other: Outcomes) -> Outcomes:
-        either = self._sets.either
-        return either(one[0], other[0]), either(one[1], other[1]), either(one[2], other[2])

@@ -6,8 +6,9 @@ written, with a reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -69,6 +70,10 @@ class LintWarning:
         return str(file.error(f"warning: {self.message}", self.line, self.column))
 
 
+Undone: TypeAlias = Callable[[str, int], Sequence[bool]]
+"""`_undone_changes` of the places of a tree, by key and direction."""
+
+
 class _Place(NamedTuple):
     """A node of the expanded tree with its context."""
 
@@ -98,12 +103,12 @@ def warnings(
     tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_context(vocabulary), ()))
-    course = _Course(places)
+    undone = cache(partial(_undone_changes, places))
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
         if index in never_run:
             continue
-        for at, code, message in _about(place, index, course):
+        for at, code, message in _about(place, index, undone):
             doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
                 never_run.update(range(at, at + size(places[at].node)))
@@ -169,7 +174,7 @@ def _never_used(kind: str, name: Any) -> LintWarning:
     return LintWarning(name.line, name.column, message, f"unused-{kind}")
 
 
-def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
+def _about(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
     node, context, above = place
     kind = kind_of(node)
@@ -180,7 +185,7 @@ def _about(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, 
     elif node.guard:
         yield from _guard(node.guard, context, above, at)
     elif node.action:
-        yield from _action(place, at, course)
+        yield from _action(place, at, undone)
 
 
 def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
@@ -216,67 +221,47 @@ def _guard(
         yield at, "long-condition", message
 
 
-def _action(place: _Place, at: int, course: _Course) -> Iterator[tuple[int, str, str]]:
+def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     node, context, above = place
     name = node.action
     action = context.vocabulary.action(name)
     needs = [(needed, context.at_start) for needed in action.to_start]
     needs += [(needed, context.always) for needed in action.to_succeed]
     for needed, holding in needs:
-        if not excludes(holding, needed):
-            continue
-        if course.changed_before(needed.key, action.changes.get(needed.key, 0), at):
+        sign = action.changes.get(needed.key, 0)
+        if not excludes(holding, needed) or (sign and undone(needed.key, sign)[at]):
             continue
         reason = _why_not(needed, holding, above, context.vocabulary, for_action=True)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
         return
 
 
-class _Course:
-    """The nodes in the order in which a tick runs them.
+def _undone_changes(places: Sequence[_Place], key: str, sign: int) -> list[bool]:
+    """For each place: True if an earlier action in the tick changes a key in the other direction.
 
     The blackboard has the values at the start of the tick. An action may undo another one's change
-    of a key in the same tick.
+    of a key in the same tick. `sign` is the direction of the change that may be undone.
     """
+    undone: list[bool] = []
 
-    def __init__(self, places: Sequence[_Place]) -> None:
-        self._places = places
-        self._undone: dict[tuple[str, int], list[bool]] = {}
+    def visit(before: bool) -> tuple[bool, bool]:
+        """Whether an action below changes the key, and whether the node may still fail."""
+        node, context, _ = places[len(undone)]
+        undone.append(before)
+        if node.action:
+            action = context.vocabulary.action(node.action)
+            return action.changes.get(key, 0) * sign < 0, False
+        changes = stays = False
+        for index in range(len(node.children)):
+            below_changes, below_stays = visit(before)
+            changes |= below_changes
+            stays |= below_stays or (below_changes and not _passes_up(node, index))
+            # After a success a selector does not continue.
+            before |= below_stays if kind_of(node).advance_status == FAILURE else below_changes
+        return changes, stays
 
-    def changed_before(self, key: str, sign: int, at: int) -> bool:
-        """True if an action before `at` changes a key in the opposite direction.
-
-        `sign` is the direction in which the action at this place changes the key; 0: none.
-        """
-        if not sign:
-            return False
-        if (key, sign) not in self._undone:
-            self._undone[key, sign] = self._all_undone(key, sign)
-        return self._undone[key, sign][at]
-
-    def _all_undone(self, key: str, sign: int) -> list[bool]:
-        """`changed_before` for each place, by one walk through the tree."""
-        undone: list[bool] = []
-        places = self._places
-
-        def visit(before: bool) -> tuple[bool, bool]:
-            """Whether an action below changes the key, and whether the node may still fail."""
-            node, context, _ = places[len(undone)]
-            undone.append(before)
-            if node.action:
-                action = context.vocabulary.action(node.action)
-                return action.changes.get(key, 0) * sign < 0, False
-            changes = stays = False
-            for index in range(len(node.children)):
-                below_changes, below_stays = visit(before)
-                changes |= below_changes
-                stays |= below_stays or (below_changes and not _passes_up(node, index))
-                # After a success a selector does not continue.
-                before |= below_stays if kind_of(node).advance_status == FAILURE else below_changes
-            return changes, stays
-
-        visit(False)
-        return undone
+    visit(False)
+    return undone
 
 
 def _passes_up(node: Node, index: int) -> bool:

@@ -122,7 +122,7 @@ class Machine:
         return place
 
     def guards(self, place: int) -> Iterator[int]:
-        """The guards of a branch, down to its first composite or action; as `truth.chain`."""
+        """The guards of a branch, down to its first composite or action; as `truth.guard_chain`."""
         while kind_of(self.nodes[place]).decorates:
             if self.nodes[place].guard:
                 yield place
@@ -243,7 +243,7 @@ class Machine:
                 rest = self.now(children[branch], memory.memory)
                 if branch < len(children) - 1:
                     rest = self._go_on(place, rest, self.fresh_from(place, branch + 1))
-            outcomes = self._or(outcomes, self._and(boards, rest))
+            outcomes = self.either(outcomes, self._and(boards, rest))
         return outcomes
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
@@ -271,7 +271,8 @@ class Machine:
         both = self.sets.both
         return both(boards, failure), both(boards, success), both(boards, running)
 
-    def _or(self, one: Outcomes, other: Outcomes) -> Outcomes:
+    def either(self, one: Outcomes, other: Outcomes) -> Outcomes:
+        """The outcomes that are in one of the two."""
         either = self.sets.either
         return either(one[0], other[0]), either(one[1], other[1]), either(one[2], other[2])
 
@@ -350,7 +351,7 @@ class Machine:
             else:
                 ends = self.now(child, memory.memory)[advance_status(self.nodes[place])]
                 reached = self._and(ends, self.way(place, at + 1, target))
-            outcomes = self._or(outcomes, self._and(boards, reached))
+            outcomes = self.either(outcomes, self._and(boards, reached))
         return outcomes
 
     def _aimed_together(

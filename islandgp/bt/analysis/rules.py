@@ -114,18 +114,18 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if not candidates:
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
-        reason = (
-            "neither proven nor refuted: if keys are compared with keys, only guards are examined"
-        )
-        return RuleResult(rule, "unknown", reason)
+        return _unknown(rule, ": if keys are compared with keys, only guards are examined")
     kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
     if kind := next(
         (k for k, traits in kinds if k in TIMED or traits.reactive or traits.opaque), ""
     ):
-        reason = f"neither proven nor refuted: of a tree with a {kind} only the guards are examined"
-        return RuleResult(rule, "unknown", reason)
+        return _unknown(rule, f": of a tree with a {kind} only the guards are examined")
     machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
+
+
+def _unknown(rule: Rule, why: str) -> RuleResult:
+    return RuleResult(rule, "unknown", f"neither proven nor refuted{why}")
 
 
 class _MemoryOrigin(NamedTuple):
@@ -176,13 +176,9 @@ def _explored(
                         origins[move.memory] = _MemoryOrigin(memory, board, move.calls)
                         waiting.append(move.memory)
     except SpentError:
-        reason = (
-            f"neither proven nor refuted in {len(origins):,} states of the tree; give more --steps"
-        )
-        return RuleResult(rule, "unknown", reason)
+        return _unknown(rule, f" in {len(origins):,} states of the tree; give more --steps")
     if doubtful or not is_complete or not machine.sets.exact:
-        reason = "neither proven nor refuted: its conditions distinguish too many blackboards"
-        return RuleResult(rule, "unknown", reason)
+        return _unknown(rule, ": its conditions distinguish too many blackboards")
     return RuleResult(
         rule, "proven", f"no tick breaks it in any of {len(origins):,} states of the tree"
     )

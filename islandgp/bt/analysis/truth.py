@@ -46,18 +46,18 @@ def root_context(vocabulary: Vocabulary) -> NodeContext:
     return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
-def chain(node: Node) -> list[Node]:
+def guard_chain(branch: Node) -> list[GuardArgs]:
     """The guards of a branch, down to its first composite or action."""
     guards = []
-    while kind_of(node).decorates:
-        if node.guard:
-            guards.append(node)
-        node = node.children[0]
+    while kind_of(branch).decorates:
+        if branch.guard:
+            guards.append(branch.guard)
+        branch = branch.children[0]
     return guards
 
 
 def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
-    """The branch with the abort rules of the guards in its `chain` replaced.
+    """The branch with the abort rules of the guards in its `guard_chain` replaced.
 
     Args:
         branch: a node with its descendants.
@@ -84,8 +84,8 @@ def without_interrupts(branch: Node) -> Node:
 
 
 def has_interrupting_guard(branch: Node) -> bool:
-    """True if a guard in the branch's `chain` has abort `lower` or `both`."""
-    return any(each.guard and each.guard.interrupts for each in chain(branch))
+    """True if a guard in the branch's `guard_chain` has abort `lower` or `both`."""
+    return any(guard.interrupts for guard in guard_chain(branch))
 
 
 def implies(premises: Conditions, expr: ConditionExpr) -> bool:

@@ -20,7 +20,7 @@ from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.bt.core.parameters import Parameter, signature, value_range
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.vocabulary import NAME, STATUSES, Action, Key, Vocabulary
-from islandgp.bt.editor.names import Word, words_of
+from islandgp.bt.editor.names import Word, code_words, words_of
 
 Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 
@@ -73,7 +73,7 @@ def offers(
     typed_words = words_of(before)
     if typed_words and typed_words[-1].text[0] == "#" and "\n" not in before[typed_words[-1].end :]:
         return []
-    code = [word.text for word in typed_words if word.text[0] != "#"]
+    code = [word.text for word in code_words(before)]
     accepted = following(before)
     words = [name.lower() for name in sorted(accepted) if name.lower() in MEANINGS]
     completions = [Offer(word, "word", MEANINGS[word]) for word in words]
@@ -208,7 +208,7 @@ def _numbers(text: str, folder: Path) -> dict[str, str]:
 
 def _parameters(text: str, folder: Path) -> dict[str, str]:
     """The parameters of the subtree at the end of a text."""
-    code = [word.text for word in words_of(text) if word.text[0] != "#"]
+    code = [word.text for word in code_words(text)]
     own = _unfinished(code)
     lead = dict(_defined("subtree", text, folder, own=True)).get(own, "") if own else ""
     inside = re.search(r"\(([^)]*)\)", lead.partition("=")[0])
@@ -251,9 +251,7 @@ def _begin(text: str, offset: int) -> int:
 def _at(text: str, offset: int) -> tuple[Word, str] | None:
     """The word at a place outside comments, and the word before it."""
     previous = ""
-    for word in words_of(text):
-        if word.text[0] == "#":
-            continue
+    for word in code_words(text):
         if word.start <= offset <= word.end and NAME.fullmatch(word.text):
             return word, previous
         if word.start > offset:

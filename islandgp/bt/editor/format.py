@@ -224,17 +224,14 @@ def _words_of(text: str) -> Iterator[_Word]:
     from lark import Token
 
     tokens = [*words(text), Token("END", "", start_pos=len(text), end_pos=len(text))]
-    end = 0
-    pending: tuple[Token, tuple[_Comment, ...], bool] | None = None
-    for token in tokens:
-        start = token.start_pos or 0
-        behind, before, blank = _between(text[end:start], first=pending is None)
-        if pending is not None:
-            yield _Word(*pending, behind)
-        pending = (token, before, blank)
-        end = start + len(token)
-    if pending is not None:
-        yield _Word(*pending, "")
+    ends = [0, *(token.end_pos for token in tokens)]
+    gaps = [
+        _between(text[end : token.start_pos], first=end == 0)
+        for end, token in zip(ends, tokens, strict=False)
+    ]
+    asides = [*(gap[0] for gap in gaps[1:]), ""]
+    for token, (_, before, blank), behind in zip(tokens, gaps, asides, strict=True):
+        yield _Word(token, before, blank, behind)
 
 
 def _between(gap: str, *, first: bool) -> tuple[str, tuple[_Comment, ...], bool]:

@@ -61,37 +61,40 @@ def occurrences(text: str) -> Iterator[Occurrence]:
     at = 0
     while at < len(tokens):
         token, previous = tokens[at], tokens[at - 1].text if at else ""
+        following = tokens[at + 1].text if at + 1 < len(tokens) else ""
+        is_name = NAME.fullmatch(token.text) is not None
         if token.text == "(":
             of_uses.append(at > 1 and tokens[at - 2].text == "use")
         elif token.text in (")", "{"):
             of_uses = of_uses[:-1] if token.text == ")" else []
         if at > body_end:
             owner, parameters = "", set()
-        if NAME.fullmatch(token.text) and previous in ("subtree", "constant"):
-            heading = at + 1
-            if previous == "subtree":
-                owner, heading = token.text, _closing_index(tokens, at + 1)
-                inside = [w for w in tokens[at + 1 : heading] if NAME.fullmatch(w.text)]
-                parameters = {each.text for each in inside}
-                body_end = _body_end(tokens, heading + 1)
-            last = tokens[min(body_end if previous == "subtree" else at + 2, len(tokens) - 1)]
-            whole = Word("", tokens[at - 1].start, last.end)
-            yield Occurrence(Symbol(previous, token.text), token, whole)
-            if previous == "subtree":
-                for each in inside:
-                    yield Occurrence(Symbol("parameter", each.text, owner), each)
-                at = heading
-                continue
-        elif previous == "use" and NAME.fullmatch(token.text):
+        if is_name and previous == "subtree":
+            heading = _closing_index(tokens, at + 1)
+            body_end = _body_end(tokens, heading + 1)
+            inside = [each for each in tokens[at + 1 : heading] if NAME.fullmatch(each.text)]
+            owner, parameters = token.text, {each.text for each in inside}
+            whole = _between(tokens, at - 1, body_end)
+            yield Occurrence(Symbol("subtree", owner), token, whole)
+            yield from (Occurrence(Symbol("parameter", w.text, owner), w) for w in inside)
+            at = heading
+            continue
+        if is_name and previous == "constant":
+            whole = _between(tokens, at - 1, at + 2)
+            yield Occurrence(Symbol("constant", token.text), token, whole)
+        elif is_name and previous == "use":
             yield Occurrence(Symbol("subtree", token.text), token)
-        elif NAME.fullmatch(token.text) and [each.text for each in tokens[at + 1 : at + 2]] != [
-            ":"
-        ]:
+        elif is_name and following != ":":
             if token.text in parameters:
                 yield Occurrence(Symbol("parameter", token.text, owner), token)
             elif previous == ":" or of_uses[-1:] == [True] or _is_number(tokens, at):
                 yield Occurrence(Symbol("constant", token.text), token)
         at += 1
+
+
+def _between(tokens: Sequence[Word], first: int, last: int) -> Word:
+    """The part of the text from one word to another, or to its last word."""
+    return Word("", tokens[first].start, tokens[min(last, len(tokens) - 1)].end)
 
 
 def _is_number(tokens: Sequence[Word], at: int) -> bool:
@@ -106,12 +109,7 @@ def _closing_index(tokens: Sequence[Word], at: int) -> int:
     """The index behind the brackets that open there; `at` if none do."""
     if at >= len(tokens) or tokens[at].text != "(":
         return at
-    level = 0
-    for i in range(at, len(tokens)):
-        level += (tokens[i].text == "(") - (tokens[i].text == ")")
-        if level == 0:
-            return i + 1
-    return len(tokens)
+    return _closing_bracket(tokens, at, "(", ")") + 1
 
 
 def _body_end(tokens: Sequence[Word], at: int) -> int:
@@ -120,10 +118,15 @@ def _body_end(tokens: Sequence[Word], at: int) -> int:
         return len(tokens) - 1
     if tokens[at].text not in INNER:  # an action or a use
         return _closing_index(tokens, at + (2 if tokens[at].text == "use" else 1)) - 1
+    return _closing_bracket(tokens, at, "{", "}")
+
+
+def _closing_bracket(tokens: Sequence[Word], at: int, opening: str, closing: str) -> int:
+    """The index of the word that closes the first bracket; of the last word if none does."""
     level = 0
     for i in range(at, len(tokens)):
-        level += (tokens[i].text == "{") - (tokens[i].text == "}")
-        if tokens[i].text == "}" and level <= 0:
+        level += (tokens[i].text == opening) - (tokens[i].text == closing)
+        if tokens[i].text == closing and level <= 0:
             return i
     return len(tokens) - 1
 

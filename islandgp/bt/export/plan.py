@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.truth import chain, has_interrupting_guard
+from islandgp.bt.analysis.truth import guard_chain, has_interrupting_guard
 from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, comments_of, names_of, walk
 from islandgp.errors import DomainError
@@ -273,9 +273,7 @@ def guard_losses(tree: Node) -> set[Loss]:
             if has_interrupting_guard(branch):
                 reacts = _reacts(branch, tree.kind)
                 differences |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
-                if reacts and not all(
-                    each.guard and each.guard.interrupts for each in chain(branch)
-                ):
+                if reacts and not all(guard.interrupts for guard in guard_chain(branch)):
                     differences.add(INNER)
     for child in tree.children:
         differences |= guard_losses(child)
@@ -288,7 +286,7 @@ def _kind(plain: str, reactive: bool) -> str:
 
 def _reacts(branch: Node, composite: str) -> bool:
     """True if a reactive composite has the effect of this branch's interrupting guard."""
-    outermost = next((each.guard for each in chain(branch)), None)
+    outermost = next(iter(guard_chain(branch)), None)
     # The outermost guard decides: no guard inside one that does not interrupt can interrupt.
     return outermost is not None and outermost.interrupts and advances(branch, composite)
 
