@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -160,19 +160,18 @@ def _place(uri: str | None, experiment: str | None) -> Place:
 
 
 def _select(
-    selections: list[tuple[str, str]], runs: Path, name: str | None, place: Place, cache: Path
+    selections: list[tuple[str, str]], runs: Path, name: str | None, place: Place, scratch: Path
 ) -> tuple[list[Arm], list[str]]:
     """The arms, with notes on omitted runs."""
     study_arms: list[Arm] = []
     notes: list[str] = []
-    available: list[RunEntry] | None = None
+    available = cache(partial(_available, runs, name))
     for arm, selection in selections:
         if selection.startswith(MLFLOW):
-            folders = fetch(place, selection.removeprefix(MLFLOW).strip(), cache)
+            folders = fetch(place, selection.removeprefix(MLFLOW).strip(), scratch)
             runs_of_arm = [run for folder in folders for run in find(folder)]
         else:
-            available = _available(runs, name) if available is None else available
-            runs_of_arm = available
+            runs_of_arm = available()
         selected, remarks = select(arm, selection, runs_of_arm)
         study_arms.append(selected)
         notes += remarks

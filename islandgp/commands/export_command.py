@@ -79,12 +79,15 @@ def command(
     _, vocabulary, tree = read_in_domain(file, options, marked=True)
     exported, losses = _export(tree, form, vocabulary, plain, step)
     write_text(output, exported)
-    for word in _words_as_keys(tree, vocabulary, options):
-        click.echo(
-            f"{word} is taken as a key of the blackboard, as {options.declaration} declares no"
-            " words of keys; if it is a word, declare it in a vocabulary in JSON",
-            err=True,
-        )
+    if options.declaration is not None:
+        from islandgp.bt.export.declared import words_as_keys
+
+        for word in words_as_keys(tree, vocabulary):
+            click.echo(
+                f"{word} is taken as a key of the blackboard, as {options.declaration} declares no"
+                " words of keys; if it is a word, declare it in a vocabulary in JSON",
+                err=True,
+            )
     for loss in losses:
         click.echo(f"not the same ({loss.about}): {loss.message}", err=True)
     if form == "btcpp" and not plain and behaviortree_cpp.needs_header(tree):
@@ -93,14 +96,6 @@ def command(
             f" {behaviortree_cpp.HEADER}` writes; --plain avoids it",
             err=True,
         )
-
-
-def _words_as_keys(tree: Node, vocabulary: Vocabulary, options: DomainOptions) -> list[str]:
-    if options.declaration is None:
-        return []
-    from islandgp.bt.export.declared import words_as_keys
-
-    return words_as_keys(tree, vocabulary)
 
 
 def _export(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import ceil, inf, isfinite
@@ -191,7 +191,11 @@ def _blocks(values: Sequence[float], low: float, most: float) -> str:
 
 def components(recording: Recording) -> Iterator[str]:
     """A line for each component that earned points, and one for the fitness."""
-    rows = {n: v for n, v in recording.outcome.components.items() if v}
-    wide = max(map(len, [*rows, "fitness"])) + 2
-    for name, value in {**rows, "fitness": recording.outcome.fitness}.items():
-        yield f"{name:<{wide}}{value:+12,.{recording.digits}f}"
+    earned = {name: points for name, points in recording.outcome.components.items() if points}
+    return point_lines({**earned, "fitness": recording.outcome.fitness}, recording.digits)
+
+
+def point_lines(points: Mapping[str, float], digits: int) -> Iterator[str]:
+    """A line for each name with its points, to that number of decimals."""
+    wide = max(map(len, points), default=0) + 2
+    return (f"{name:<{wide}}{value:+12,.{digits}f}" for name, value in points.items())

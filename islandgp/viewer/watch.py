@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.export.render import to_rich
 from islandgp.viewer.recording import Recording, SceneTrack
-from islandgp.viewer.trace import SIGNS
+from islandgp.viewer.trace import SIGNS, point_lines
 
 if TYPE_CHECKING:
     from rich.console import Group, RenderableType
@@ -123,5 +123,4 @@ def _components(recording: Recording, tick: int) -> Text:
     for credit in recording.credits:
         if credit.tick <= tick:
             sums[credit.component] += credit.points
-    wide = max(map(len, sums), default=0) + 2
-    return Text("\n".join(f"{n:<{wide}}{v:>+12,.{recording.digits}f}" for n, v in sums.items()))
+    return Text("\n".join(point_lines(sums, recording.digits)))

@@ -176,14 +176,14 @@ def _never_used(kind: str, name: Any) -> LintWarning:
 
 def _about(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
-    node, context, above = place
+    node, context, _ = place
     kind = kind_of(node)
     if kind.advance_status is not None:
         yield from _never_goes_on(node, context, at)
     elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
     elif node.guard:
-        yield from _guard(node.guard, context, above, at)
+        yield from _guard(node.guard, place, at)
     elif node.action:
         yield from _action(place, at, undone)
 
@@ -199,18 +199,16 @@ def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
-def _guard(
-    guard: GuardArgs, context: NodeContext, above: Above, at: int
-) -> Iterator[tuple[int, str, str]]:
-    expr = guard.condition
+def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str, str]]:
+    expr, context = guard.condition, place.context
     if never(guard, context):
-        reason = _why_not(expr, context.at_start, above, context.vocabulary)
+        reason = _why_not(expr, context.at_start, place)
         yield at + 1, "unreachable", f"this branch can never run: {reason}"
         return
     if implies(context.at_start, expr):
         needless = not guard.checks_itself or implies(context.always, expr)
         if needless and not may_interrupt(guard, context):
-            message = f"this guard is redundant: {_reason(expr, above)}"
+            message = f"this guard is redundant: {_reason(expr, place.above)}"
             yield at, "needless-guard", message
             return
     elif guard.abort == "lower" and context.when_observed is None:
@@ -222,8 +220,7 @@ def _guard(
 
 
 def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
-    node, context, above = place
-    name = node.action
+    context, name = place.context, place.node.action
     action = context.vocabulary.action(name)
     needs = [(needed, context.at_start) for needed in action.to_start]
     needs += [(needed, context.always) for needed in action.to_succeed]
@@ -231,7 +228,7 @@ def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, 
         sign = action.changes.get(needed.key, 0)
         if not excludes(holding, needed) or (sign and undone(needed.key, sign)[at]):
             continue
-        reason = _why_not(needed, holding, above, context.vocabulary, for_action=True)
+        reason = _why_not(needed, holding, place)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
         return
 
@@ -273,27 +270,21 @@ def _passes_up(node: Node, index: int) -> bool:
     return kind.advance_status == FAILURE or (kind.advance_status == SUCCESS and last)
 
 
-def _why_not(
-    needed: ConditionExpr,
-    conditions: Sequence[ConditionExpr],
-    above: Above,
-    vocabulary: Vocabulary,
-    *,
-    for_action: bool = False,
-) -> str:
-    """The reason why a condition, or an action that needs it, contradicts `conditions`."""
+def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: _Place) -> str:
+    """The reason why a guard's condition, or one that an action needs, contradicts `conditions`."""
     text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
-    lead = f"it needs {text}" if for_action else f"{text} can't hold"
+    lead = f"it needs {text}" if place.node.action else f"{text} can't hold"
     if excludes((), needed):
         return f"{lead} on any blackboard"
     guards = [
         c
-        for c in _guards(above)
+        for c in _guards(place.above)
         if c in conditions and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
     ]
     against = [c for c in guards if excludes((c,), needed)][-1:] or guards
     if not against:
-        meant = (f"{key} is {vocabulary.keys[key].meaning}" for key in sorted(keys))
+        keys_declared = place.context.vocabulary.keys
+        meant = (f"{key} is {keys_declared[key].meaning}" for key in sorted(keys))
         return f"{lead}, as {' and '.join(meant)}"
     guard = "guard above it requires" if len(against) == 1 else "guards above it require"
     return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"

@@ -42,6 +42,13 @@ class Move(NamedTuple):
     checked: tuple[int, ...] = ()  # guards of the branch that were evaluated at its start
 
 
+class Goal(NamedTuple):
+    """The wanted moves of a node."""
+
+    statuses: Sequence[int]  # with which they may end, the preferred ones first
+    target: TickTarget | None = None  # that they must reach
+
+
 def moves(
     machine: Machine,
     memory: Memory | None,
@@ -63,14 +70,13 @@ def moves(
     statuses = (
         (RUNNING,) if target is not None and target.stays_running else (RUNNING, SUCCESS, FAILURE)
     )
-    return _Tick(machine, board).moves(0, memory, statuses, target)
+    return _Tick(machine, board).moves(0, memory, Goal(statuses, target))
 
 
 class _Tick:
     """One tick, on one blackboard.
 
-    Each method yields the moves of a node that end with one of the given statuses, the first
-    statuses first, and that reach the target, if there is one.
+    Each method yields the moves of a node that fulfil a goal.
     """
 
     def __init__(self, machine: Machine, board: Sequence[float]) -> None:
@@ -89,27 +95,27 @@ class _Tick:
             self._truth[guard] = holds()
         return self._truth[guard]
 
-    def moves(
-        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         """The moves of a node with a memory; None: it starts."""
+        statuses, target = goal
         if target is not None and target.stays_running:  # then its ancestors are RUNNING, too
             statuses = [status for status in statuses if status == RUNNING]
         if target is not None and place == target.place:
             target = None
+        goal = Goal(statuses, target)
         node = self._machine.nodes[place]
         kind = kind_of(node)
         if node.action:
             return self._action(place, statuses)
         if node.guard:
-            return self._guard(place, memory, statuses, target)
+            return self._guard(place, memory, goal)
         if kind.counts is not None:
-            return self._repeater(place, memory, statuses, target)
+            return self._repeater(place, memory, goal)
         if kind.decorates:
-            return self._turned(place, memory, statuses, target)
+            return self._turned(place, memory, goal)
         if kind.concurrent:
-            return self._parallel(place, memory, statuses, target)
-        return self._composite(place, memory, statuses, target)
+            return self._parallel(place, memory, goal)
+        return self._composite(place, memory, goal)
 
     def _action(self, place: int, statuses: Sequence[int]) -> Iterator[Move]:
         for status in statuses:
@@ -117,36 +123,33 @@ class _Tick:
                 self._machine.spend()
                 yield Move(status, _RUNS if status == RUNNING else None, ((place, status),))
 
-    def _turned(
-        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def _turned(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
-        inside = [s for end in statuses for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == end]
-        for move in self.moves(self._machine.children[place][0], memory, inside, target):
+        inside = [s for end in goal.statuses for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == end]
+        child = self._machine.children[place][0]
+        for move in self.moves(child, memory, goal._replace(statuses=inside)):
             yield move._replace(status=ends[move.status])
 
-    def _guard(
-        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def _guard(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         checked = (place,) if memory is None else ()
         checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
-            if FAILURE in statuses and target is None:
+            if FAILURE in goal.statuses and goal.target is None:
                 yield Move(FAILURE, None, checked=checked)
             return
-        for move in self.moves(self._machine.children[place][0], memory, statuses, target):
+        for move in self.moves(self._machine.children[place][0], memory, goal):
             yield move._replace(checked=(*checked, *move.checked))
 
-    def _repeater(
-        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def _repeater(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         remaining, inner = self._machine.repetition(place, memory)
         counted = kind_of(self._machine.nodes[place]).counts
         assert counted is not None
         unfinished = RUNNING if remaining > 1 else counted
         # The counted status comes first, as it makes progress.
-        inside = [counted] * (unfinished in statuses) + [s for s in statuses if s != counted]
-        for move in self.moves(self._machine.children[place][0], inner, inside, target):
+        others = [status for status in goal.statuses if status != counted]
+        inside = [counted, *others] if unfinished in goal.statuses else others
+        child = self._machine.children[place][0]
+        for move in self.moves(child, inner, goal._replace(statuses=inside)):
             if move.status == counted:
                 after = RepeaterMemory(remaining - 1, None) if remaining > 1 else None
                 yield move._replace(status=unfinished, memory=after)
@@ -155,16 +158,14 @@ class _Tick:
             else:
                 yield move._replace(memory=RepeaterMemory(remaining, move.memory))
 
-    def _parallel(
-        self, place: int, memory: Memory | None, allowed: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def _parallel(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         machine, args = self._machine, self._machine.nodes[place].args
         assert isinstance(args, ParallelArgs)
         children, inside = machine.children[place], machine.memories(place, memory)
-        towards = -1 if target is None else target.branches[place]
-        goals = [target if branch == towards else None for branch in range(len(children))]
-        tasks = list(zip(children, inside, goals, strict=True))
-        for status in allowed:
+        towards = -1 if goal.target is None else goal.target.branches[place]
+        targets = [goal.target if branch == towards else None for branch in range(len(children))]
+        tasks = list(zip(children, inside, targets, strict=True))
+        for status in goal.statuses:
             preferred = _preferred(args, status)
             options = [[s for s in preferred if self._can(*task, s)] for task in tasks]
             for statuses in product(*options):
@@ -197,18 +198,16 @@ class _Tick:
     ) -> Iterator[Move]:
         """The moves of a parallel's child with this status; an ended child is not ticked."""
         if not isinstance(memory, int):
-            return self.moves(place, memory, (status,), target)
+            return self.moves(place, memory, Goal((status,), target))
         return iter([Move(memory, None)] if target is None else [])
 
-    def _composite(
-        self, place: int, memory: Memory | None, statuses: Sequence[int], target: TickTarget | None
-    ) -> Iterator[Move]:
+    def _composite(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         """The moves of a selector or sequence, branch by branch."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
         advance, last = advance_status(machine.nodes[place]), len(machine.children[place]) - 1
-        towards = first if target is None else target.branches[place]
-        stages = [self._branch(place, first, inner, statuses, target)]
+        towards = first if goal.target is None else goal.target.branches[place]
+        stages = [self._branch(place, first, inner, goal)]
         done: list[Move] = []  # of the branches before the present one
         while stages:
             branch = first + len(done)
@@ -219,8 +218,8 @@ class _Tick:
                 continue
             done.append(move)
             if move.status == advance and branch < last:
-                goal = target if branch < towards else None
-                stages.append(self._branch(place, branch + 1, None, statuses, goal))
+                ahead = goal if branch < towards else Goal(goal.statuses)
+                stages.append(self._branch(place, branch + 1, None, ahead))
                 continue
             after = None
             if move.memory is not None:
@@ -252,15 +251,9 @@ class _Tick:
                 known[n] = now
         return memory.branch, memory.memory, known
 
-    def _branch(
-        self,
-        place: int,
-        branch: int,
-        memory: Memory | None,
-        statuses: Sequence[int],
-        target: TickTarget | None,
-    ) -> Iterator[Move]:
-        """The moves of a branch that lead to a wanted status of the composite and to the target."""
+    def _branch(self, place: int, branch: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+        """The moves of a branch with which the composite can fulfil the goal."""
+        statuses, target = goal
         machine, children = self._machine, self._machine.children[place]
         has, advance = machine.sets.has, advance_status(machine.nodes[place])
         towards = branch if target is None else target.branches[place]
@@ -271,7 +264,7 @@ class _Tick:
             path = machine.way(place, branch + 1, target)
             if not any(has(path[status], self._board) for status in statuses):
                 return iter(())
-            return self.moves(children[branch], memory, (advance,), None)
+            return self.moves(children[branch], memory, Goal((advance,)))
         inside = [status for status in statuses if status != advance]
         if branch == len(children) - 1:
             inside = list(statuses)
@@ -279,7 +272,7 @@ class _Tick:
             later = machine.fresh_from(place, branch + 1)
             if any(has(later[status], self._board) for status in statuses):
                 inside.append(advance)
-        return self.moves(children[branch], memory, inside, target)
+        return self.moves(children[branch], memory, Goal(inside, target))
 
     def _known(
         self, place: int, first: int, running: int, known: Sequence[bool | None], checked: Set[int]

@@ -129,22 +129,20 @@ def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
 
 def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
     """The keys in the conditions of a tree, which is in the tree language, in XML or in JSON."""
-    numbers: dict[str, bool] = {}
     start = tree.lstrip("\ufeff \t\r\n")[:1]
     if start == "<":
-        for script in _scripts(read_xml(tree, name=name)):
-            for match in _WORD.finditer(_TEXT.sub("''", script)):
-                if (word := match["word"]) not in ("and", "or", "not", "true", "false"):
-                    compared = bool(match["before"] or match["after"])
-                    numbers[word] = numbers.get(word, False) or compared
+        asked = {
+            (match["word"], bool(match["before"] or match["after"]))
+            for script in _scripts(read_xml(tree, name=name))
+            for match in _WORD.finditer(_TEXT.sub("''", script))
+            if match["word"] not in ("and", "or", "not", "true", "false")
+        }
     else:
         is_json = start in ("{", "[")
         root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
-        for term in asked_in(root):
-            compares = term.operator in OPERATORS
-            for key in term.keys:
-                numbers[key] = numbers.get(key, False) or compares
-    return {key: _NUMBER_KEY if number else Key("") for key, number in sorted(numbers.items())}
+        asked = {(key, term.operator in OPERATORS) for term in asked_in(root) for key in term.keys}
+    # The pair of a key that is compared somewhere comes last.
+    return {key: _NUMBER_KEY if compared else Key("") for key, compared in sorted(asked)}
 
 
 def _scripts(element: Element) -> Iterator[str]:

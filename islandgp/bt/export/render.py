@@ -79,36 +79,23 @@ class Box(NamedTuple):
 
 def lay_out(tree: Node) -> tuple[list[Box], float, float]:
     """The boxes in document order, and width and height of the picture."""
-    rows, parents = _rows(tree)
     boxes: list[Box] = []
-    for node, parent, row in zip(walk(tree), parents, rows, strict=True):
-        x = MARGIN if parent < 0 else boxes[parent].x + boxes[parent].width + GAP
-        width = PADDING + LETTER * len(label(node))
-        boxes.append(Box(node, parent, x, MARGIN + ROW * (row + 0.5), width))
-    right = max(box.x + box.width for box in boxes)
-    return boxes, right + MARGIN, 2 * MARGIN + ROW * sum(not n.children for n in walk(tree))
-
-
-def _rows(tree: Node) -> tuple[list[float], list[int]]:
-    """Row and parent of each node in document order; a parent is midway between its children."""
-    rows: list[float] = []
-    parents: list[int] = []
     leaves = 0
 
-    def visit(node: Node, parent: int) -> int:
+    def visit(node: Node, parent: int, x: float) -> float:
+        """Add the boxes of a node and its descendants; returns the node's row."""
         nonlocal leaves
-        place = len(rows)
-        rows.append(leaves)
-        parents.append(parent)
-        if not node.children:
-            leaves += 1
-            return place
-        children = [visit(child, place) for child in node.children]
-        rows[place] = (rows[children[0]] + rows[children[-1]]) / 2
-        return place
+        place, width = len(boxes), PADDING + LETTER * len(label(node))
+        boxes.append(Box(node, parent, x, 0.0, width))
+        rows = [visit(child, place, x + width + GAP) for child in node.children] or [leaves]
+        leaves += not node.children
+        row = (rows[0] + rows[-1]) / 2  # midway between the first and the last child
+        boxes[place] = boxes[place]._replace(y=MARGIN + ROW * (row + 0.5))
+        return row
 
-    visit(tree, -1)
-    return rows, parents
+    visit(tree, -1, MARGIN)
+    right = max(box.x + box.width for box in boxes)
+    return boxes, right + MARGIN, 2 * MARGIN + ROW * leaves
 
 
 FONT: Final = "ui-monospace,'DejaVu Sans Mono',Menlo,Consolas,monospace"

@@ -15,7 +15,7 @@ class Text(NamedTuple):
     """A text between elements."""
 
     text: str
-    line: int
+    line: int  # from 1
     column: int
 
 
@@ -31,10 +31,16 @@ class Element:
     comments: tuple[str, ...] = ()  # before it, and after its last child
     texts: list[Text] = field(default_factory=list)  # inside it, other than blanks
 
-    def error(self, message: str, file: str) -> TreeError:
+    def error(self, message: str, file: str, kind: type[TreeError] = TreeError) -> TreeError:
         """The error for an element of a file, with its place."""
-        place = f"{file}:{self.line}:{self.column}"
-        return TreeError(f"{place}: {message}", line=self.line, column=self.column)
+        return placed_error(message, file, self.line, self.column, kind)
+
+
+def placed_error(
+    message: str, file: str, line: int, column: int, kind: type[TreeError] = TreeError
+) -> TreeError:
+    """The error for a place of a file."""
+    return kind(f"{file}:{line}:{column}: {message}", line=line, column=column)
 
 
 def read_xml(text: str, *, name: str) -> Element:
@@ -50,7 +56,7 @@ def read_xml(text: str, *, name: str) -> Element:
     comments: list[str] = []  # since the last tag
 
     def fail(message: str, line: int, column: int) -> NoReturn:
-        raise TreeError(f"{name}:{line}:{column}: {message}", line=line, column=column)
+        raise placed_error(message, name, line, column)
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1

@@ -124,12 +124,8 @@ class SubtreeReader(ABC):
         self._nodes += nodes
         self._levels = max(self._levels, self.level + levels)
         if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
-            raise LimitError(
-                f"{self._name}:{element.line}:{element.column}: expected a tree of at most"
-                f" {MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded",
-                line=element.line,
-                column=element.column,
-            )
+            limits = f"{MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
+            raise element.error(f"expected a tree of at most {limits}", self._name, LimitError)
 
     def node(self, element: Element) -> Node:
         tag = tag_of(element)

@@ -7,8 +7,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.source import shown
-from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.errors import TreeError
+from islandgp.bt.export.xml_reader import Element, placed_error, read_xml
 
 MAX_XML: Final = 1_000_000  # most characters of an included file
 
@@ -73,12 +72,11 @@ def _check_texts(tree: Element, file: str) -> None:
     while waiting:
         element = waiting.pop()
         for text, line, column in element.texts:
-            raise TreeError(
-                f"{file}:{line}:{column}: expected nodes in {shown(element.tag)}, found the text"
-                f" {shown(text)}; make it a comment, <!-- ... -->",
-                line=line,
-                column=column,
+            message = (
+                f"expected nodes in {shown(element.tag)}, found the text {shown(text)};"
+                " make it a comment, <!-- ... -->"
             )
+            raise placed_error(message, file, line, column)
         waiting += reversed(element.children)
 
 

@@ -40,10 +40,14 @@ _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
 def count_args(attributes: Attributes, attribute: str, default: str = "") -> CountArgs:
     """A number of repetitions."""
     count = attributes.get(attribute, default)
-    fewest, most = REPEATS
-    if not (count.isdecimal() and len(count) < 10 and fewest <= int(count) <= most):
+    if not _is_count(count):
+        fewest, most = REPEATS
         raise ValueError(f"expected {attribute} from {fewest} to {most}, found {shown(count)}")
     return CountArgs(int(count))
+
+
+def _is_count(text: str) -> bool:
+    return text.isdecimal() and len(text) < 10 and REPEATS[0] <= int(text) <= REPEATS[1]
 
 
 def seconds_args(attributes: Attributes, attribute: str, unit: int) -> SecondsArgs:
@@ -73,13 +77,9 @@ def judged_args(attributes: Attributes) -> ParallelArgs:
     policies: list[Policy] = []
     for attribute, default in (("success", "all"), ("failure", "one")):
         policy = attributes.get(attribute, default)
-        if policy in POLICIES:
-            policies.append(policy)
-            continue
-        fewest, most = REPEATS
-        if not (policy.isdecimal() and len(policy) < 10 and fewest <= int(policy) <= most):
+        if policy not in POLICIES and not _is_count(policy):
             raise ValueError(f"expected {attribute} one, all or a number, found {shown(policy)}")
-        policies.append(int(policy))
+        policies.append(policy if policy in POLICIES else int(policy))
     return ParallelArgs(*policies)
 
 
