@@ -13,9 +13,8 @@ def take(lock: FileLock, folder: Path, busy: RunError) -> None:
     """Creates a folder and acquires its lock. Raises `busy` if another process holds it."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        lock.acquire(
-            timeout=1, poll_interval=0.05
-        )  # `locked` of another process may hold it for a moment
+        # `locked` of another process may hold it for a moment.
+        lock.acquire(timeout=1, poll_interval=0.05)
     except Timeout:
         raise busy from None
 

@@ -162,10 +162,9 @@ def first_descendant(run: Run, tier: str) -> int | None:
 
 def _as_advised(i: IndividualRecord) -> bool:
     """True for a tree that a supervisor injected or edited, and that was not mutated."""
-    edit_only = (
-        i.origin == Origin.EDITED and "+" not in i.mutation
-    )  # "edit:KIND+OPERATOR" if it was
-    return edit_only or (i.origin == Origin.INJECTED and not i.mutation)
+    if i.origin == Origin.EDITED:
+        return "+" not in i.mutation  # "edit:KIND+OPERATOR" if it was
+    return i.origin == Origin.INJECTED and not i.mutation
 
 
 def provenance(run: Run, individuals: Iterable[IndividualRecord]) -> list[str]:

@@ -66,22 +66,21 @@ class Measure:
     emergence: bool = False  # True: a time to emergence, which may be censored
 
 
-def span_mean(run: Run, span: Span, value: Callable[[GenerationStats], float]) -> float:
+Value = Callable[[GenerationStats], float]
+"""A number of a generation."""
+
+best: Final[Value] = attrgetter("best")  # highest fitness
+diversity: Final[Value] = attrgetter("diversity")  # Eq. (3)
+
+
+def span_mean(run: Run, span: Span, value: Value) -> float:
     """The mean of a value over a span's generations; nan if the run has none of them."""
     snapshots = run.snapshots
     inside = [value(snapshots[g]) for g in span.generations(len(snapshots))]
     return fmean(inside) if inside else float("nan")
 
 
-best: Final[Callable[[GenerationStats], float]] = attrgetter(
-    "best"
-)  # highest fitness of a generation
-diversity: Final[Callable[[GenerationStats], float]] = attrgetter("diversity")  # Eq. (3)
-
-
-def _by_span(
-    key: str, label: str, unit: str, value: Callable[[GenerationStats], float]
-) -> tuple[Measure, ...]:
+def _by_span(key: str, label: str, unit: str, value: Value) -> tuple[Measure, ...]:
     """Measures for the mean of a value over each part of training."""
 
     def measure(span: Span) -> Measure:
@@ -91,7 +90,7 @@ def _by_span(
     return tuple(map(measure, SPANS))
 
 
-def _mean(key: str, label: str, unit: str, value: Callable[[GenerationStats], float]) -> Measure:
+def _mean(key: str, label: str, unit: str, value: Value) -> Measure:
     """A measure for the mean of a value over all generations."""
     return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
 

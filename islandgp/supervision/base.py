@@ -70,9 +70,8 @@ class Guidance:
 
     mutation_rate: Share | None  # in [0, 1]
     tree: CheckedTree | None  # to inject
-    source: Annotated[
-        str, Field(min_length=1), AfterValidator(encodable)
-    ]  # the supervisor's name, or "fallback"
+    source: Annotated[str, Field(min_length=1), AfterValidator(encodable)]
+    """The supervisor's name, or "fallback"."""
     phase: Annotated[Phase, Strict(False)] | None = None
     pattern: Annotated[Pattern, Strict(False)] | None = None
     target: Text | None = None  # purpose of the tree: one of the state's targets

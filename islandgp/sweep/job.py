@@ -57,12 +57,10 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
         home = Path(hydra.runtime.cwd)
         named = run_folder(plain, list(hydra.overrides.task), home)
         with tolerant_stderr():  # a separate process does not inherit the command's
-            target, fitted_settings = (
-                start.run(named),
-                fitted(settings, hydra.launcher, len(start.jobs)),
-            )
+            target = start.run(named)
             if start.failed(target):
                 return  # it failed in this sweep before the launcher was restarted
+            fitted_settings = fitted(settings, hydra.launcher, len(start.jobs))
             attempt(target, plain, fitted_settings, home, start.jobs[named].command, lambda: start)
 
     return job

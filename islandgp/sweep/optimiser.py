@@ -252,10 +252,8 @@ def search_job(search: TrialSearch) -> Callable[[DictConfig], float | tuple[floa
         hydra = HydraConfig.get()
         home, overrides = Path(hydra.runtime.cwd), list(hydra.overrides.task)
         plain_config = plain(config)
-        named, command = (
-            run_folder(plain_config, overrides, home),
-            command_line([*search.flags, *overrides]),
-        )
+        named = run_folder(plain_config, overrides, home)
+        command = command_line([*search.flags, *overrides])
         with tolerant_stderr():
             try:
                 trust(names_in(plain_config))

@@ -22,6 +22,7 @@ from threading import Thread
 from typing import Final, Self
 
 from islandgp.errors import brief
+from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.store import Place, Store, load_alone
 from islandgp.tracking.sync import sync
@@ -61,21 +62,8 @@ class SyncRequest:
 
     @classmethod
     def from_line(cls, line: str) -> Self:
-        """Read a request that `to_line` wrote.
-
-        Raises:
-            ValueError, KeyError, TypeError: another line.
-        """
-        values = json.loads(line)
-        places = tuple(Place(**place) for place in values.pop("places"))
-        status = values.pop("status")
-        names = frozenset(values.pop("trusted"))
-        return cls(
-            **values,
-            places=places,
-            status=None if status is None else Status(status),
-            trusted=names,
-        )
+        """Read a request that `to_line` wrote. Raises ValueError for another line."""
+        return from_plain(cls, json.loads(line))
 
 
 class EventKind(StrEnum):

@@ -15,12 +15,12 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from enum import Enum, auto
 from pathlib import Path
 from threading import Condition, Thread
 from time import monotonic
 from typing import ClassVar, Final, Protocol
 
+from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
 from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
@@ -73,13 +73,10 @@ class SyncProcess:
     def _listen(self, on_event: OnEvent) -> None:
         """Pass the child's events on; when it has ended, a last event with the reason."""
         assert self.process.stdout is not None
-        with (
-            suppress(ValueError),
-            self.process.stdout as lines,
-        ):  # the last line of a killed child may be incomplete
+        # The last line of a killed child may be incomplete.
+        with suppress(ValueError), self.process.stdout as lines:
             for line in lines:
-                event = json.loads(line)
-                on_event(SyncEvent(**{**event, "kind": EventKind(event["kind"])}))
+                on_event(from_plain(SyncEvent, json.loads(line)))
         self.process.wait()
         with self._errors:
             self._errors.seek(0)
@@ -96,20 +93,13 @@ class SyncProcess:
             self.process.stdin.close()
 
 
-class WorkerState(Enum):
-    """The state of a worker, by its last event."""
-
-    PREPARING = auto()  # imports MLflow or creates a store, for up to PREPARATION_LIMIT
-    SENDING = auto()  # sends records
-
-
 class SyncClient:
     """Sends requests to a worker and waits for their completion."""
 
     def __init__(self, start: Callable[[OnEvent], SyncWorker]) -> None:
         """`start` starts the worker."""
         self._changed = Condition()
-        self._state = WorkerState.PREPARING
+        self._preparing = True  # the worker imports MLflow or creates a store
         self._step = "starting MLflow"  # the worker's present step, for the message to the user
         self._failure: str | None = None  # the last trouble; None: the last request succeeded
         self.ended = False  # True: the worker has ended
@@ -119,10 +109,8 @@ class SyncClient:
 
     def _on_event(self, event: SyncEvent) -> None:
         with self._changed:
-            if event.kind is EventKind.PREPARING and event.text:
-                self._state, self._step = WorkerState.PREPARING, event.text
-            else:
-                self._state, self._step = WorkerState.SENDING, "sending the records"
+            self._preparing = event.kind is EventKind.PREPARING and event.text != ""
+            self._step = event.text if self._preparing else "sending the records"
             if event.kind is not EventKind.PREPARING:
                 self._failure = event.text if event.kind is EventKind.TROUBLE else None
             if event.kind is EventKind.DONE:
@@ -165,8 +153,7 @@ class SyncClient:
         """Wait; return True if the requests of all folders were executed in time."""
         began, informed = monotonic(), False
         while not self._done.keys() >= set(folders):
-            preparing = self._state is WorkerState.PREPARING
-            limit = PREPARATION_LIMIT if preparing and patience else patience
+            limit = PREPARATION_LIMIT if self._preparing and patience else patience
             remaining = limit - (monotonic() - max(began, self._last_event))
             if remaining <= 0 or self.ended:
                 return False

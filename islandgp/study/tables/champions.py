@@ -99,21 +99,23 @@ def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Tabl
 
 def _in_unseen_worlds(arm: str, results: Sequence[Generalisation]) -> Row:
     trained = [g.trained for g in results if g.trained is not None]
-    unseen = [g.unseen for g in results]
     yield "Trees", arm
     yield "number", str(len(results))
     yield "worlds", str(results[0].worlds)
     yield "trained (points)", spread(*mean_sd(trained)) if trained else NONE
-    yield "unseen (points)", spread(*mean_sd(unseen)) if len(results) > 1 else number(unseen[0])
+    yield "unseen (points)", _mean([g.unseen for g in results])
     yield "worst world (points)", number(min(g.worst for g in results))
     if all(g.perturbed for g in results):
-        robust = [fmean(g.perturbed) for g in results]
-        has_several = len(results) > 1
-        yield "perturbed (points)", spread(*mean_sd(robust)) if has_several else number(robust[0])
+        yield "perturbed (points)", _mean([fmean(g.perturbed) for g in results])
         yield "worst perturbed (points)", number(min(min(g.perturbed) for g in results))
     for tier in results[0].reached:
         share = fmean(g.reached[tier] for g in results)
         yield f"{title(tier)} in", f"{share:.0%} of the worlds"
+
+
+def _mean(points: Sequence[float]) -> str:
+    """Mean ± standard deviation; a single number alone."""
+    return spread(*mean_sd(points)) if len(points) > 1 else number(points[0])
 
 
 def _minus(results: Sequence[Generalisation], reference_trees: Sequence[Generalisation]) -> Row:

@@ -43,15 +43,10 @@ PAPER_GENERATIONS: Final = 41  # of the runs of Table 11
 def families_note(findings: Sequence[Finding]) -> str:
     """A note on the families in which p-values are adjusted."""
     families = {(f.family, f.size): [g for g in findings if g.family == f.family] for f in findings}
-    each = [
-        f"'{name}', {size} comparisons"
-        + (
-            f" ({', '.join(g.measure.label for g in findings_of_family)})"
-            if len(families) > 1
-            else ""
-        )
-        for (name, size), findings_of_family in families.items()
-    ]
+    each = []
+    for (name, size), members in families.items():
+        labels = f" ({', '.join(f.measure.label for f in members)})" if len(families) > 1 else ""
+        each.append(f"'{name}', {size} comparisons{labels}")
     return f"p BH: Benjamini-Hochberg over the family {'; '.join(each)}."
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable, Sequence
 from statistics import fmean, median
 from typing import Final
 
 from islandgp.gp.edit_fates import edit_fates
 from islandgp.gp.population import Origin
+from islandgp.gp.record import IndividualRecord
 from islandgp.study import lineage
-from islandgp.study.arms import Arm, Comparison
+from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first
 from islandgp.study.table import NONE, Table, number
 from islandgp.study.texts import note
@@ -97,17 +99,11 @@ def _rate_at_first(arm: Arm, tier: str) -> str:
 
 def champion_sources_table(study: Comparison) -> Table:
     """The source of each run's best individual and of its final elite."""
-    best, elites = (
-        [
-            Counter(s for run in arm.runs for s in lineage.provenance(run, of(run)))
-            for arm in study.arms
-        ]
-        for of in (lambda run: [run.champion.record], lineage.final_elite)
-    )
-    all_sources = sorted({source for counts in (*best, *elites) for source in counts})
-    sources = [*EVOLVED, *(s for s in all_sources if s not in EVOLVED)]
+    best = [_sources(arm, lambda run: [run.champion.record]) for arm in study.arms]
+    elites = [_sources(arm, lineage.final_elite) for arm in study.arms]
+    others = set[str]().union(*best, *elites) - {*EVOLVED}
     rows: list[tuple[str, ...]] = []
-    for source in sources:
+    for source in (*EVOLVED, *sorted(others)):
         cells = []
         for b, e in zip(best, elites, strict=True):
             cells += [str(b[source]), f"{e[source] / e.total():.0%}"]
@@ -124,6 +120,11 @@ def champion_sources_table(study: Comparison) -> Table:
         tuple(rows),
         (note("champion-sources"),),
     )
+
+
+def _sources(arm: Arm, individuals: Callable[[Run], Sequence[IndividualRecord]]) -> Counter[str]:
+    """The sources of some individuals of each run."""
+    return Counter(s for run in arm.runs for s in lineage.provenance(run, individuals(run)))
 
 
 def _base_rates(arm: Arm) -> tuple[str, str]:

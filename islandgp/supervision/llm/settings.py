@@ -134,9 +134,7 @@ class InformedSettings(BaseModel, frozen=True, extra="forbid"):
     reasoning: bool = True  # the answer begins with its reasons
     rewards: bool = True  # the reward table, and the thresholds of a crisis
     classes: bool = True  # earnings of each class of the population
-    injected: int = Field(
-        default=5, ge=0, le=MAX_KEPT
-    )  # last injected trees with their descendants
+    injected: int = Field(default=5, ge=0, le=MAX_KEPT)  # last injected trees, with descendants
     traces: bool = True  # episodes of the best and the least capable tree, in words
     decisions: int = Field(default=5, ge=0, le=MAX_KEPT)  # last decisions with their results
     differ: bool = True  # the instruction to differ from the examples
