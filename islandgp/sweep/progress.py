@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,32 +60,29 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
 
     The job of the folder `beginning` counts as running, unless it is finished.
     """
-    progress = [(run.path, run.status(), run.completed_generations()) for run in start.runs()]
-    states = [
-        Status.RUNNING
-        if beginning is not None and path == beginning.path and status is not Status.FINISHED
-        else status
-        for path, status, _ in progress
-    ]
-    failed = sum(
-        status is Status.FAILED and start.failed(run)
-        for run, status in zip(start.runs(), states, strict=True)
-    )
+    states: Counter[Status] = Counter()
+    failed = generations = 0
+    for run in start.runs():
+        status = run.status()
+        if beginning is not None and run.path == beginning.path and status is not Status.FINISHED:
+            status = Status.RUNNING
+        states[status] += 1
+        failed += status is Status.FAILED and start.failed(run)
+        generations += run.completed_generations()
     pruned = sum(job.pruned is not None for job in start.jobs.values())
     names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
     counts = (
-        f"{states.count(Status.FINISHED)} of {max(len(states), start.trials)} done,"
-        f" {states.count(Status.RUNNING)} running, {failed} failed"
+        f"{states[Status.FINISHED]} of {max(len(start.jobs), start.trials)} done,"
+        f" {states[Status.RUNNING]} running, {failed} failed"
     )
     if start.search:
         return f"search {start.search}: {counts}, {pruned} pruned"
-    generations = sum(completed for _, _, completed in progress)
     total = sum(job.generations for job in start.jobs.values())
     new = generations - start.before
-    time_left = (
-        f", {duration((time() - start.at) * (total - generations) / new)} left" if new else ""
-    )
-    return f"sweep {names}: {counts}, generation {generations} of {total}{time_left}"
+    line = f"sweep {names}: {counts}, generation {generations} of {total}"
+    if not new:
+        return line
+    return f"{line}, {duration((time() - start.at) * (total - generations) / new)} left"
 
 
 def _error_file(run: RunFolder) -> tuple[int, int] | None:

@@ -9,6 +9,7 @@ from islandgp.domain import total
 from islandgp.gp.edit_fates import EditFate, edit_fates
 from islandgp.gp.record import GenerationRecord, GuidanceRecord
 from islandgp.plain import from_plain
+from islandgp.records.files import kept_constraints, values
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.supervision.decisions import Decisions, decisions
 
@@ -27,7 +28,7 @@ def metrics(
         zip(violations, individuals, strict=True),
         key=lambda pair: merit(pair[1]["fitness"], pair[0]),
     )
-    values = {
+    numbers = {
         "fitness/max": s["best"],
         "fitness/mean": s["mean"],
         "fitness/sd": s["sd"],
@@ -54,9 +55,9 @@ def metrics(
     if constraints:
         feasible = violations.count(0.0) / len(violations)
         sections["constraints"] = {"feasible": feasible, "violation_of_best": least}
-    for section, numbers in sections.items():
-        values |= {f"{section}/{name}": number for name, number in numbers.items()}
-    return values
+    for section, by_name in sections.items():
+        numbers |= {f"{section}/{name}": number for name, number in by_name.items()}
+    return numbers
 
 
 def _edits(record: Mapping[str, Any]) -> dict[str, float]:
@@ -103,6 +104,14 @@ def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, f
     yield from ((f"run/first_{tier}", generation) for tier, generation in first.items())
     yield from _fates(edit_fates(edited))
     yield from _decisions(decisions([guidance]))
+
+
+def summary_metrics(summary: Mapping[str, Any]) -> dict[str, float]:
+    """The metrics of a finished run from its summary; without those that it does not have."""
+    figures = values(summary)
+    known = {name: figures[name] for name in ("validation_mean", "fitness_max")}
+    known |= kept_constraints(summary)
+    return {f"run/{name}": value for name, value in known.items() if value is not None}
 
 
 def _fates(fates: Sequence[EditFate]) -> Iterator[tuple[str, float]]:

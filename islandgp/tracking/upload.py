@@ -22,13 +22,13 @@ from filelock import FileLock
 from islandgp.atomic_files import remove_leftovers
 from islandgp.errors import TrackingError
 from islandgp.evaluation.base import check_version, must_trust_domain
-from islandgp.records.files import RunMetadata, kept_constraints, values
+from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.scoring.constraints import recorded_constraints
 from islandgp.sweep.folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
-from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.store import ARM, POINTS, Store, metric
 from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
@@ -211,15 +211,7 @@ class RunUploader:
             last = state.generations - 1
             numbers = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
-                summary = self.folder.summary()
-                figures = values(summary)
-                numbers |= {
-                    f"run/{name}": value
-                    for name in ("validation_mean", "fitness_max")
-                    if (value := figures[name]) is not None
-                }
-                constraint_text = kept_constraints(summary)
-                numbers |= {f"run/{name}": value for name, value in constraint_text.items()}
+                numbers |= summary_metrics(self.folder.summary())
             points = [metric(key, value, end_time, last) for key, value in numbers.items()]
             client.log_batch(state.run, metrics=points)
         state = replace(state, done=done)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import depth, size
 from islandgp.bt.export.render import to_svg
+from islandgp.gp.record import IndividualRecord
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.library import library_names
@@ -48,25 +50,15 @@ def late_evolved(study: Comparison) -> Specimen:
     An unchanged tree of a supervisor is used only if there is no other, as it is not evolved.
     """
     tier = study.milestones[-1]
-    injected = {
-        (run.seed, arm.name): {r.guidance.tree for r in run.records if r.guidance is not None}
-        for arm in study.arms
-        for run in arm.runs
-    }
-    arm, run, generation, best = max(
-        (
-            (arm, run, generation, i)
-            for arm in study.arms
-            for run in arm.runs
-            for generation in _last_stage(run)
-            for i in run.records[generation].individuals
-        ),
-        key=lambda candidate: (
-            candidate[3].tree not in injected[candidate[1].seed, candidate[0].name],
-            tier in candidate[3].tiers,
-            candidate[3].fitness,
-        ),
-    )
+    ranked: list[tuple[tuple[bool, bool, float], Arm, Run, int, IndividualRecord]] = []
+    for arm in study.arms:
+        for run in arm.runs:
+            advised = {g.tree for g in run.guidance}
+            for generation in _last_stage(run):
+                for i in run.records[generation].individuals:
+                    worth = i.tree not in advised, tier in i.tiers, i.fitness
+                    ranked.append((worth, arm, run, generation, i))
+    _, arm, run, generation, best = max(ranked, key=itemgetter(0))
     values = {
         **_values(study, arm, run, best.tree, "late"),
         "what": study.classes.tier_title(tier) if tier in best.tiers else "the fittest individual",

@@ -124,20 +124,17 @@ class LLM:
         except SupervisionError:
             self.close()
             raise
+        if isinstance(capabilities, ServerCapabilities):
+            dialect, server = asdict(capabilities), str(capabilities)
+        else:
+            dialect, server = None, f"no answer yet: {capabilities.message}; {_AGAIN}"
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            dialect = asdict(capabilities) if isinstance(capabilities, ServerCapabilities) else None
             calls.transcript.begin({"settings": settings, "dialect": dialect})
-        place = self.settings.place
         name, retires = self.settings.model_name, self.settings.facts.retires
-        remedy = (
-            capabilities
-            if isinstance(capabilities, ServerCapabilities)
-            else f"no answer yet: {capabilities.message}; {_AGAIN}"
-        )
         lines = [
-            f"Supervised by {name} at {place}: {remedy}",
+            f"Supervised by {name} at {self.settings.place}: {server}",
             f"{name} retires on {retires}" if retires else "",
             self.adviser.questions.too_short(),
         ]
