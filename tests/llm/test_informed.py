@@ -23,7 +23,7 @@ from islandgp.running.run import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans
-from islandgp.supervision.llm.history import RunHistory, most_lacking
+from islandgp.supervision.llm.history import RunHistory, best_rank, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
 from islandgp.supervision.llm.questions import Questions
 from islandgp.testing.faults import Fault, every
@@ -225,7 +225,8 @@ def test_the_fate_of_a_tree() -> None:
         trees.append(run.injected[0])
     assert [(f.rank, f.new.fitness) for f in trees] == [(3, 5)] * 4
     assert [len(f.alive) for f in trees] == [1, 2, 1, 0]
-    assert [f.best_rank for f in trees] == [3, 2, 1, None]
+    living = [(f.alive, people) for f, people in zip(trees, populations, strict=True) if f.alive]
+    assert [best_rank(alive, people) for alive, people in living] == [3, 2, 1]
     assert [f.unchanged for f in trees] == [True, True, False, False]
     assert (trees[-1].most_alive, trees[-1].last) == (2, 2)
 

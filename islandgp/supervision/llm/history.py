@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, repeat
 from statistics import fmean
 from typing import Final
 
@@ -53,11 +54,21 @@ class InjectedTree:
     target: str  # its purpose
     new: IndividualRecord  # at its first evaluation, possibly mutated
     rank: int  # by fitness in that generation, from 1
-    alive: frozenset[str]  # ids of living descendants, including itself and copies
+    alive: tuple[IndividualRecord, ...]  # living descendants, including itself and copies
     most_alive: int  # largest number of them in any generation
     last: int  # last generation with any
-    unchanged: bool  # one of them is the same tree
-    best_rank: int | None  # of the fittest of them now; None: there is none
+
+    @property
+    def unchanged(self) -> bool:
+        """True if a living descendant is the same tree."""
+        return any(i.tree == self.new.tree for i in self.alive)
+
+    def followed_by(self, view: GenerationView) -> InjectedTree:
+        """The tree with its descendants in the next generation."""
+        before = {i.id for i in self.alive}
+        alive = tuple(i for i in view.individuals if not before.isdisjoint(i.parents))
+        last = view.snapshot.generation if alive else self.last
+        return replace(self, alive=alive, most_alive=max(self.most_alive, len(alive)), last=last)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,25 +102,27 @@ class RunHistory:
 
     def followed_by(self, view: GenerationView) -> RunHistory:
         """The history extended by one generation."""
-        order = ranked(view.individuals)
-        ranks = {i.id: rank for rank, i in enumerate(order, 1)}
-        trees = [_followed(tree, view, ranks) for tree in self.injected]
-        trees += [_new(i, view, ranks) for i in view.individuals if i.origin == Origin.INJECTED]
-        decisions, trials, edits = self.decisions, list(view.trials), [*self.edits]
-        guidance, gains = view.guidance, {**self.gains}
-        models = guidance.notes.get(EDIT_MODELS, "").split() if guidance is not None else []
-        if self.now is not None and view.guidance is not None:
-            decision = PastDecision(view.guidance, self.now.snapshot, view.snapshot)
-            decisions = (*decisions, decision)
-        for k, edit in enumerate(() if guidance is None else guidance.edits):
-            trial = trials.pop(0) if trials and not edit.refused else None
-            edits.append(PastEdit(view.snapshot.generation, edit, trial))
-            if k < len(models):
-                won, lost = gains.get(models[k], (0, 0))
-                gained = trial is not None and trial.fitness > trial.parent_fitness
-                gains[models[k]] = (won + gained, lost + (not gained))
-        last = tuple(edits[-MAX_PAST_EDITS:])
-        return RunHistory(view, tuple(trees[-MAX_KEPT:]), decisions[-MAX_KEPT:], last, gains)
+        trees = [tree.followed_by(view) for tree in self.injected]
+        trees += [_new(i, view) for i in view.individuals if i.origin == Origin.INJECTED]
+        decisions, edits, gains = [*self.decisions], [*self.edits], {**self.gains}
+        if (guidance := view.guidance) is not None:
+            if self.now is not None:
+                decisions.append(PastDecision(guidance, self.now.snapshot, view.snapshot))
+            trials, models = iter(view.trials), guidance.notes.get(EDIT_MODELS, "").split()
+            for edit, model in zip(guidance.edits, chain(models, repeat("")), strict=False):
+                trial = None if edit.refused else next(trials, None)
+                edits.append(PastEdit(view.snapshot.generation, edit, trial))
+                if model:
+                    won, lost = gains.get(model, (0, 0))
+                    gained = trial is not None and trial.fitness > trial.parent_fitness
+                    gains[model] = (won + gained, lost + (not gained))
+        return RunHistory(
+            now=view,
+            injected=tuple(trees[-MAX_KEPT:]),
+            decisions=tuple(decisions[-MAX_KEPT:]),
+            edits=tuple(edits[-MAX_PAST_EDITS:]),
+            gains=gains,
+        )
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -117,32 +130,16 @@ def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
     return sorted(individuals, key=lambda i: -i.fitness)
 
 
-def _new(i: IndividualRecord, view: GenerationView, ranks: dict[str, int]) -> InjectedTree:
+def best_rank(some: Sequence[IndividualRecord], population: Sequence[IndividualRecord]) -> int:
+    """The rank by fitness, from 1, of the fittest of some individuals of a population."""
+    order = [i.id for i in ranked(population)]
+    return 1 + min(order.index(i.id) for i in some)
+
+
+def _new(i: IndividualRecord, view: GenerationView) -> InjectedTree:
     target = "" if view.guidance is None else view.guidance.target or ""
-    rank = ranks[i.id]
-    return InjectedTree(
-        generation=view.snapshot.generation,
-        target=target,
-        new=i,
-        rank=rank,
-        alive=frozenset({i.id}),
-        most_alive=1,
-        last=view.snapshot.generation,
-        unchanged=True,
-        best_rank=rank,
-    )
-
-
-def _followed(tree: InjectedTree, view: GenerationView, ranks: dict[str, int]) -> InjectedTree:
-    heirs = [i for i in view.individuals if not tree.alive.isdisjoint(i.parents)]
-    return replace(
-        tree,
-        alive=frozenset(i.id for i in heirs),
-        most_alive=max(tree.most_alive, len(heirs)),
-        last=view.snapshot.generation if heirs else tree.last,
-        unchanged=any(i.tree == tree.new.tree for i in heirs),
-        best_rank=min((ranks[i.id] for i in heirs), default=None),
-    )
+    generation, rank = view.snapshot.generation, best_rank([i], view.individuals)
+    return InjectedTree(generation, target, i, rank, (i,), 1, generation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,16 +250,16 @@ def _injected(tree: InjectedTree, now: GenerationView, classes: Classes) -> str:
         f"{', mutated at once' if tree.new.mutation else ''}: {in_points(tree.new.fitness)} points,"
         f" rank {tree.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
     )
-    if tree.best_rank is None:
+    n = len(tree.alive)
+    if n:
+        same = "it lives on unchanged" if tree.unchanged else "it lives on in changed trees only"
+        alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
+        end = f"{alive} from it, the best of rank {best_rank(tree.alive, now.individuals)}; {same}."
+    else:
         end = (
             f"It died out after generation {tree.last}; at most {tree.most_alive} descended from"
             " it at a time."
         )
-    else:
-        same = "it lives on unchanged" if tree.unchanged else "it lives on in changed trees only"
-        n = len(tree.alive)
-        alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
-        end = f"{alive} from it, the best of rank {tree.best_rank}; {same}."
     return f"{start} {end}\n```\n{shortened(tree.new.tree)}\n```"
 
 
