@@ -339,5 +339,10 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
     """
     signs = ("about.json", "generations.sha256", manifest.NAME)
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
-        if not COPIES.intersection(folder.relative_to(root).parts):
+        if not is_copy(folder, root):
             yield RunFolder(folder)
+
+
+def is_copy(folder: Path, root: Path) -> bool:
+    """True if a folder in `root` is in one of MLflow's artifact folders."""
+    return not COPIES.isdisjoint(folder.relative_to(root).parts)

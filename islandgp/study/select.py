@@ -19,7 +19,7 @@ from islandgp.errors import RunError, StudyError, brief
 from islandgp.evaluation.base import check_version
 from islandgp.gp.record import Champion, Cost
 from islandgp.plain import DECODE_ERRORS, from_plain
-from islandgp.records.folder import RunFolder
+from islandgp.records.folder import RunFolder, is_copy
 from islandgp.records.parameters import ending_in_digest, flatten
 from islandgp.study.arms import Arm, Run
 from islandgp.sweep.folder import SweepFile, SweepFolder
@@ -36,7 +36,7 @@ class RunEntry:
 
 
 def find(folder: Path) -> list[RunEntry]:
-    """All run folders in a folder, sorted by path.
+    """All run folders in a folder, sorted by path, without MLflow's copies of runs.
 
     Raises:
         StudyError: there is no such folder.
@@ -49,7 +49,7 @@ def find(folder: Path) -> list[RunEntry]:
         )
     runs = []
     for file in sorted(folder.rglob("config.yaml")):
-        if not (file.parent / "generations.jsonl").exists():
+        if not (file.parent / "generations.jsonl").exists() or is_copy(file.parent, folder):
             continue
         run = RunFolder(file.parent)
         config = run.configuration()

@@ -60,7 +60,8 @@ class SweepFile:
         return frozenset(key_of(choice).replace("/", ".") for choice in choices)
 
     def _common(self) -> set[str]:
-        return set.intersection(*(set(job.choices) for job in self.jobs))
+        """The overrides of all jobs; none without jobs, as before a search's first trial."""
+        return set.intersection(*({*job.choices} for job in self.jobs)) if self.jobs else set()
 
     def arms(self) -> dict[str, list[SweepJob]]:
         """The jobs by arm."""

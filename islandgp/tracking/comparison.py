@@ -10,7 +10,7 @@ from typing import Final
 
 from islandgp.errors import StudyError, TrackingError, brief
 from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.tracking.store import Place, Store, metric
+from islandgp.tracking.store import Place, Store, metric, valid_names
 
 REQUIRED_FILES: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
 """The artifacts from which a run's folder is restored."""
@@ -79,17 +79,13 @@ def publish(
 
     If the store is unreachable, the line reports it; the report's files exist anyway.
     """
-    from mlflow.entities import Param
-
     try:
         store, now = Store(place), int(1000 * time())
         tags = {"kind": "comparison", "mlflow.user": getuser(), "mlflow.note.content": note}
         run = store.client.create_run(store.experiment, tags=tags, run_name=title).info.run_id
-        store.client.log_batch(
-            run,
-            metrics=[metric(key, value, now, 0) for key, value in metrics.items()],
-            params=[Param(key, value) for key, value in params.items()],
-        )
+        numbers = zip(valid_names([*metrics]), metrics.values(), strict=True)
+        store.log_metrics(run, [metric(name, value, now, 0) for name, value in numbers])
+        store.log_parameters(run, zip(valid_names([*params]), params.values(), strict=True))
         for file in files:
             within = file.relative_to(folder).parent.as_posix()
             store.client.log_artifact(run, str(file), None if within == "." else within)

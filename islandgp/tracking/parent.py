@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +12,13 @@ from typing import Final
 from filelock import FileLock
 
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import ending_in_digest, flat
+from islandgp.records.parameters import flat
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.tracking.store import ARM, POINTS, Store, metric
+from islandgp.tracking.store import ARM, Store, metric, valid_names
 from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
 from islandgp.tracking.sync_state import LOCK, SyncState, read_state, write_state
 
-MAX_NAME: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
+MAX_ARM: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
@@ -110,9 +110,7 @@ def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]
 
 def _curves(run: str, store: Store, arms: list[ArmSummary], at: int) -> None:
     """Mean and standard deviation over the seeds, as metrics of the parent."""
-    points = [metric(name, value, at, step) for name, value, step in _points(arms)]
-    for i in range(0, len(points), POINTS):
-        store.client.log_batch(run, metrics=points[i : i + POINTS])
+    store.log_metrics(run, [metric(name, value, at, step) for name, value, step in _points(arms)])
 
 
 def _points(arms: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
@@ -132,17 +130,5 @@ def _end_time(sweep: SweepFolder, file: SweepFile) -> int:
 
 
 def metric_names(arms: Sequence[str]) -> list[str]:
-    """Names of the arms in metrics: unique, of at most MAX_NAME characters."""
-    safe = [_safe(arm) for arm in arms]
-    often = Counter(safe)
-    return [
-        name
-        if often[name] == 1 and len(name) <= MAX_NAME
-        else ending_in_digest(name, arm, MAX_NAME)
-        for arm, name in zip(arms, safe, strict=True)
-    ]
-
-
-def _safe(name: str) -> str:
-    """A valid metric name of MLflow: letters, digits, and _-. :/ only."""
-    return "".join(c if c.isalnum() or c in "_-. " else "_" for c in name)
+    """Names of the arms as a part of metrics: unique, of at most MAX_ARM characters."""
+    return valid_names(arms, re.compile(r"[^\w. -]"), MAX_ARM)

@@ -9,8 +9,10 @@ from __future__ import annotations
 import gc
 import logging
 import os
+import re
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from errno import EACCES, EISDIR, ENOSPC
 from getpass import getuser
@@ -25,7 +27,7 @@ from pydantic import BaseModel, Field, field_validator
 
 from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
-from islandgp.records.parameters import CREDENTIALS
+from islandgp.records.parameters import CREDENTIALS, ending_in_digest
 from islandgp.redaction import HIDDEN
 
 if TYPE_CHECKING:
@@ -36,6 +38,8 @@ SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 MAX_PARAMETER: Final = 6000  # MLflow's limit of characters a parameter
+MAX_NAME: Final = 250  # MLflow's limit of characters of a name
+INVALID: Final = re.compile(r"[^\w. :/-]")  # characters that MLflow rejects in names
 KEY: Final = "islandgp.id"  # tag with the key of a run
 ARM: Final = "islandgp.sweep.arm"
 """The tag with the name of a run's arm in its sweep.
@@ -187,6 +191,11 @@ class Store:
         )
         return str(run.info.run_id)
 
+    def log_metrics(self, run: str, points: Sequence[Metric]) -> None:
+        """Sends points in calls of the size that MLflow accepts."""
+        for i in range(0, len(points), POINTS):
+            self.client.log_batch(run, metrics=points[i : i + POINTS])
+
     def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
         """Sends parameters in calls of the size that MLflow accepts; long values are cut."""
         from mlflow.entities import Param
@@ -225,6 +234,23 @@ def metric(key: str, value: float, at: int, step: int) -> Metric:
     from mlflow.entities import Metric
 
     return Metric(key, float(value), at, step)
+
+
+def valid_names(
+    names: Sequence[str], invalid: re.Pattern[str] = INVALID, longest: int = MAX_NAME
+) -> list[str]:
+    """Names of parameters and metrics that MLflow accepts, for names that all differ.
+
+    Invalid characters become "_". Names that are then equal, or too long, end in a digest.
+    """
+    safe = [invalid.sub("_", name) for name in names]
+    often = Counter(safe)
+    return [
+        valid
+        if often[valid] == 1 and len(valid) <= longest
+        else ending_in_digest(valid, name, longest)
+        for name, valid in zip(names, safe, strict=True)
+    ]
 
 
 UNNEEDED: Final = ("pandas", "scipy", "pyarrow", "pygments")

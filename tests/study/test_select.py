@@ -346,6 +346,23 @@ def test_runs_beside_those_of_a_sweep_are_left_out(tmp_path: Path) -> None:
     ]
 
 
+def test_copies_of_runs_in_mlflow_s_folder_are_left_out(tmp_path: Path) -> None:
+    """So --runs may also be the folder of the project."""
+    write_run(fake_run("expert", 0), tmp_path / "runs" / "expert")
+    write_run(fake_run("expert", 0), tmp_path / "mlartifacts" / "7" / "artifacts")
+    assert [run.path.name for run in find(tmp_path)] == ["expert"]
+
+
+def test_a_sweep_without_jobs_has_no_studied_keys(tmp_path: Path) -> None:
+    """A search that was stopped before its first trial; the runs beside it are none of its jobs."""
+    write_run(fake_run("expert", 0), tmp_path / "expert")
+    sweep = SweepFolder(tmp_path)
+    sweep.open("command", [])
+    sweep.close()
+    with pytest.raises(StudyError, match="two arms or more with finished runs, found none;"):
+        arms_of_sweep(find(tmp_path))
+
+
 def test_unfinished_runs_are_counted_if_arms_are_missing(tmp_path: Path) -> None:
     """The message has the finished arms and the number of unfinished runs."""
     write_run(fake_run("expert", 0), tmp_path / "expert")

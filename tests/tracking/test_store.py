@@ -7,11 +7,13 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
+from islandgp.tracking.comparison import publish
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.running.commands import ROOT
 from tests.tracking.folders import place
@@ -81,6 +83,20 @@ def test_artifacts_are_beside_the_store(store: Store, home: Path) -> None:
     """The experiment's artifact location is explicit and absolute."""
     experiment = store.client.get_experiment(store.experiment)
     assert experiment.artifact_location == str(home / "mlartifacts")
+
+
+def test_reports_of_any_size_and_names_are_stored(home: Path, store: Store) -> None:
+    """MLflow rejects a `+` in a name, more than 1,000 metrics in a call, and long texts."""
+    metrics = {**{f"r/{n} a b": float(n) for n in range(1001)}, "r/0 a+b c": 7.0, "r/0 a_b c": 8.0}
+    params = {"arm.a+b": "seed=1", "arm.c": "x" * 7000}
+    options: Any = {"folder": home, "files": [], "metrics": metrics, "params": params, "note": ""}
+    line = publish(place(home), "compare", **options)
+    assert line.endswith("run 'compare'")
+    (run,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
+    assert run.data.params == {"arm.a_b": "seed=1", "arm.c": "x" * 6000}
+    assert len(run.data.metrics) == 1003
+    both = {name: value for name, value in run.data.metrics.items() if name.startswith("r/0 a_b c")}
+    assert sorted(both.values()) == [7.0, 8.0]
 
 
 @pytest.mark.parametrize("uri", ["mlruns", "file:///x", "sqlite:///", ""])
