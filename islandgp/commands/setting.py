@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -149,11 +148,9 @@ def domain_file(name: str, options: DomainOptions) -> Path:
     name = name or (named[-1] if named else default_domain())
     files = domain_files(options.config_dir)
     if name not in files:
-        near = get_close_matches(name, files, 1, 0.5)
-        hint = f"did you mean {near[0]}? " if near else ""
-        raise ConfigError(
-            f"domain={name}: unknown option; {hint}there are {', '.join(sorted(files))}"
-        )
+        from islandgp.config.error_lines import unknown_option
+
+        raise ConfigError(unknown_option("domain", name, sorted(files)))
     return files[name]
 
 

@@ -109,13 +109,8 @@ def _sweeper(
     """The sweeper's configuration, and its overrides: those of its params come first."""
     loader = source.loader()
     overrides = parsed(args.overrides, loader)
-    settings = _composed([_end(override, False) for override in overrides], source).hydra.sweeper
-    if not isinstance(settings, DictConfig):
-        raise ConfigError(
-            f"hydra.sweeper: expected keys with values, found {settings}; choose one by"
-            " hydra/sweeper=NAME."
-        )
-    sweeper = _resolved(settings)
+    first_job = _composed([_end(override, False) for override in overrides], source)
+    sweeper = _component(first_job.hydra, "sweeper")
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
     last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *overrides]}
     return sweeper, list(last.values())
@@ -139,7 +134,7 @@ def _plan(
     composed: DictConfig, overrides: Sequence[str], flags: Sequence[str], home: Path
 ) -> Planned:
     """The job of a composed configuration. Raises ConfigError if it is invalid."""
-    launcher = _launcher(composed.hydra)
+    launcher = str(_component(composed.hydra, "launcher")["_target_"]).rpartition(".")[2]
     own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
@@ -280,14 +275,15 @@ def _must_change_something(overrides: Sequence[str], composed: DictConfig) -> No
             )
 
 
-def _launcher(hydra: DictConfig) -> str:
-    """The class name of Hydra's launcher."""
-    if not isinstance(hydra.launcher, DictConfig):
+def _component(hydra: DictConfig, group: str) -> dict[str, Any]:
+    """The configuration of Hydra's launcher or sweeper. Raises ConfigError for a wrong one."""
+    component = hydra[group]
+    if not isinstance(component, DictConfig):
         raise ConfigError(
-            f"hydra.launcher: expected keys with values, found {hydra.launcher}; choose one by"
-            " hydra/launcher=NAME."
+            f"hydra.{group}: expected keys with values, found {component}; choose one by"
+            f" hydra/{group}=NAME."
         )
-    return str(_resolved(hydra.launcher)["_target_"]).rpartition(".")[2]
+    return _resolved(component)
 
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:

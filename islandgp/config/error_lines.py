@@ -116,6 +116,13 @@ def _factory(part: Any) -> Any:
         return None
 
 
+def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
+    """The line for an option that a group does not have, with the nearest one."""
+    near = get_close_matches(option, options, 1, 0.5)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
+
+
 def unknown_key(path: str, keys: list[str]) -> str:
     """The line for an unknown key, with its new name or the nearest known key."""
     if path in RENAMED:

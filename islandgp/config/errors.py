@@ -18,7 +18,7 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.error_lines import keys_at, unknown_key
+from islandgp.config.error_lines import keys_at, unknown_key, unknown_option
 from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError
@@ -111,12 +111,23 @@ class Mistake(NamedTuple):
     overrides: Sequence[str]
     source: ConfigSource
 
+    def parsed(self) -> list[Override]:
+        """The overrides, as parsed by Hydra."""
+        return parsed(self.overrides, self.source.loader())
+
+    def chosen(self) -> Any:
+        """The unresolved configuration of the chosen options, without overrides of values."""
+        loader = self.source.loader()
+        groups = [o for o in self.parsed() if loader.get_group_options(o.key_or_group)]
+        composed = self.source.compose([o.input_line for o in groups if o.input_line is not None])
+        return OmegaConf.to_container(composed, resolve=False)
+
 
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for an error of composing these overrides. Raises a TypeError of the program."""
     mistake, text = Mistake(error, overrides, source), str(error)
     if isinstance(error, TypeError):
-        if line := _no_entry(overrides, source):
+        if line := _no_entry(mistake):
             return line
         raise error
     if isinstance(error, yaml.YAMLError):
@@ -132,12 +143,8 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     return _short(error)
 
 
-def _list_for_keys(mistake: Mistake, _: re.Match[str]) -> str:
-    return _no_mapping(mistake.source) or _no_option(mistake.overrides, mistake.source)
-
-
 def _no_experiment(mistake: Mistake, _: re.Match[str]) -> str:
-    return _no_option(mistake.overrides, mistake.source) or (
+    return _no_option(mistake) or (
         "domain: expected the name of an option, found none; there are"
         f" {', '.join(mistake.source.options('domain'))}"
     )
@@ -150,28 +157,23 @@ def _no_such_key(mistake: Mistake, match: re.Match[str]) -> str:
             f"{key}: expected a group that the chosen files have an option of, found none; write"
             f" +{key}=OPTION for an option on top of that file"
         )
-    return _no_entry(mistake.overrides, mistake.source) or _unknown(
-        key, _chosen(mistake.overrides, mistake.source)
-    )
+    return _no_entry(mistake) or _unknown(key, mistake.chosen())
 
 
 def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
     group, _slash, option = match[1].rpartition("/")
-    options = re.findall(r"^\t(\S+)$", match[2], re.MULTILINE)
-    near = get_close_matches(option, options, 1, 0.5)
-    hint = f"did you mean {near[0]}? " if near else ""
-    return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
+    return unknown_option(group, option, re.findall(r"^\t(\S+)$", match[2], re.MULTILINE))
 
 
 def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
-    if line := _no_entry(mistake.overrides, mistake.source):
+    if line := _no_entry(mistake):
         return line
     cause = mistake.error.__cause__
     return f"{match[1]}: {_short(cause)}" if isinstance(cause, Exception) else ""
 
 
 RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ...]] = (
-    ("with ListConfig", _list_for_keys),
+    ("with ListConfig", lambda m, _: _no_mapping(m.source) or _no_option(m)),
     (
         r"Ambiguous value for argument '(.+)'",
         r"\1: expected one value, found a sweep; give one of them",
@@ -181,7 +183,7 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
         r"\1: expected one option, found another one added to it; write \1=OPTION, without +",
     ),
     (r"\$\{experiment\}_\$\{domain\}", _no_experiment),
-    ("Config group override must be", lambda m, _: _no_option(m.overrides, m.source)),
+    ("Config group override must be", lambda m, _: _no_option(m)),
     (
         r"Could not override '([^'@]+)@([^']*)'",
         r"\1@\2: expected GROUP=OPTION, found a package after the group; write \1=OPTION",
@@ -203,7 +205,7 @@ RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ..
     ),
     (r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", _no_such_option),
     (r"\AError merging override ([\s\S]*)", _cannot_merge),
-    (r"\Ainvalid literal for int\(\)", lambda m, _: _no_entry(m.overrides, m.source)),
+    (r"\Ainvalid literal for int\(\)", lambda m, _: _no_entry(m)),
 )
 """Patterns in Hydra's messages, with the replacement: a template, or a function. "" keeps Hydra's
 first line."""
@@ -279,11 +281,11 @@ def _files(source: ConfigSource) -> list[Path]:
     return sorted((source.user_folder or source.folder).rglob("*.yaml"))
 
 
-def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
+def _no_option(mistake: Mistake) -> str:
     """The message for a group that is set to a list, a number or null, or ""."""
-    for override in parsed(overrides, source.loader()):
+    for override in mistake.parsed():
         key, value = override.key_or_group, override.value()
-        options = source.options(key)
+        options = mistake.source.options(key)
         if not options or isinstance(value, str) or override.is_delete():
             continue
         option = (override.input_line or "").partition("=")[2]
@@ -299,10 +301,10 @@ def _no_option(overrides: Sequence[str], source: ConfigSource) -> str:
     return ""
 
 
-def _no_entry(overrides: Sequence[str], source: ConfigSource) -> str:
+def _no_entry(mistake: Mistake) -> str:
     """The message for the first key with an entry of a list that the list does not have, or ""."""
-    config = _chosen(overrides, source)
-    for override in parsed(overrides, source.loader()):
+    config = mistake.chosen()
+    for override in mistake.parsed():
         value, parts = config, override.key_or_group.split(".")
         for i, part in enumerate(parts):
             if isinstance(value, dict):
@@ -350,14 +352,6 @@ def _entries(value: Any) -> dict[str, Any]:
 
 def _keys(config: dict[str, Any]) -> list[str]:
     return [key for key in config if not key.startswith("_")]
-
-
-def _chosen(overrides: Sequence[str], source: ConfigSource) -> Any:
-    """The unresolved configuration of the chosen options, without overrides of values."""
-    loader = source.loader()
-    groups = [o for o in parsed(overrides, loader) if loader.get_group_options(o.key_or_group)]
-    composed = source.compose([o.input_line for o in groups if o.input_line is not None])
-    return OmegaConf.to_container(composed, resolve=False)
 
 
 def _short(error: Exception) -> str:

@@ -8,6 +8,7 @@ observed guards becomes true.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
@@ -62,7 +63,7 @@ class _Finder:
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
         self._sets = machine.sets
-        self._resumed: dict[int, Outcomes] = {}
+        self._resumed_outcomes = cache(self._outcomes)
 
     def inside(self, place: int, node_boards: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
@@ -166,13 +167,8 @@ class _Finder:
                 return one_fails
         return ANY_BOARD
 
-    def _resumed_outcomes(self, place: int) -> Outcomes:
-        """The outcomes of a node that is resumed, with any memory."""
-        if place not in self._resumed:
-            self._resumed[place] = self._outcomes(place)
-        return self._resumed[place]
-
     def _outcomes(self, place: int) -> Outcomes:
+        """The outcomes of a node that is resumed, with any memory."""
         machine, node = self._machine, self._machine.nodes[place]
         children = machine.children[place]
         kind = kind_of(node)

@@ -8,9 +8,9 @@ which a node can end a tick with a status (`Outcomes`), and those on which a tic
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cache, partial
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
@@ -106,12 +106,13 @@ class Machine:
             for place, node in enumerate(self.nodes)
             if node.action
         }
-        self._fresh: list[Outcomes | None] = [None] * len(self.nodes)
-        self._from: dict[int, list[Outcomes]] = {}
-        self._now: dict[tuple[int, Memory], Outcomes] = {}
+        self.fresh: Callable[[int], Outcomes] = cache(partial(self._outcomes, memory=None))
+        """The outcomes of a node that starts."""
+        self._resumed = cache(self._outcomes)
+        self._from = cache(self._fresh_branches)
         self._ways: dict[tuple[int, int, bool], list[Outcomes]] = {}
-        self._cache_size = 0  # approximate number of outcomes in the cache
-        self._targets: dict[tuple[int, bool], TickTarget] = {}
+        self._cache_size = 0  # approximate number of outcomes in `_ways`
+        self.target = cache(self._target)
 
     def _number(self, node: Node, above: int) -> int:
         place = len(self.nodes)
@@ -135,20 +136,14 @@ class Machine:
                 if args and args.interrupts:
                     yield branch, guard
 
-    def path(self, place: int) -> list[int]:
-        """The places from the root down to a node."""
-        places = [place]
-        while self.above[places[-1]] >= 0:
-            places.append(self.above[places[-1]])
-        return places[::-1]
-
-    def target(self, place: int, *, stays_running: bool) -> TickTarget:
+    def _target(self, place: int, *, stays_running: bool) -> TickTarget:
         """The target for a node."""
-        if (place, stays_running) not in self._targets:
-            path = self.path(place)
-            branches = {above: self.children[above].index(child) for above, child in pairwise(path)}
-            self._targets[place, stays_running] = TickTarget(place, stays_running, branches)
-        return self._targets[place, stays_running]
+        branches: dict[int, int] = {}
+        child = place
+        while (above := self.above[child]) >= 0:
+            branches[above] = self.children[above].index(child)
+            child = above
+        return TickTarget(place, stays_running, branches)
 
     def spend(self, steps: int = 1) -> None:
         """Subtract steps from `steps_left`. Raises SpentError if there are too few."""
@@ -158,33 +153,25 @@ class Machine:
 
     # Outcomes of a tick
 
-    def fresh(self, place: int) -> Outcomes:
-        """The outcomes of a node that starts."""
-        outcomes = self._fresh[place]
-        if outcomes is None:
-            outcomes = self._fresh[place] = self._outcomes(place, None)
-        return outcomes
-
     def now(self, place: int, memory: Memory | int | None) -> Outcomes:
         """The outcomes of a node with a memory; None: it starts; a status: it has ended."""
         if memory is None:
             return self.fresh(place)
         if isinstance(memory, int):
             return _ENDED[memory]
-        key = (place, memory)
-        if key not in self._now:
-            self._now[key] = self._outcomes(place, memory)
-        return self._now[key]
+        return self._resumed(place, memory)
 
     def fresh_from(self, place: int, branch: int) -> Outcomes:
         """The outcomes of a selector or sequence whose child of that index starts now."""
-        if place not in self._from:
-            by_branch: list[Outcomes] = []
-            for child in reversed(self.children[place]):
-                first = self.fresh(child)
-                by_branch.append(self._go_on(place, first, by_branch[-1]) if by_branch else first)
-            self._from[place] = by_branch[::-1]
-        return self._from[place][branch]
+        return self._from(place)[branch]
+
+    def _fresh_branches(self, place: int) -> list[Outcomes]:
+        """`fresh_from` of each child."""
+        by_branch: list[Outcomes] = []
+        for child in reversed(self.children[place]):
+            first = self.fresh(child)
+            by_branch.append(self._go_on(place, first, by_branch[-1]) if by_branch else first)
+        return by_branch[::-1]
 
     def guarded(self, place: int, child: Outcomes, *, fresh: bool) -> Outcomes:
         """The outcomes of a guard, from those of its child."""

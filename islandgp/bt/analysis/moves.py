@@ -8,7 +8,7 @@ composites have the moves of those with memory, so rules of trees with them are 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
@@ -82,18 +82,12 @@ class _Tick:
     def __init__(self, machine: Machine, board: Sequence[float]) -> None:
         self._machine = machine
         self._board = board
-        self._truth: dict[int, bool] = {}
+        self._holds = cache(self._evaluated)
 
-    def _holds(self, guard: int) -> bool:
+    def _evaluated(self, guard: int) -> bool:
         """True if the condition of a guard holds."""
-        if guard not in self._truth:
-            holds = condition(
-                guard_of(self._machine.nodes[guard]).condition,
-                self._board,
-                self._machine.sets.key_index,
-            )
-            self._truth[guard] = holds()
-        return self._truth[guard]
+        expr = guard_of(self._machine.nodes[guard]).condition
+        return condition(expr, self._board, self._machine.sets.key_index)()
 
     def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         """The moves of a node with a memory; None: it starts."""
