@@ -122,14 +122,14 @@ def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None)
     """
     plan = settings.plan(domain)
     if settings.start is not None:
-        start = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
-        return replace(plan, founders=start.trees)
+        trees = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
+        return replace(plan, founders=trees)
     if not settings.gp.founders:
         return plan
     library = (cost or LibraryCost()).of(make_library(settings, domain))
     names = dict.fromkeys(name for target in library.targets.values() for name in target)
-    trees = (library.trees[name] for name in names)
-    return replace(plan, founders=tuple(t for t in trees if within(t, plan.gp.limits)))
+    founders = (library.trees[name] for name in names)
+    return replace(plan, founders=tuple(t for t in founders if within(t, plan.gp.limits)))
 
 
 def make_supervisor(

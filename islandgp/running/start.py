@@ -6,7 +6,6 @@ They are texts, parsed with the vocabulary of this run's domain; no code of the 
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -20,16 +19,7 @@ from islandgp.text_files import read_text_file
 TREE_FILE: Final = ".bt"
 
 
-@dataclass(frozen=True, slots=True)
-class StartTrees:
-    """Trees that a run starts with."""
-
-    trees: tuple[Node, ...]  # best first, at most the population's size
-    left_out: int  # number of unusable trees that are at least as good
-    why: str  # reason for the first of them, or ""
-
-
-def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> StartTrees:
+def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> tuple[Node, ...]:
     """Read the tree of a file, or the best usable trees of an archive.
 
     Args:
@@ -39,7 +29,7 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         most: maximum number of trees, >= 1.
 
     Returns:
-        The trees, with the number of those left out.
+        The trees, best first, at most `most`; unusable ones are left out.
 
     Raises:
         ConfigError: the archive is of another domain, or no tree is usable.
@@ -48,7 +38,7 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         IslandError: the file cannot be read.
     """
     if start.endswith(TREE_FILE):
-        return StartTrees((_tree_of(start, vocabulary, limits),), 0, "")
+        return (_tree_of(start, vocabulary, limits),)
     archive, _ = read_archive(Path(start))
     if archive.domain != vocabulary.domain:
         raise ConfigError(
@@ -75,7 +65,7 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
             f"start={start}: expected trees that this run can use, found none{reason}; give another"
             " run, or raise the limits."
         )
-    return StartTrees(tuple(trees), len(reasons), reasons[0] if reasons else "")
+    return tuple(trees)
 
 
 def start_digest(start: str | None) -> str:

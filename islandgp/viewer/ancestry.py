@@ -7,9 +7,10 @@ without parents. Consecutive individuals with the same tree are one step.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import accumulate
 from statistics import fmean
 from typing import Any, Final
 
@@ -143,21 +144,16 @@ class _Reader:
     def __init__(self, folder: RunFolder) -> None:
         self._common = bool(folder.configuration().get("gp", {}).get("shared_seed", True))
         self._lines = generation_lines(folder.path)
-        self._starts = array("Q", self._offsets())
+        self._offsets = array("Q", accumulate(map(len, self._lines.whole()), initial=0))
+        """Of each generation's record, and of the end of the last one."""
         self.record = lru_cache(maxsize=4)(self._record)
-
-    def _offsets(self) -> Iterator[int]:
-        at = 0
-        for line in self._lines.whole():
-            yield at
-            at += len(line)
 
     def _record(self, generation: int) -> dict[str, Any] | None:
         """A generation's record; None if there is none."""
-        if not 0 <= generation < len(self._starts):
+        if not 0 <= generation < len(self._offsets) - 1:
             return None
         with self._lines.path.open("rb") as file:
-            file.seek(self._starts[generation])
+            file.seek(self._offsets[generation])
             return self._lines.value(file.readline(), generation)
 
     def individual(self, name: str) -> dict[str, Any] | None:

@@ -30,7 +30,7 @@ def test_a_run_starts_from_a_file(
     if text is not None:
         file.write_text(text, encoding="utf-8")
     if error is None:
-        assert start_trees(str(file), VOCABULARY, Limits(9, nodes), 5).trees == (parse(text or ""),)
+        assert start_trees(str(file), VOCABULARY, Limits(9, nodes), 5) == (parse(text or ""),)
         return
     with pytest.raises(error, match=message):
         start_trees(str(file), VOCABULARY, Limits(9, nodes), 5)

@@ -138,8 +138,10 @@ class BoardSets:
             "is": (((x, 1),), (empty, full)),
             "not": (((x, 1),), (full, empty)),
         }[expr.operator]
-        if expr.other:
-            return self._number(self._difference(expr), cuts, parts)
+        if expr.other:  # their difference is one more key
+            self.exact = False
+            index = len(self._keys) + len(self._differences)
+            return self._number(self._differences.setdefault(expr.keys, index), cuts, parts)
         index = self.key_index[expr.key]
         if self._keys[index].whole:  # above 3 is the same as from 4 on
             cuts = tuple((x + 1, 0) if above and x % 1 == 0 else (x, above) for _, above in cuts)
@@ -149,11 +151,6 @@ class BoardSets:
         while cuts and cuts[-1] >= high:
             cuts, parts = cuts[:-1], parts[:-1]
         return self._number(index, cuts, parts)
-
-    def _difference(self, expr: Condition) -> int:
-        """The index of the difference of two keys, after those of the keys."""
-        self.exact = False
-        return self._differences.setdefault(expr.keys, len(self._keys) + len(self._differences))
 
     def _join(self, a: Boards, b: Boards, absorbing: Boards, otherwise: Boards) -> Boards:
         """Intersection (`absorbing` NO_BOARD) or union; `otherwise` if it takes too many steps."""

@@ -8,7 +8,7 @@ guards by these conditions.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from math import inf, prod
 from typing import Final, NamedTuple, TypeAlias
@@ -56,31 +56,22 @@ def guard_chain(branch: Node) -> list[GuardArgs]:
     return guards
 
 
-def with_aborts(branch: Node, change: Mapping[str, str]) -> Node:
-    """The branch with the abort rules of the guards in its `guard_chain` replaced.
+def without_interrupts(branch: Node) -> Node:
+    """The branch with the guards in its `guard_chain` changed, so that none is observed.
 
-    Args:
-        branch: a node with its descendants.
-        change: the new abort rule by the present one; other rules are unchanged.
-
-    Returns:
-        The new branch; `branch` itself if nothing changes.
+    Abort `both` becomes `self`, and `lower` becomes `none`. Returns `branch` itself if nothing
+    changes.
     """
     if not kind_of(branch).decorates:
         return branch
     args: Args = branch.args
     if branch.guard:
-        args = branch.guard._replace(abort=change.get(branch.guard.abort, branch.guard.abort))
-    child = with_aborts(branch.children[0], change)
+        args = branch.guard._replace(abort="self" if branch.guard.checks_itself else "none")
+    child = without_interrupts(branch.children[0])
     if args == branch.args and child is branch.children[0]:
         return branch  # it may be a subtree, which keeps its name
     comments = [line for lines in comments_of(branch) for line in lines]
     return commented(Node(branch.kind, args, (child,)), comments)
-
-
-def without_interrupts(branch: Node) -> Node:
-    """The branch without observed guards: abort `both` becomes `self`, and `lower` `none`."""
-    return with_aborts(branch, {"both": "self", "lower": "none"})
 
 
 def has_interrupting_guard(branch: Node) -> bool:

@@ -96,7 +96,7 @@ def _plain(node: Node) -> dict[str, Any]:
 
 def _plain_condition(expr: ConditionExpr) -> dict[str, Any]:
     if isinstance(expr, Condition):
-        right: dict[str, Any] = {"number": _number(expr.number)}
+        right: dict[str, Any] = {"number": _plain_value(expr.number)}
         if word := expr.other or getattr(expr.number, "name", ""):
             right = {"word": word}
         return {"key": expr.key, "op": expr.operator, **right}
@@ -110,11 +110,8 @@ def _right(value: dict[str, Any]) -> str:
 
 
 def _plain_value(value: Any) -> Any:
-    return _number(value) if isinstance(value, float) else value
-
-
-def _number(value: float) -> float:
-    return int(value) if value == int(value) else value
+    """A value; a float without decimals as an integer."""
+    return int(value) if isinstance(value, float) and value == int(value) else value
 
 
 class _JsonReader:

@@ -29,7 +29,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
     CUSTOM_NODES,
@@ -93,12 +93,12 @@ def to_python(
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.kind == "cooldown_ticks" for part in parts(planned)):
         planned = TargetNode("tick_counter", (), (planned,))
-    node_classes = (
-        _node_source() if any(part.kind in CUSTOM_NODES for part in parts(planned)) else ""
-    )
+    has_own_nodes = any(part.kind in CUSTOM_NODES for part in parts(planned))
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
-    descriptions = {name: _described(key) for name, key in vocabulary.keys.items()}
-    descriptions = descriptions or dict.fromkeys(keys_in(tree), "")
+    descriptions = {
+        name: f"{key.meaning}; {key.kind}" if key.words else key.meaning
+        for name, key in vocabulary.keys.items()
+    } or dict.fromkeys(keys_in(tree), "")
     keys = "".join(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
@@ -109,7 +109,7 @@ def to_python(
     return module.format(
         text=_in_docstring(text),
         keys=_in_docstring(keys).rstrip("\n"),
-        own=node_classes,
+        own=_node_source() if has_own_nodes else "",
         subtrees="".join(functions),
         tree=_body(root, step_s),
     )
@@ -122,10 +122,6 @@ def _bound(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
         args = args._replace(values=tuple(bound(args, parameters).items()))
     children = tuple(_bound(child, vocabulary) for child in part.children)
     return part._replace(args=args, children=children)
-
-
-def _described(key: Key) -> str:
-    return f"{key.meaning}; {key.kind}" if key.words else key.meaning
 
 
 def _in_docstring(text: str) -> str:

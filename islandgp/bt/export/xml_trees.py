@@ -47,7 +47,8 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
                     raise element.error(f"{shown(path.name)} includes itself", file)
                 if path not in included:
                     included.add(path)
-                    _check_count(element, file, len(included))
+                    if len(included) > MAX_FILES:
+                        raise element.error(f"expected at most {MAX_FILES} included files", file)
                     add(*_read(element, file, path, folder), (*above, path))
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
@@ -78,11 +79,6 @@ def _check_texts(tree: Element, file: str) -> None:
             )
             raise placed_error(message, file, line, column)
         waiting += reversed(element.children)
-
-
-def _check_count(element: Element, file: str, count: int) -> None:
-    if count > MAX_FILES:
-        raise element.error(f"expected at most {MAX_FILES} included files", file)
 
 
 def _included(element: Element, file: str, folder: Path | None, beside: Path | None) -> Path:
