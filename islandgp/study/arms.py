@@ -118,6 +118,11 @@ class Comparison:
     paper: PublishedFigures | None = None  # published figures of such runs
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the arms."""
+        return tuple(arm.name for arm in self.arms)
+
+    @property
     def classes(self) -> Classes:
         """The classes; behaviours and tiers have the same names in all arms."""
         return self.arms[0].runs[0].classes

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from islandgp.study.arms import Comparison
+from islandgp.study.arms import Arm, Comparison
 from islandgp.study.comparable import paired
 from islandgp.study.figures import emergence, episodes, generations, newcomers, profiles, trees
 from islandgp.study.figures.drawing import Picture
@@ -24,7 +24,7 @@ from islandgp.study.measures import emergence as first_emergence
 from islandgp.study.plan import DEFAULT_PLAN, AnalysisPlan, families, in_sentences
 from islandgp.study.profiles import ScoreRow, Scores
 from islandgp.study.select import in_short
-from islandgp.study.table import Table
+from islandgp.study.table import Row, Table
 from islandgp.study.tables import champions, claims, comparisons, origins, scores, supervision
 from islandgp.study.texts import note
 from islandgp.text import title
@@ -186,24 +186,22 @@ def _scores(study: Comparison, of_champions: Scores, rows: Sequence[ScoreRow]) -
 
 
 def _compared(study: Comparison) -> Iterator[Item]:
-    rows = [
-        {
-            "Arm": arm.name,
-            "selection": arm.selection,
-            "runs": str(len(arm.runs)),
-            "seeds": in_short(sorted(set(arm.seeds))),
-            "supervisor": ", ".join(sorted({run.supervisor for run in arm.runs})),
-            "generations": str(arm.generations),
-            "population": ", ".join(sorted({str(r.flat.get("gp.population")) for r in arm.runs})),
-        }
-        for arm in study.arms
-    ]
-    yield Table.of("arms", "Arms", rows)
+    yield Table.of("arms", "Arms", map(_arm, study.arms))
     if all(paired(a, b) for a, b in study.pairs):
         yield note("same-start")
     yield from study.notes
     if study.sources:
         yield f"Runs were read from {', '.join(study.sources)}."
+
+
+def _arm(arm: Arm) -> Row:
+    yield "Arm", arm.name
+    yield "selection", arm.selection
+    yield "runs", str(len(arm.runs))
+    yield "seeds", in_short(sorted(set(arm.seeds)))
+    yield "supervisor", ", ".join(sorted({run.supervisor for run in arm.runs}))
+    yield "generations", str(arm.generations)
+    yield "population", ", ".join(sorted({str(r.flat.get("gp.population")) for r in arm.runs}))
 
 
 def _beyond(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isinf, isnan, nan
 from typing import Final, Self
@@ -16,6 +16,12 @@ Tested = RankTest | PairedTest | ImprovementTest
 
 Row = Iterable[tuple[str, str]]
 """A row: the cell of each column."""
+
+
+def labelled(heading: str, label: str, columns: Iterable[str], cells: Iterable[str]) -> Row:
+    """A row of a label below a heading, and of a cell for each of the other columns."""
+    return [(heading, label), *zip(columns, cells, strict=True)]
+
 
 CsvRow = Iterable[tuple[str, object]]
 """A row of exact values: the value of each column; None is an empty cell."""
@@ -32,9 +38,9 @@ class Table:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, key: str, title: str, rows: Iterable[Row | Mapping[str, str]], *notes: str) -> Self:
+    def of(cls, key: str, title: str, rows: Iterable[Row], *notes: str) -> Self:
         """A table of one or more rows with the same columns."""
-        pairs = [list(row.items() if isinstance(row, Mapping) else row) for row in rows]
+        pairs = [list(row) for row in rows]
         columns = tuple(column for column, _ in pairs[0])
         return cls(key, title, columns, tuple(tuple(c for _, c in row) for row in pairs), notes)
 

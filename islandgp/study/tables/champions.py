@@ -13,7 +13,7 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.generalise import Control, Generalisation, best_of
 from islandgp.study.measures import SPANS, individuals_with
 from islandgp.study.paper import Count
-from islandgp.study.table import NONE, Row, Table, number, p_is, signed_interval, spread
+from islandgp.study.table import NONE, Row, Table, labelled, number, p_is, signed_interval, spread
 from islandgp.study.tables.comparisons import Cells, footnotes, published
 from islandgp.study.texts import note
 from islandgp.text import title
@@ -55,24 +55,18 @@ def _list(names: Sequence[str]) -> str:
 
 def components_table(study: Comparison) -> Table:
     """The best robots' fitness by component, Eq. (1)."""
-    champions = [(arm.name, [run.champion.record for run in arm.runs]) for arm in study.arms]
-    rows = [
-        [
-            ("Component", title(name)),
-            *(
-                (a, spread(*mean_sd([r.components[name] for r in records])))
-                for a, records in champions
-            ),
-        ]
-        for name in champions[0][1][0].components
+    champions = [[run.champion.record for run in arm.runs] for arm in study.arms]
+    points = [
+        (title(name), [[r.components[name] for r in records] for records in champions])
+        for name in champions[0][0].components
     ]
-    total = [(arm, spread(*mean_sd([r.fitness for r in records]))) for arm, records in champions]
-    return Table.of(
-        "components",
-        "Fitness of the best robots by component (points)",
-        [*rows, [("Component", "Fitness"), *total]],
-        note("components"),
+    points.append(("Fitness", [[r.fitness for r in records] for records in champions]))
+    rows = (
+        labelled("Component", label, study.names, (spread(*mean_sd(values)) for values in by_arm))
+        for label, by_arm in points
     )
+    heading = "Fitness of the best robots by component (points)"
+    return Table.of("components", heading, rows, note("components"))
 
 
 def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
@@ -166,20 +160,18 @@ def _to_the_best(arm: Arm, best: Mapping[int, Sequence[float]]) -> str:
 
 def constraints_table(study: Comparison) -> Table:
     """Feasibility of the best robots in validation worlds."""
-    rows = []
-    for arm in study.arms:
-        shares = [run.feasible for run in arm.runs if run.feasible is not None]
-        limits = {in_words(run.constraints) or "none" for run in arm.runs}
-        rows.append(
-            {
-                "Arm": arm.name,
-                "constraints": "; ".join(sorted(limits)),
-                "validated runs": str(len(shares)),
-                "worlds in which all are kept": f"{fmean(shares):.0%}" if shares else NONE,
-                "fewest of a run": f"{min(shares):.0%}" if shares else NONE,
-            }
-        )
+    rows = map(_constraints, study.arms)
     return Table.of("constraints", "Constraints that the best robots keep", rows)
+
+
+def _constraints(arm: Arm) -> Row:
+    shares = [run.feasible for run in arm.runs if run.feasible is not None]
+    limits = {in_words(run.constraints) or "none" for run in arm.runs}
+    yield "Arm", arm.name
+    yield "constraints", "; ".join(sorted(limits))
+    yield "validated runs", str(len(shares))
+    yield "worlds in which all are kept", f"{fmean(shares):.0%}" if shares else NONE
+    yield "fewest of a run", f"{min(shares):.0%}" if shares else NONE
 
 
 def one_grid(study: Comparison) -> bool:
@@ -196,17 +188,15 @@ def one_grid(study: Comparison) -> bool:
 
 def archive_table(study: Comparison) -> Table:
     """Coverage and QD score after the last generation that all runs have, without tests."""
-    rows = []
-    for arm in study.arms:
-        last = [run.archives[study.generations - 1] for run in arm.runs]
-        challenges = {str(run.flat.get("archive.reevaluations", 0)) for run in arm.runs}
-        rows.append(
-            {
-                "Arm": arm.name,
-                "coverage, %": spread(*mean_sd([100 * a.coverage for a in last]), 1),
-                "QD score, points": spread(*mean_sd([a.qd_score for a in last])),
-                "episodes of a challenge": " and ".join(sorted(challenges)),
-            }
-        )
+    rows = (_archive(arm, study.generations - 1) for arm in study.arms)
     title = "Archives of elites after the last generation"
     return Table.of("archive", title, rows, note("archive"))
+
+
+def _archive(arm: Arm, generation: int) -> Row:
+    archives = [run.archives[generation] for run in arm.runs]
+    challenges = {str(run.flat.get("archive.reevaluations", 0)) for run in arm.runs}
+    yield "Arm", arm.name
+    yield "coverage, %", spread(*mean_sd([100 * a.coverage for a in archives]), 1)
+    yield "QD score, points", spread(*mean_sd([a.qd_score for a in archives]))
+    yield "episodes of a challenge", " and ".join(sorted(challenges))

@@ -266,20 +266,21 @@ def _pairs(f: Finding) -> Row:
 
 def power_table(study: Comparison, family: int) -> Table:
     """The smallest differences that tests with so many runs can detect."""
-    rows = []
-    for n1, n2 in dict.fromkeys((len(a.runs), len(b.runs)) for a, b in study.pairs):
-        for label, level in ((f"{LEVEL:g}", LEVEL), (f"{LEVEL:g} / {family}", LEVEL / family)):
-            p = smallest_difference(n1, n2, level)
-            better = NONE if p.superiority is None else f"{p.superiority:.0%}"
-            rows.append(
-                {
-                    "Runs": f"{n1} and {n2}",
-                    "level of one test": label,
-                    "shift (SD)": "none" if p.shift is None else number(p.shift, 2),
-                    "chance that the better arm's run is better": better,
-                    "|r|": number(p.r, 2),
-                    "least p possible": probability(p.least_p),
-                }
-            )
+    rows = (
+        _power(n1, n2, label, level)
+        for n1, n2 in dict.fromkeys((len(a.runs), len(b.runs)) for a, b in study.pairs)
+        for label, level in ((f"{LEVEL:g}", LEVEL), (f"{LEVEL:g} / {family}", LEVEL / family))
+    )
     heading = "Smallest difference that is found with 80 % power"
     return Table.of("power", heading, rows, note("power"))
+
+
+def _power(n1: int, n2: int, label: str, level: float) -> Row:
+    p = smallest_difference(n1, n2, level)
+    better = NONE if p.superiority is None else f"{p.superiority:.0%}"
+    yield "Runs", f"{n1} and {n2}"
+    yield "level of one test", label
+    yield "shift (SD)", "none" if p.shift is None else number(p.shift, 2)
+    yield "chance that the better arm's run is better", better
+    yield "|r|", number(p.r, 2)
+    yield "least p possible", probability(p.least_p)

@@ -13,7 +13,7 @@ from islandgp.gp.record import IndividualRecord
 from islandgp.study import lineage
 from islandgp.study.arms import Arm, Comparison, Run
 from islandgp.study.emergence import first
-from islandgp.study.table import NONE, Table, number
+from islandgp.study.table import NONE, Table, labelled, number
 from islandgp.study.texts import note
 from islandgp.text import title
 
@@ -42,7 +42,7 @@ def lineage_table(study: Comparison) -> Table:
                     "mean descendants": number(fmean(n.descendants for n in newcomers), 1),
                     "share of the final elite": f"{elite:.0%}",
                 }
-                rows.append(row)
+                rows.append(row.items())
     return Table.of("lineage", "Survival of newcomers", rows, note("lineage"))
 
 
@@ -64,31 +64,28 @@ def edits_table(study: Comparison) -> Table | None:
                 "became a parent": f"{sum(f.children > 0 for f in evaluated) / len(evaluated):.0%}",
                 "mean generations lived": number(fmean(f.lived for f in evaluated), 1),
             }
-            rows.append(row)
+            rows.append(row.items())
     return Table.of("edits", "Results of edits", rows, note("edits")) if rows else None
 
 
 def sources_table(study: Comparison) -> Table:
     """Origins of the first robots of the milestones: injected or evolved."""
     tiers = study.milestones
-    counts = [
-        Counter(lineage.descent_of_first(run, tier) for run in arm.runs)
-        for arm in study.arms
-        for tier in tiers
+    columns = [(arm, tier) for arm in study.arms for tier in tiers]
+    headings = [f"{arm.name}: {title(tier)}" for arm, tier in columns]
+    counts = [Counter(lineage.descent_of_first(run, t) for run in arm.runs) for arm, t in columns]
+    rows = [
+        labelled("Source", descent.value, headings, (str(c[descent]) for c in counts))
+        for descent in lineage.Descent
     ]
-    return Table(
+    compared = "for comparison: that generation with an injected ancestor"
+    rates = (_rate_at_first(arm, tier) for arm, tier in columns)
+    return Table.of(
         "sources",
         f"Where the first {' and the first '.join(map(title, tiers))} {study.classes.agent}"
         " came from (runs)",
-        ("Source", *(f"{arm.name}: {title(tier)}" for arm in study.arms for tier in tiers)),
-        (
-            *((descent.value, *(str(c[descent]) for c in counts)) for descent in lineage.Descent),
-            (
-                "for comparison: that generation with an injected ancestor",
-                *(_rate_at_first(arm, tier) for arm in study.arms for tier in tiers),
-            ),
-        ),
-        (note("sources", robot=study.classes.tier_title(tiers[0])),),
+        [*rows, labelled("Source", compared, headings, rates)],
+        note("sources", robot=study.classes.tier_title(tiers[0])),
     )
 
 
@@ -102,24 +99,18 @@ def champion_sources_table(study: Comparison) -> Table:
     best = [_sources(arm, lambda run: [run.champion.record]) for arm in study.arms]
     elites = [_sources(arm, lineage.final_elite) for arm in study.arms]
     others = set[str]().union(*best, *elites) - {*EVOLVED}
-    rows: list[tuple[str, ...]] = []
+    headings = [f"{arm}: {of}" for arm in study.names for of in ("best (runs)", "final elite")]
+    rows = []
     for source in (*EVOLVED, *sorted(others)):
         cells = []
         for b, e in zip(best, elites, strict=True):
             cells += [str(b[source]), f"{e[source] / e.total():.0%}"]
-        rows.append((source, *cells))
+        rows.append(labelled("Source", source, headings, cells))
+    compared = "for comparison: population with an injected ancestor"
     rates = [cell for arm in study.arms for cell in _base_rates(arm)]
-    rows.append(("for comparison: population with an injected ancestor", *rates))
-    columns = [
-        f"{a.name}: {column}" for a in study.arms for column in ("best (runs)", "final elite")
-    ]
-    return Table(
-        "champion-sources",
-        "Origins of the best robots",
-        ("Source", *columns),
-        tuple(rows),
-        (note("champion-sources"),),
-    )
+    rows.append(labelled("Source", compared, headings, rates))
+    heading = "Origins of the best robots"
+    return Table.of("champion-sources", heading, rows, note("champion-sources"))
 
 
 def _sources(arm: Arm, individuals: Callable[[Run], Sequence[IndividualRecord]]) -> Counter[str]:

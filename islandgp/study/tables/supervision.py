@@ -12,7 +12,7 @@ from islandgp.study.emergence import first, quantile
 from islandgp.study.episodes import episode_cost
 from islandgp.study.measures import OVERHEAD
 from islandgp.study.paper import MARK
-from islandgp.study.table import NONE, Row, Table, number, percent, spread
+from islandgp.study.table import NONE, Row, Table, labelled, number, percent, spread
 from islandgp.study.tables.comparisons import footnotes
 from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
@@ -27,8 +27,7 @@ def decisions_table(study: Comparison) -> Table:
     paper = study.paper
 
     def row(label: str, cells: Iterable[str], published: str = NONE) -> Row:
-        yield "Decision", label
-        yield from zip((arm.name for arm in study.arms), cells, strict=True)
+        yield from labelled("Decision", label, study.names, cells)
         if paper:
             yield MARK, published
 
@@ -74,8 +73,7 @@ def overhead_table(study: Comparison) -> Table:
     ]
 
     def row(label: str, cells: Iterable[str], key: str = "") -> Row:
-        yield "Metric", label
-        yield from zip((arm.name for arm in study.arms), cells, strict=True)
+        yield from labelled("Metric", label, study.names, cells)
         if study.paper:
             yield MARK, study.paper.overhead.get(key, NONE)
 
@@ -102,20 +100,18 @@ def _cell(o: Overheads, value: str | Callable[[Overheads], str], digits: int) ->
 
 def episodes_table(study: Comparison) -> Table:
     """Costs of a run of each arm in episodes."""
-    rows = []
-    for arm in study.arms:
-        cost = episode_cost(arm)
-        rows.append(
-            {
-                "Arm": arm.name,
-                "generations": number(cost.generations),
-                "supervisor": number(cost.supervision),
-                "validation": number(cost.validation),
-                "in all": number(cost.total),
-                "library, once": number(cost.library) if cost.library else NONE,
-            }
-        )
+    rows = map(_episodes, study.arms)
     return Table.of("episodes", "Episodes of a run", rows, note("episodes"))
+
+
+def _episodes(arm: Arm) -> Row:
+    cost = episode_cost(arm)
+    yield "Arm", arm.name
+    yield "generations", number(cost.generations)
+    yield "supervisor", number(cost.supervision)
+    yield "validation", number(cost.validation)
+    yield "in all", number(cost.total)
+    yield "library, once", number(cost.library) if cost.library else NONE
 
 
 def _ratio(a: str, b: str, write: Callable[[float], str]) -> Callable[[Overheads], str]:
