@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from math import nan
 from pathlib import Path
+from textwrap import indent
 from time import time
 from typing import Any, Final, Literal
 from uuid import uuid4
@@ -134,14 +135,18 @@ def best_lines(results: Mapping[str, Any], names: Sequence[str]) -> str:
     """The results of a sweeper (RESULTS) as text.
 
     Args:
-        results: Hydra's form: best_params and best_value, or solutions with params and values.
+        results: in the form of Optuna's sweepers, best_params and best_value, or solutions with
+            params and values; those of other sweepers are shown as they are.
         names: the objectives.
     """
-    solutions = results.get("solutions")
-    title = "None of these is worse than another one in every objective:"
-    if solutions is None:
-        solutions = [{"params": results["best_params"], "values": [results["best_value"]]}]
+    if "solutions" in results:
+        title = "None of these is worse than another one in every objective:"
+        solutions = results["solutions"]
+    elif "best_params" in results:
         title = "Best:"
+        solutions = [{"params": results["best_params"], "values": [results["best_value"]]}]
+    else:
+        return f"Best:\n{indent(yaml.safe_dump(dict(results), sort_keys=False), '  ').rstrip()}"
     lines = [
         f"  {', '.join(f'{n} {v:,.6g}' for n, v in zip(names, one['values'], strict=True))}"
         f" with {' '.join(f'{key}={value}' for key, value in one['params'].items())}"

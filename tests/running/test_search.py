@@ -23,7 +23,7 @@ from islandgp.records.files import objectives, values
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.app import main
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.sweep.optimiser import check
+from islandgp.sweep.optimiser import best_lines, check
 from islandgp.sweep.progress import job_line
 from tests.composed import composed
 from tests.running.commands import TINY, fake
@@ -128,6 +128,13 @@ def test_more_than_one_objective(cwd: Path, capsys: pytest.CaptureFixture[str]) 
     front = {p for p in points if not any(o != p and o[0] >= p[0] and o[1] <= p[1] for o in points)}
     assert {tuple(s["values"]) for s in results(cwd / "runs/default")["solutions"]} == front
     assert "None of these is worse than another one in every objective:" in capsys.readouterr().out
+
+
+def test_results_of_other_sweepers_are_shown_as_they_are() -> None:
+    """Each has its own keys: these are Nevergrad's."""
+    found = {"name": "nevergrad", "best_evaluated_params": {"gp.population": 8}}
+    expected = "Best:\n  name: nevergrad\n  best_evaluated_params:\n    gp.population: 8"
+    assert best_lines(found, ["validation_mean"]) == expected
 
 
 def test_a_robot_that_never_came_came_after_the_end() -> None:
