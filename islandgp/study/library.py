@@ -13,9 +13,10 @@ from pydantic import ValidationError
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError, RunError, TreeError
+from islandgp.errors import ConfigError, IslandError, RunError
 from islandgp.evaluation.base import Problem
 from islandgp.supervision.library import LibrarySettings, library_folder
+from islandgp.text_files import read_text_file
 
 
 def domain_of(config: Mapping[str, Any]) -> Domain | None:
@@ -52,9 +53,9 @@ def _names(folder: Path, vocabulary: Vocabulary) -> Mapping[str, str]:
     names = {}
     for file in sorted(folder.glob("*.bt")):
         try:
-            tree = parse(file.read_text(encoding="utf-8"), vocabulary, name=str(file))
+            tree = parse(read_text_file(file), vocabulary, name=str(file))
             names[to_text(tree)] = file.stem
-        except TreeError:  # the file was changed since the run
+        except IslandError:  # no tree of the run, or changed since
             continue
     return names
 

@@ -10,15 +10,17 @@ from collections.abc import Mapping
 from functools import cache
 from inspect import getfile
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
 import yaml
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field
 
 from islandgp.errors import StudyError
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
 from islandgp.study.library import domain_of
+
+M = TypeVar("M", bound=BaseModel)
 
 FILE: Final = "paper.yaml"
 
@@ -112,15 +114,17 @@ def read_paper(file: Path) -> PublishedFigures | None:
     """The figures in a file; None if it does not exist. Raises StudyError if it is damaged."""
     if not file.exists():
         return None
-    try:
-        return PublishedFigures.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
-    except (yaml.YAMLError, ValidationError) as error:
-        raise StudyError(f"Expected a publication's figures in {file}, found {error}") from error
+    return _read(PublishedFigures, file, "a publication's figures")
 
 
 @cache
 def _classes(folder: Path, name: str) -> Classes:
     file = folder / name
-    if not file.exists():
-        file = resource("conf") / name
-    return Classes.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+    return _read(Classes, file if file.exists() else resource("conf") / name, "classes")
+
+
+def _read(model: type[M], file: Path, description: str) -> M:
+    try:
+        return model.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")))
+    except (OSError, yaml.YAMLError, ValueError) as error:
+        raise StudyError(f"Expected {description} in {file}, found {error}") from error

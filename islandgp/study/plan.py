@@ -10,6 +10,7 @@ from typing import Final
 from islandgp.errors import StudyError
 from islandgp.study.arms import Comparison
 from islandgp.study.measures import MUTATION, TABLE_12, all_measures, main_family
+from islandgp.study.paper import FILE
 from islandgp.study.texts import note
 
 Pair = tuple[str, str]
@@ -87,7 +88,7 @@ def parse_plan(
 
 
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
-    """Raises StudyError if an arm or a measure of a plan does not exist."""
+    """Raises StudyError if an arm or a measure of a plan or of a claim does not exist."""
     arms = [arm.name for arm in study.arms]
     for name, members in plan.families.items():
         for arm in members:
@@ -97,10 +98,13 @@ def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
                     f" there are {', '.join(arms)}."
                 )
     keys = [m.key for m in all_measures(study)]
-    for option, key in (("--primary", plan.primary), *(("--margin", m) for m in plan.margins)):
-        if key is not None and key not in keys:
+    named = [("--primary", plan.primary)] if plan.primary is not None else []
+    named += [("--margin", key) for key in plan.margins]
+    named += [(f"a claim of {FILE}", claim.measure) for claim in study.claims]
+    for place, key in named:
+        if key not in keys:
             raise StudyError(
-                f"Expected a measure in {option}, found {key!r}; there are {', '.join(keys)}."
+                f"Expected a measure in {place}, found {key!r}; there are {', '.join(keys)}."
             )
     families(study, plan)
 

@@ -71,7 +71,8 @@ def build(
     plan: AnalysisPlan = DEFAULT_PLAN,
 ) -> ComparisonReport:
     """Build the report; `unseen` and `controls` are empty if they were left out."""
-    requested = {*plan.margins, *filter(None, [plan.primary])}
+    claimed = (claim.measure for claim in study.claims)
+    requested = {*plan.margins, *filter(None, [plan.primary]), *claimed}
     findings = examine_all(study, families(study, plan), examined(study, requested))
     robots = f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
     first_pair = study.arms[0].name, study.arms[1].name
@@ -92,7 +93,7 @@ def build(
         ],
         "The paper's claims": [
             claims.claims_table(findings, first_pair, study.paper, plan.margins)
-            if study.paper and study.paper.claims
+            if study.paper and study.claims
             else None
         ],
         "Further questions": _questions(study, plan, findings),

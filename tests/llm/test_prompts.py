@@ -223,6 +223,9 @@ def test_a_user_s_prompts(tmp_path: Path) -> None:
     prompt_file.write_text("Just text.", encoding="utf-8")
     with pytest.raises(SupervisionError, match="# user"):
         load_prompt("mutation_rate", tmp_path)
+    prompt_file.write_bytes("# user\nStra\xdfe".encode("latin-1"))
+    with pytest.raises(SupervisionError, match=r"Expected UTF-8 text in .*save it as UTF-8"):
+        load_prompt("mutation_rate", tmp_path)
     prompt_file.unlink()
     with pytest.raises(SupervisionError, match="found none"):
         Questions(llm_settings, context())

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.domains import island
+from islandgp.errors import StudyError
 from islandgp.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, adjust, examine
@@ -42,6 +43,16 @@ def findings() -> dict[str, Finding]:
         arms = ("proposed", "baseline")
         results.append(examine(measure, arms, samples, 41, in_pairs=False, enumerated=0))
     return {f.measure.key: f for f in adjust(results)}
+
+
+@pytest.mark.parametrize(
+    "content", [b"classes: [", b"note: x", "note: Stra\xdfe".encode("latin-1")]
+)
+def test_damaged_figures_are_one_error(content: bytes, tmp_path: Path) -> None:
+    """No YAML, a missing key, no UTF-8."""
+    (tmp_path / "paper.yaml").write_bytes(content)
+    with pytest.raises(StudyError, match=r"a publication's figures in .*paper.yaml, found"):
+        read_paper(tmp_path / "paper.yaml")
 
 
 def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding]) -> None:

@@ -24,6 +24,7 @@ from islandgp.study.figures.trees import (
 )
 from islandgp.study.generalise import Generalisation
 from islandgp.study.library import library_names
+from islandgp.study.paper import Claim
 from islandgp.study.plan import DEFAULT_PLAN, check_plan, families, parse_plan
 from islandgp.study.report import ComparisonReport, build
 from islandgp.study.table import Table
@@ -400,6 +401,18 @@ def test_a_plan_that_cannot_be_meant(
     study = compare_arms(arms)
     with pytest.raises(StudyError, match=expected):
         check_plan(parse_plan(*options), study)
+
+
+def test_a_claim_must_name_a_measure() -> None:
+    """`paper.yaml` beside a domain is checked like the options, before anything is evaluated."""
+    study = _study("expert", "baseline")
+    assert study.paper is not None
+    claim = Claim(text="It is faster", measure="speed", direction=1)
+    paper = study.paper.model_copy(update={"claims": (claim,)})
+    with pytest.raises(StudyError, match=r"a claim of paper\.yaml, found 'speed'; there are max"):
+        check_plan(DEFAULT_PLAN, replace(study, paper=paper))
+    late = claim.model_copy(update={"measure": "first_complete_descendant"})
+    check_plan(DEFAULT_PLAN, replace(study, paper=paper.model_copy(update={"claims": (late,)})))
 
 
 @pytest.mark.usefixtures("blank")

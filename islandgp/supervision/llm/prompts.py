@@ -66,6 +66,10 @@ def load_prompt(name: str, folder: Path) -> Prompt:
     path = folder / f"{name}.md"
     try:
         text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise SupervisionError(
+            f"Expected UTF-8 text in {path}, found {error.reason}; save it as UTF-8."
+        ) from None
     except OSError as error:
         raise SupervisionError(f"Expected a prompt in {path}, found none: {error}.") from None
     head, *rest = _PART.split(text)
