@@ -204,13 +204,14 @@ def end_ray(entries: Entries) -> None:
 
 def _send(entries: Entries, settings: Sequence[Settings]) -> None:
     """Sends the final states of the jobs and of the sweep to the tracking store."""
-    patience = max(float(s.tracking.policy.get("patience", 20)) for s in settings)
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
     parts = [s.tracking for s in settings if s.tracking.factory is MLflow]
-    if not parts:
+    trackers = [MLflow.make(part.settings(), Path.cwd()) for part in parts]
+    if not trackers:
         return
-    places = [MLflow.make(part.settings(), Path.cwd()).place for part in parts]
+    patience = max(tracker.patience for tracker in trackers)
+    places = [tracker.place for tracker in trackers]
     if reason := send_sweeps([sweep.path for sweep in entries], patience, places):
         paths = " ".join(str(sweep.path) for sweep in entries)
         print(
