@@ -8,7 +8,7 @@ not measure how much of the newcomer's tree is left, as crossover may keep a sin
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -19,7 +19,7 @@ from islandgp.study.arms import Arm, Run
 from islandgp.study.library import library_names
 
 ADVISED: Final = (Origin.INJECTED, Origin.EDITED)
-"""Origins of a supervisor's trees."""
+"""Origins of a supervisor's trees, and of the library's in generation 0."""
 ELITE: Final = 0.1  # share of a population that is its elite: the top 3 of 30 (section 2.3)
 
 
@@ -73,7 +73,8 @@ def newcomers(run: Run) -> tuple[Newcomer, ...]:
 
 def elite_share(run: Run, origin: Origin) -> float:
     """Share of the final elite that descends from a newcomer of an origin, in [0, 1]."""
-    heirs, elite = _with_descendants(run, (origin,)), final_elite(run)
+    heirs = _with_descendants(run, (i for _, i in _came(run.records) if i.origin == origin))
+    elite = final_elite(run)
     return sum(i.id in heirs for i in elite) / len(elite)
 
 
@@ -84,13 +85,14 @@ def final_elite(run: Run) -> list[IndividualRecord]:
 
 
 def with_injected_ancestor(run: Run) -> set[str]:
-    """Ids of the injected individuals and their descendants."""
-    return _with_descendants(run, ADVISED)
+    """Ids of the injected individuals, also those of generation 0, and of their descendants."""
+    individuals = (i for record in run.records for i in record.individuals)
+    return _with_descendants(run, (i for i in individuals if i.origin in ADVISED))
 
 
-def _with_descendants(run: Run, origins: Collection[Origin]) -> set[str]:
-    """Ids of the newcomers of some origins, and of their descendants."""
-    heirs = {i.id for _, i in _came(run.records) if i.origin in origins}
+def _with_descendants(run: Run, ancestors: Iterable[IndividualRecord]) -> set[str]:
+    """Ids of some individuals and of their descendants."""
+    heirs = {i.id for i in ancestors}
     for record in run.records:
         heirs |= {i.id for i in record.individuals if not heirs.isdisjoint(i.parents)}
     return heirs
@@ -197,10 +199,15 @@ def _original(i: IndividualRecord, by_id: dict[str, IndividualRecord]) -> Indivi
 
 
 def giver(run: Run, injected: IndividualRecord) -> str:
-    """The file name of an injected library tree, or else the supervisor that wrote the tree."""
-    guidance = run.records[int(injected.id.partition(".")[0]) - 1].guidance
+    """The file name of an injected library tree, or else the supervisor that wrote the tree.
+
+    The other trees of generation 0 have no supervisor: those of `start`, and those that a search
+    makes from the library's branches.
+    """
+    generation = int(injected.id.partition(".")[0])
+    guidance = run.records[generation - 1].guidance if generation else None
     if guidance is None or guidance.tree is None:
-        return "unknown"
+        return library_names(run.config).get(injected.tree, "no supervisor")
     return library_names(run.config).get(guidance.tree, guidance.source)
 
 

@@ -73,6 +73,21 @@ def test_a_tree_from_outside_the_library_has_its_writer_s_name() -> None:
     assert most_injected([fake_arm("llm", [run])]) is None
 
 
+def test_injected_trees_of_generation_0_count() -> None:
+    """Where the first robot is one of them, the base rate is not 0."""
+    populations = [
+        [individual("0.0", "injected", tree=POOR), individual("0.1", "injected", tree=OTHER)],
+        [individual("1.0", "elite", ["0.1"], tree=OTHER), individual("1.1", "random")],
+        [individual("2.0", "crossover", ["1.0", "1.1"]), individual("2.1", "copy", ["1.1"])],
+    ]
+    run = fake_run(best=[1.0] * 3, populations=populations, guided=guidance(tree=TREE))
+    assert injected_shares(run) == [1, 1 / 2, 1 / 2]
+    sources = [provenance(run, record.individuals) for record in run.records]
+    assert sources[0] == ["injected, unchanged: poor", "injected, unchanged: no supervisor"]
+    assert sources[1] == ["injected, unchanged: no supervisor", RANDOM]
+    assert sources[2] == [HEIR, RANDOM]
+
+
 def test_base_rate_by_hand() -> None:
     """None, 1 of 2, both, 4 of 7 individuals descend from an injected tree or are one."""
     assert injected_shares(_run()) == [0, 1 / 2, 1, 4 / 7]
