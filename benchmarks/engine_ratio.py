@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from time import process_time
 from typing import Final
-from unittest.mock import patch
 
 from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.pinned import endless, example, points, settings, warm
 from benchmarks.turns import medians, ratio, turns
-from islandgp.domains.island import episode
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
@@ -22,55 +20,53 @@ ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 5, Effort.FULL: 12}  # of each se
 
 def measure(effort: Effort) -> list[Figure]:
     """Pairs of one episode of the all-rounder and as many bare steps in the same world."""
-    world = endless(settings().world)
-    if effort is Effort.TINY:
-        world = endless(world, episode={"length": 10})
-    steps = round(world.episode.length / world.episode.step)
+    world = endless_world(effort)
     compiled = warm(world)
-    rows = []
-    for seed in range(SEEDS[effort]):
-        episode = run_episode(example("all_rounder"), world, seed, points())
-        assert episode.steps == steps, f"seed {seed} ended after {episode.steps} steps"
-        for _ in range(ROUNDS[effort]):
-            sides = [_episode(world, seed), _in_python(world, seed), _bare(world, seed, steps)]
-            rows += turns(sides, 1, clock=process_time)
-    usual, in_python, bare = medians(rows)
+    rows = pairs(effort, world, episode_of)
+    usual, bare = medians(rows)
+    steps = f"{steps_of(world):,}"
     return [
         Figure(
             "engine_ratio",
-            ratio(rows, 0, 2),
+            ratio(rows, 0, 1),
             "",
-            f"all-rounder's episode of {steps:,} steps / the bare steps; median over pairs",
+            f"all-rounder's episode of {steps} steps / the bare steps; median over pairs",
             at_most(1.2 if compiled else 1.8),
         ),
         Figure("engine_ratio_of_medians", usual / bare, "", "the same, median over median"),
-        Figure(
-            "engine_ratio_python",
-            ratio(rows, 1, 2),
-            "",
-            "the episode without compiled code / the bare steps; median over pairs",
-            at_most(1.8),
-        ),
         Figure("episode_ms", 1000 * usual, "ms", "the episode, from world and tree to outcome"),
-        Figure("episode_python_ms", 1000 * in_python, "ms", "the same without compiled code"),
         Figure("bare_ms", 1000 * bare, "ms", "the bare steps; the robot bounces about at 5 m/s"),
     ]
 
 
-def _episode(world: IslandWorld, seed: int) -> Callable[[], object]:
+def endless_world(effort: Effort) -> IslandWorld:
+    """The default world without early endings; short with the least effort."""
+    world = endless(settings().world)
+    return endless(world, episode={"length": 10}) if effort is Effort.TINY else world
+
+
+def steps_of(world: IslandWorld) -> int:
+    """Steps of an episode."""
+    return round(world.episode.length / world.episode.step)
+
+
+def pairs(
+    effort: Effort, world: IslandWorld, side: Callable[[IslandWorld, int], Callable[[], object]]
+) -> list[tuple[float, ...]]:
+    """CPU seconds of an episode and of as many bare steps; `side` makes the episode of a seed."""
+    rows, steps = [], steps_of(world)
+    for seed in range(SEEDS[effort]):
+        episode = run_episode(example("all_rounder"), world, seed, points())
+        assert episode.steps == steps, f"seed {seed} ended after {episode.steps} steps"
+        for _ in range(ROUNDS[effort]):
+            rows += turns([side(world, seed), _bare(world, seed, steps)], 1, clock=process_time)
+    return rows
+
+
+def episode_of(world: IslandWorld, seed: int) -> Callable[[], object]:
+    """An episode of the all-rounder."""
     tree, award = example("all_rounder"), points()
     return lambda: run_episode(tree, world, seed, award)
-
-
-def _in_python(world: IslandWorld, seed: int) -> Callable[[], object]:
-    """The same episode without compiled code."""
-    run = _episode(world, seed)
-
-    def in_python() -> None:
-        with patch.object(episode, "compiled_for", return_value=None):
-            run()
-
-    return in_python
 
 
 def _bare(world: IslandWorld, seed: int, steps: int) -> Callable[[], object]:

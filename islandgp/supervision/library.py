@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from inspect import getfile
 from pathlib import Path
 
@@ -78,10 +79,15 @@ def read_library(
         name: read_tree(folder, name) for name in sorted({n for names in named for n in names})
     }
     trees = {
-        name: parse(text, vocabulary, name=str(folder / f"{name}.bt"))
-        for name, text in texts.items()
+        name: _parsed(text, vocabulary, str(folder / f"{name}.bt")) for name, text in texts.items()
     }
     return Library(trees, texts, settings.trees, settings.examples)
+
+
+@lru_cache(maxsize=64)  # a run reads its library several times
+def _parsed(text: str, vocabulary: Vocabulary, name: str) -> Node:
+    """The tree of a file's text. Raises as `parse`."""
+    return parse(text, vocabulary, name=name)
 
 
 def read_tree(folder: Path, name: str) -> str:

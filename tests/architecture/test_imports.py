@@ -16,6 +16,7 @@ from tests.architecture.sources import PACKAGE, ROOT, imports, module_name, modu
 LAYERS: list[tuple[str, ...]] = [
     # A module imports from its own layer and those above it in this list, never from below.
     (
+        "extension_modules",
         "startup",
         "errors",
         "plain",
@@ -30,6 +31,7 @@ LAYERS: list[tuple[str, ...]] = [
         "atomic_files",
         "intervals",
         "statistics",
+        "extension_build",
     ),
     ("bt.core",),
     ("bt.analysis",),

@@ -13,8 +13,8 @@ from benchmarks.figure import Effort, Figure
 from islandgp.evaluation.processes import cores
 
 FIGURES: Final = {
-    "engine_ratio": "engine_ratio engine_ratio_of_medians engine_ratio_python episode_ms"
-    " episode_python_ms bare_ms",
+    "engine_ratio": "engine_ratio engine_ratio_of_medians episode_ms bare_ms",
+    "engine_ratio_python": "engine_ratio_python episode_python_ms",
     "peer_ratio": "peer_ratio peer_batch_s our_batch_s single_ratio peer_episode_ms"
     " our_episode_ms peer_pickups peer_deliveries",
     "tick_us": "tick_us tick_us_py_trees tick_ratio_py_trees tick_us_behaviortreepy"

@@ -9,7 +9,7 @@ the root is equivalent to checking all of them at the start of the tick.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Final, TypeAlias
+from typing import Final, SupportsFloat, TypeAlias
 
 from islandgp.bt.core import closures, nav2_closures
 from islandgp.bt.core.closures import Observed, ReportStopped, Tick
@@ -43,7 +43,7 @@ def compile_tree(
     *,
     watch: Watch | None = None,
     stopped: ReportStopped | None = None,
-    step_s: float | None = None,
+    step_s: SupportsFloat | None = None,
 ) -> Callable[[], int]:
     """Compiles a tree to a function that ticks it once.
 
@@ -106,7 +106,7 @@ class _Compiler:
         key_index: Mapping[str, int],
         watch: Watch | None,
         stopped: ReportStopped | None,
-        step_s: float | None,
+        step_s: SupportsFloat | None,
     ) -> None:
         self._step_s = step_s
         self.now = 0  # number of the tick; counted only in a tree that `needs_each_tick`

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, SupportsFloat, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, terms
 from islandgp.errors import LimitError
@@ -71,7 +71,7 @@ class SecondsArgs(NamedTuple):
 
     seconds: float  # of the domain's clock, within SECONDS
 
-    def ticks(self, step_s: float) -> int:
+    def ticks(self, step_s: SupportsFloat) -> int:
         """The index of the first tick at or after this time; ticks are `step_s` seconds apart."""
         return max(1, ceil(Fraction(str(self.seconds)) / Fraction(str(step_s))))
 

@@ -21,7 +21,7 @@ from islandgp.domains.island.state import State
 IslandAction = Callable[[State, bool], int]
 """(island, fresh) to a status."""
 
-AIM_EVERY = 5  # steps after which MoveToHumanoid updates its aim at a walking humanoid
+AIM_EVERY: Final = 5  # steps after which MoveToHumanoid updates its aim at a walking humanoid
 
 
 def move_to_garbage(island: State, fresh: bool) -> int:
@@ -29,7 +29,7 @@ def move_to_garbage(island: State, fresh: bool) -> int:
     robot, ground, lead = island.robot, island.ground, inf
     if fresh:
         island.item, gap, second = ground.nearest(robot.x, robot.y)
-        sight = robot.settings.perception
+        sight = robot.perception
         if gap > sight:
             island.same_for(gap - sight)
             return FAILURE
@@ -38,7 +38,7 @@ def move_to_garbage(island: State, fresh: bool) -> int:
     if item < 0 or not ground.present[item]:  # another branch of the tree has taken it
         return FAILURE
     x, y = ground.places.x[item], ground.places.y[item]
-    return drive(island, x, y, robot.settings.pickup_reach, lead)
+    return drive(island, x, y, robot.pickup_reach, lead)
 
 
 def pickup_garbage(island: State, _fresh: bool) -> int:
@@ -47,8 +47,8 @@ def pickup_garbage(island: State, _fresh: bool) -> int:
     if robot.room <= 0:
         return FAILURE
     item, gap, _ = ground.nearest(robot.x, robot.y)
-    if gap > robot.settings.pickup_reach:
-        island.same_for(gap - robot.settings.pickup_reach)
+    if gap > robot.pickup_reach:
+        island.same_for(gap - robot.pickup_reach)
         return FAILURE
     ground.take(item)
     robot.load += 1
@@ -61,13 +61,13 @@ def seek_charger(island: State, fresh: bool) -> int:
     robot, chargers, lead = island.robot, island.world.chargers, inf
     if fresh:
         robot.charger, lead = _nearest(island, chargers)
-    return drive(island, *chargers[robot.charger], robot.settings.station_reach, lead)
+    return drive(island, *chargers[robot.charger], robot.station_reach, lead)
 
 
 def execute_charge(island: State, fresh: bool) -> int:
     """Charges until full; logs `charge` again only after `charge_again` percent were used."""
     robot = island.robot
-    beyond = min(_distances(island, island.world.chargers)) - robot.settings.station_reach
+    beyond = min(_distances(island, island.world.chargers)) - robot.station_reach
     island.same_for(abs(beyond))
     if beyond > 0:
         return FAILURE
@@ -99,7 +99,7 @@ def move_to_humanoid(island: State, fresh: bool) -> int:
         return FAILURE
     place = people.position(humanoid)
     gap = abs(place - position)
-    if gap > robot.settings.perception:
+    if gap > robot.perception:
         return FAILURE
     if gap <= people.settings.reach:
         items = people.hand_over(humanoid, robot.room)
@@ -116,7 +116,7 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
     if fresh:
         robot.clearing_point, lead = _nearest(island, points)
     target = robot.clearing_point
-    if drive(island, *points[target], robot.settings.station_reach, lead) == RUNNING:
+    if drive(island, *points[target], robot.station_reach, lead) == RUNNING:
         return RUNNING
     island.same_for(lead / 2)  # then another clearing point may be the nearest
     if robot.load > 0:
@@ -132,7 +132,7 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
 def patrol_waypoint(island: State, _fresh: bool) -> int:
     """Drives to the next waypoint; after the last one a lap is finished."""
     robot, waypoints = island.robot, island.world.waypoints
-    status = drive(island, *waypoints[robot.waypoint], robot.settings.station_reach)
+    status = drive(island, *waypoints[robot.waypoint], robot.station_reach)
     if status == SUCCESS:
         robot.waypoint = (robot.waypoint + 1) % len(waypoints)
         robot.laps += robot.waypoint == 0
@@ -190,13 +190,14 @@ def _pursue(island: State, place: complex, gap: float) -> None:
     `gap`: metres between the robot and the humanoid.
     """
     robot, people = island.robot, island.humanoids
-    position = complex(robot.x, robot.y)
     island.same_for(0)  # a fresh call would update the aim
-    if island.step >= island.aim_end or abs(island.aim - position) < robot.stride:
-        island.aim = place
+    distance = hypot(island.aim_x - robot.x, island.aim_y - robot.y)
+    if island.step >= island.aim_end or distance < robot.stride:
+        island.aim_x, island.aim_y = place.real, place.imag
         island.aim_end = island.step + AIM_EVERY
-    robot.drive_to(island.aim.real, island.aim.imag, 0.0)
-    aim_steps = steps_to(abs(island.aim - position) - robot.stride, robot.stride)
-    room = min(gap - people.settings.reach, robot.settings.perception - gap)
+        distance = hypot(island.aim_x - robot.x, island.aim_y - robot.y)
+    robot.drive_to(island.aim_x, island.aim_y, 0.0)
+    aim_steps = steps_to(distance - robot.stride, robot.stride)
+    room = min(gap - people.settings.reach, robot.perception - gap)
     meeting_steps = steps_to(room, robot.stride + island.walk)
     island.wake_at(min(island.aim_end, island.step + min(aim_steps, meeting_steps)))

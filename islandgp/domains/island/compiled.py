@@ -99,7 +99,7 @@ def _function(address: int, *kinds: type) -> Callable[..., None]:
     """A function in numba's calling convention: two further arguments for the result and errors."""
     scratch = engine.data_address(_SCRATCH)
     function = PYFUNCTYPE(c_int, c_int64, c_int64, *kinds)(address)
-    return partial(function, scratch, scratch)
+    return partial(function, c_int64(scratch), c_int64(scratch))
 
 
 def _adds_as_chipmunk(coast: Callable[[int, float, int], None]) -> bool:
@@ -140,17 +140,60 @@ def _cells(places: Places) -> tuple[array[float], array[float], array[int], arra
     return array("d", places.x), array("d", places.y), first, array("q", chain(*places.near))
 
 
-def _bound(functions: Functions, island: State, may_coast: bool) -> Compiled:
-    ground, people, robot, physics = island.ground, island.humanoids, island.robot, island.physics
+class _Memory(NamedTuple):
+    """The block of memory that compiled code reads and writes (see `layout`)."""
+
+    block: bytearray
+    motion: array[float]  # x, y, vx and vy of the robot and of each humanoid
+    arrays: tuple[object, ...]  # those whose addresses are in the block, so that they stay alive
+
+
+def _memory_of(island: State, may_coast: bool) -> _Memory:
+    """The memory of an episode, with its settings."""
+    ground, people, robot, world = island.ground, island.humanoids, island.robot, island.world
+    block = bytearray(8 * (layout.INTS + layout.FLOATS))
+    ints = memoryview(block)[: 8 * layout.INTS].cast("q")
+    floats = memoryview(block)[8 * layout.INTS :].cast("d")
+    motion = array("d", bytes(32 * (1 + len(people.bodies))))
+    arrays = _arrays(island, motion)
+    for index, values in arrays.items():
+        ints[index] = engine.data_address(values)
+    whole_numbers = {
+        layout.HUMANOIDS: len(people.items),
+        layout.COLUMNS: ground.places.columns,
+        layout.ASK_FROM: people.settings.ask_from,
+        layout.MAX_ITEMS: people.settings.most_items,
+        layout.SPACE: engine.address(island.physics.handle),
+        layout.MAY_COAST: int(may_coast),
+        layout.ROCK_COUNT: len(island.schedule.obstacles),
+    }
+    for index, number in whole_numbers.items():
+        ints[index] = number
+    measures = {
+        layout.DT: island.dt,
+        layout.PERCEPTION: robot.perception,
+        layout.SIGHT_SQUARED: robot.sight_squared,
+        layout.STRIDE: robot.stride,
+        layout.HUMANOID_STRIDE: island.walk,
+        layout.CELL_WIDTH: ground.places.cell,
+        layout.SIDE: world.side,
+        layout.ROBOT_RADIUS: world.robot.radius,
+        layout.HUMANOID_RADIUS: world.humanoids.radius,
+    }
+    for index, measure in measures.items():
+        floats[index] = measure
+    return _Memory(block, motion, tuple(arrays.values()))
+
+
+def _arrays(island: State, motion: array[float]) -> dict[int, Any]:
+    """The arrays of an episode, by the index of their addresses."""
+    ground, people = island.ground, island.humanoids
     turn_steps, turn_humanoids, turn_velocities = _turns(island.schedule)
     x, y, cell_starts, cell_items = _cells(ground.places)
-    bodies = array("q", map(engine.address, (robot.body, *people.bodies)))
-    motion = array("d", bytes(32 * len(bodies)))
-    world = island.world
-    arrays: dict[int, Any] = {
-        layout.BODIES: bodies,
+    return {
+        layout.BODIES: array("q", map(engine.address, (island.robot.body, *people.bodies))),
         layout.MOTION: motion,
-        layout.TOUCHING: physics.contacts.flag,
+        layout.TOUCHING: island.physics.contacts.flag,
         layout.TURN_STEPS: turn_steps,
         layout.TURN_HUMANOIDS: turn_humanoids,
         layout.TURN_VELOCITIES: turn_velocities,
@@ -166,66 +209,50 @@ def _bound(functions: Functions, island: State, may_coast: bool) -> Compiled:
         layout.CELL_ITEMS: cell_items,
         layout.ROCKS: array("d", chain(*island.schedule.obstacles)),
     }
-    ints, floats = array("q", bytes(8 * layout.INTS)), array("d", bytes(8 * layout.FLOATS))
-    for index, values in arrays.items():
-        ints[index] = engine.data_address(values)
-    ints[layout.HUMANOIDS], ints[layout.COLUMNS] = len(people.items), ground.places.columns
-    ints[layout.ASK_FROM], ints[layout.MAX_ITEMS] = (
-        people.settings.ask_from,
-        people.settings.most_items,
-    )
-    ints[layout.SPACE] = engine.address(physics.handle)
-    floats[layout.DT], floats[layout.PERCEPTION], floats[layout.SIGHT_SQUARED] = (
-        island.dt,
-        robot.settings.perception,
-        robot.sight_squared,
-    )
-    floats[layout.STRIDE], floats[layout.HUMANOID_STRIDE], floats[layout.CELL_WIDTH] = (
-        robot.stride,
-        island.walk,
-        ground.places.cell,
-    )
-    ints[layout.MAY_COAST], ints[layout.ROCK_COUNT] = (
-        may_coast and functions.may_coast,
-        len(island.schedule.obstacles),
-    )
-    floats[layout.SIDE], floats[layout.ROBOT_RADIUS] = world.side, world.robot.radius
-    floats[layout.HUMANOID_RADIUS] = world.humanoids.radius
-    ints_at, floats_at = engine.data_address(ints), engine.data_address(floats)
-    board = island.board
-    run_to, look_now = (
-        partial(functions.run, ints_at, floats_at),
-        partial(functions.look, ints_at, floats_at),
-    )
 
-    def run(end: int, _arrays: object = arrays) -> int:  # keeps the memory at the addresses
-        ints[layout.STEP], ints[layout.TURN] = island.step, island.turn
-        ints[layout.NEXT_GARBAGE_LOOK], ints[layout.NEXT_HUMANOID_LOOK] = (
+
+def _bound(functions: Functions, island: State, may_coast: bool) -> Compiled:
+    """The compiled functions with an episode's memory."""
+    memory = _memory_of(island, may_coast and functions.may_coast)
+    block, motion, _ = memory
+    ints_at = engine.data_address(block)
+    addresses = c_int64(ints_at), c_int64(ints_at + 8 * layout.INTS)
+    run_compiled, look_compiled = (partial(f, *addresses) for f in functions[:2])
+    write, read = layout.BEFORE.pack_into, layout.AFTER.unpack_from
+    ground, people, robot, board = island.ground, island.humanoids, island.robot, island.board
+
+    def write_state() -> None:
+        write(
+            block,
+            layout.BEFORE_AT,
+            island.step,
+            island.turn,
             ground.next_look,
             people.next_look,
+            robot.driving,
+            island.patrolling,
+            robot.heading.real,
+            robot.heading.imag,
         )
-        ints[layout.DRIVING], ints[layout.PATROLLING] = robot.driving, island.patrolling
-        heading = robot.heading
-        floats[layout.HEADING_X], floats[layout.HEADING_Y] = heading.real, heading.imag
-        run_to(end)
-        if ints[layout.CROWDED]:
+
+    def run(end: int, _memory: _Memory = memory) -> int:  # keeps the arrays alive
+        write_state()
+        run_compiled(end)
+        state: tuple[int, ...] = read(block, layout.AFTER_AT)
+        _, in_sight, crowded, step, island.turn, ground.next_look, people.next_look = state
+        if crowded:
             raise Crowded
-        island.turn, ground.next_look, people.next_look = (
-            ints[layout.TURN],
-            ints[layout.NEXT_GARBAGE_LOOK],
-            ints[layout.NEXT_HUMANOID_LOOK],
-        )
         robot.x, robot.y = motion[0], motion[1]
-        if ints[layout.GARBAGE_IN_SIGHT] != board[GARBAGE]:
-            board[GARBAGE] = bool(ints[layout.GARBAGE_IN_SIGHT])
+        if in_sight != board[GARBAGE]:
+            board[GARBAGE] = bool(in_sight)
             island.changed = True
-        return ints[layout.STEP]
+        return step
 
     def look() -> tuple[int, int]:
-        ints[layout.STEP], ints[layout.DRIVING] = island.step, robot.driving
-        floats[layout.HEADING_X], floats[layout.HEADING_Y] = robot.heading.real, robot.heading.imag
-        look_now()
-        ground.next_look = ints[layout.NEXT_GARBAGE_LOOK]
-        return ints[layout.GARBAGE_IN_SIGHT], ints[layout.DISCOVERIES]
+        write_state()
+        look_compiled()
+        state: tuple[int, ...] = read(block, layout.AFTER_AT)
+        discoveries, in_sight, _, _, _, ground.next_look, _ = state
+        return in_sight, discoveries
 
     return Compiled(run, look)

@@ -122,7 +122,7 @@ def _notice(island: State, x: float, y: float) -> None:
     """Moves the next look for garbage forward if new garbage may come into sight before it."""
     robot, ground = island.robot, island.ground
     at = engine.position(robot.body)
-    gap = hypot(x - at.x, y - at.y) - robot.settings.perception
+    gap = hypot(x - at.x, y - at.y) - robot.perception
     look = island.step
     if gap > 0:
         look += steps_to(gap, robot.stride)
@@ -277,7 +277,7 @@ def _tick(island: State, tick: Callable[[], int]) -> bool:
     island.changed = island.acted = island.stirred = island.patrolling = island.restarted = False
     robot.driving = robot.charging = False
     island.wake = FAR
-    island.free = robot.settings.perception  # no farther: the rest is unknown
+    island.free = robot.perception  # no farther: the rest is unknown
     resumed, island.status = island.status >= RUNNING, tick()
     has_ended = island.status != RUNNING
     if island.stirred or island.status == AGAIN or (resumed and (has_ended or island.restarted)):

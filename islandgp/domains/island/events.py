@@ -40,7 +40,7 @@ class IslandEventLog:
 
     def log(self, step: int, event: IslandEvent, amount: float) -> None:
         """Records an event and adds its points."""
-        self.events.append((step, event, amount))
+        self.events.append((step, event, float(amount)))
         self.fitness = fitness = self.fitness + self.award(event, amount)
         if fitness > self.best:
             self.best = fitness

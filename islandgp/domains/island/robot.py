@@ -13,6 +13,7 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from math import ceil, hypot, inf, sqrt
+from typing import Final
 
 import pymunk
 
@@ -20,8 +21,8 @@ from islandgp.domains.island import engine
 from islandgp.domains.island.schedule import Circle
 from islandgp.domains.island.world import FAR, ROCK_MARGIN, IslandWorld
 
-SHORTEST_LEG = 1.0  # m: around a rock the robot drives chords of at least this length
-TOUCHING = 1e-9  # m; a way this close to a circle's rim does not cross it
+SHORTEST_LEG: Final = 1.0  # m: around a rock the robot drives chords of at least this length
+TOUCHING: Final = 1e-9  # m; a way this close to a circle's rim does not cross it
 
 
 def steer(
@@ -72,9 +73,9 @@ def _tangent(x: float, y: float, ux: float, uy: float, rock: Circle) -> tuple[fl
     return vx * c - vy * turn, vy * c + vx * turn, max(SHORTEST_LEG, distance * c)
 
 
-MICRO = 1_000_000  # units of charge in one percent
-FULL = 100 * MICRO
-TOLERANCE = 1e-6  # m, far above the rounding of positions
+MICRO: Final = 1_000_000  # units of charge in one percent
+FULL: Final = 100 * MICRO
+TOLERANCE: Final = 1e-6  # m, far above the rounding of positions
 
 
 def steps_to(distance: float, stride: float) -> int:
@@ -98,6 +99,10 @@ class IslandRobot:
         self.body = engine.handle(body)
         self.x, self.y = world.start  # m, at the last look
         self.load = 0  # items
+        self.capacity = world.robot.capacity  # items
+        self.perception = world.robot.perception  # m, the range of its sensors
+        self.pickup_reach = world.robot.pickup_reach  # m
+        self.station_reach = world.robot.station_reach  # m
         self.laps = 0  # patrol rounds finished
         self.waypoint = 0  # index of the next waypoint
         self.charger = 0  # index of the charger it seeks
@@ -111,6 +116,7 @@ class IslandRobot:
         marks = {round(t * MICRO) for t in levels}
         self.marks = sorted(m for m in marks if 0 <= m <= FULL)
         # wheels
+        self.speed = world.robot.speed  # m/s
         self.sight_squared = world.robot.perception**2  # m2
         self.stride = world.robot.speed * step  # m a step
         self.rocks = tuple((x, y, r + world.robot.radius + ROCK_MARGIN) for x, y, r in rocks)
@@ -129,7 +135,7 @@ class IslandRobot:
     @property
     def room(self) -> int:
         """Number of further items that it can carry."""
-        return self.settings.capacity - self.load
+        return self.capacity - self.load
 
     def drive_to(self, x: float, y: float, reach: float, lead: float = inf) -> None:
         """Sets the goal: to be within `reach` metres of (x, y). The last goal of a tick counts.
@@ -164,7 +170,7 @@ class IslandRobot:
             return False
         x, y, reach = self.goal = self.wish
         ux, uy, length = steer(self.x, self.y, x, y, reach=reach, obstacles=self.rocks)
-        engine.steer(self.body, (ux * self.settings.speed, uy * self.settings.speed))
+        engine.steer(self.body, (ux * self.speed, uy * self.speed))
         self.heading = complex(ux, uy)
         self.leg_end = FAR if length == inf else step + max(1, round(length / self.stride))
         self.rolling = True

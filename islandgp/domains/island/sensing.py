@@ -8,6 +8,7 @@ are exact.
 from __future__ import annotations
 
 from math import hypot, inf, sqrt
+from typing import Final
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.events import IslandEvent
@@ -16,7 +17,11 @@ from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR
 
-BATTERY, ROOM, LAP, GARBAGE, HUMANOID = range(5)
+BATTERY: Final = 0  # of the blackboard
+ROOM: Final = 1
+LAP: Final = 2
+GARBAGE: Final = 3
+HUMANOID: Final = 4
 assert tuple(VOCABULARY.keys) == (
     "batteryLevel",
     "robotCurrentExtraCapacity",
@@ -24,7 +29,7 @@ assert tuple(VOCABULARY.keys) == (
     "foundGarbage",
     "isHumanoidWantToClear",
 )
-TOGETHER = 20  # looks at humanoids that are due within so many steps are done together
+TOGETHER: Final = 20  # looks at humanoids that are due within so many steps are done together
 
 
 def sense(island: State, *, always: bool = False) -> bool:
@@ -56,7 +61,7 @@ def refresh(island: State) -> None:
     """Updates the other keys of the blackboard, before a tick."""
     robot, board = island.robot, island.board
     board[BATTERY] = robot.battery / MICRO
-    board[ROOM] = robot.settings.capacity - robot.load
+    board[ROOM] = robot.capacity - robot.load
     board[LAP] = robot.laps
     if robot.fined_at >= 0 and visit_left(island) < 0:
         robot.fined_at = -1
@@ -66,7 +71,7 @@ def visit_left(island: State) -> float:
     """Metres that the robot may drive within reach of the clearing point where it was fined."""
     robot = island.robot
     x, y = island.world.clearing_points[robot.fined_at]
-    return robot.settings.station_reach - hypot(x - robot.x, y - robot.y)
+    return robot.station_reach - hypot(x - robot.x, y - robot.y)
 
 
 def look_for_garbage(island: State) -> None:
@@ -149,7 +154,7 @@ def _look_at(island: State, h: int) -> bool:
         people.look_steps[h] = FAR
         return False
     at = engine.position(people.bodies[h])
-    beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.settings.perception
+    beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.perception
     people.look_steps[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
     if beyond > 0:
         return False

@@ -81,7 +81,8 @@ class State:
     humanoid: int = -1  # humanoid that MoveToHumanoid drives to
     aim_end: int = 0  # step at which it updates its aim
     compiled: Compiled | None = None  # functions in place of Python's
-    aim: complex = 0j  # where it saw that humanoid, x + iy in metres
+    aim_x: float = 0.0  # m, where it saw that humanoid
+    aim_y: float = 0.0
 
     def log(self, event: IslandEvent, amount: float) -> None:
         """Records an event of this step."""

@@ -7,18 +7,18 @@ metres, times in simulated seconds, charge in percent.
 from __future__ import annotations
 
 from math import ceil
-from typing import Annotated, Self
+from typing import Annotated, Final, Self
 
 from pydantic import BaseModel, Field, model_validator
 
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)]
 Percent = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
-WALL = 1.0  # m, half the thickness of a wall, outside the island
-ROCK_MARGIN = 0.3  # m between the robot's hull and an obstacle it drives around
-MOST_CELLS = 100_000  # of ground; they take 15 ms and 10 MB per world
-MOST_CUES = 1_000_000  # most items of garbage, and most turns of humanoids, in a schedule
-FAR = 1 << 29  # a step that no episode reaches
+WALL: Final = 1.0  # m, half the thickness of a wall, outside the island
+ROCK_MARGIN: Final = 0.3  # m between the robot's hull and an obstacle it drives around
+MOST_CELLS: Final = 100_000  # of ground; they take 15 ms and 10 MB per world
+MOST_CUES: Final = 1_000_000  # most items of garbage, and most turns of humanoids, in a schedule
+FAR: Final = 1 << 29  # a step that no episode reaches
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
 

@@ -1,0 +1,175 @@
+"""Compiled modules (`islandgp compile`) give the same episodes and records as their sources."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from islandgp import extension_build, extension_modules
+from islandgp.errors import IslandError
+from islandgp.extension_modules import LIBRARY, SUFFIX, ExtensionFinder, compiled_folder
+from islandgp.resources import resource
+from tests.trees.shell import shell
+
+COMPILED: Final = compiled_folder()
+needs_compiled = pytest.mark.skipif(COMPILED is None, reason="needs `islandgp compile`")
+
+EPISODES: Final = """
+import sys
+from islandgp.bt.core.language import parse
+from islandgp.domains.island.episode import run_episode
+from tests.domains.island.days import points, world
+from tests.domains.island.test_determinism import ALL_ROUNDER, RESTLESS, busy, gp_tree
+
+trees = [parse(ALL_ROUNDER), parse(RESTLESS), *map(gp_tree, range(30))]
+for island in (world(), busy()):
+    for seed, tree in enumerate(trees):
+        print(run_episode(tree, island, seed, points()))
+        print(run_episode(tree, busy(), seed, points(), stepwise=True))
+print(sys.modules["islandgp.domains.island.episode"].__file__, file=sys.stderr)
+"""
+
+
+def in_python(*arguments: str, extensions: str, folder: Path | None = None) -> tuple[str, str]:
+    """The output and the errors of a process of Python with extension modules ("1") or not.
+
+    `folder`: the current folder, whose packages are imported; None: the project's.
+    """
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder or resource("conf").parent,
+        env={**os.environ, "ISLANDGP_EXTENSIONS": extensions},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout, done.stderr
+
+
+@needs_compiled
+@pytest.mark.process
+def test_episodes_are_the_same() -> None:
+    """To the last bit, also step by step, and with as many ticks."""
+    compiled, used = in_python("-c", EPISODES, extensions="1")
+    assert COMPILED is not None
+    assert used.startswith(COMPILED)
+    python, used = in_python("-c", EPISODES, extensions="0")
+    assert used.strip().endswith("episode.py")
+    assert compiled == python
+
+
+@needs_compiled
+@pytest.mark.process
+def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
+    """Of a run on two workers with a validation; its trace and its replay as well."""
+    overrides = ("gp.population=10", "gp.generations=8", "tracking=off", "progress=off")
+    records: list[Mapping[str, bytes]] = []
+    for extensions in "01":
+        runs = tmp_path / extensions
+        in_python("-m", "islandgp", *overrides, f"runs={runs}", extensions=extensions)
+        (folder,) = runs.glob("default/*")
+        tree = str(folder / "best.bt")
+        trace, _ = in_python(
+            "-c", "from islandgp.cli import main; main()", "trace", tree, extensions=extensions
+        )
+        files = ("generations.jsonl", "best.bt", "lineage.csv", "archive.json")
+        records.append({file: (folder / file).read_bytes() for file in files})
+        records[-1] |= {"trace": trace.encode()}
+    assert records[0] == records[1]
+
+
+@needs_compiled
+@pytest.mark.process
+def test_changed_sources_are_run_by_python(tmp_path: Path) -> None:
+    """Compiled modules of other sources are not used; nor is a part of a file."""
+    assert COMPILED is not None
+    package, compiled = tmp_path / "islandgp", Path(COMPILED)
+    shutil.copytree(resource("islandgp"), package, ignore=shutil.ignore_patterns("__pycache__"))
+    folder = package / "__pycache__" / compiled.name
+    shutil.copytree(compiled, folder)
+    command = "from islandgp.bt.core import closures; print(closures.__file__)"
+
+    def used() -> str:
+        return in_python("-c", command, extensions="1", folder=tmp_path)[0].strip()
+
+    assert Path(used()).is_relative_to(folder)
+    library = folder / f"{LIBRARY}{SUFFIX}"
+    library.write_bytes(library.read_bytes()[:1000])
+    assert used() == str(package / "bt" / "core" / "closures.py")
+    shutil.copy(compiled / library.name, library)
+    with (package / "bt" / "core" / "node.py").open("a") as source:
+        source.write("# changed\n")
+    assert used() == str(package / "bt" / "core" / "closures.py")
+
+
+def test_only_listed_modules_are_found() -> None:
+    """Any other module is left to Python's own finders."""
+    finder = ExtensionFinder("folder")
+    spec = finder.find_spec("islandgp.bt.core.engine")
+    assert spec is not None
+    assert spec.origin == os.path.join("folder", f"islandgp/bt/core/engine{SUFFIX}")
+    assert finder.find_spec("islandgp.bt.core.node") is None
+
+
+def no_compiler(folder: Path) -> dict[str, str]:
+    """Neither the configured C compiler nor its default."""
+    return {"CC": str(folder / "no-such-compiler")}
+
+
+def failing_compiler(folder: Path) -> dict[str, str]:
+    """A C compiler that rejects each file."""
+    script = folder / "cc"
+    script.write_text("#!/bin/sh\necho 'fatal error: no space' >&2\nexit 1\n")
+    script.chmod(0o755)
+    return {"CC": str(script)}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the compiler is a shell script")
+@pytest.mark.parametrize(
+    ("compiler", "message"),
+    [
+        (no_compiler, "Expected the C compiler"),
+        pytest.param(failing_compiler, "fatal error: no space", marks=pytest.mark.process),
+    ],
+)
+def test_a_compiler_that_is_missing_or_fails(
+    compiler: Callable[[Path], dict[str, str]],
+    message: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+) -> None:
+    """One line, exit code 2, and nothing is left behind."""
+    pytest.importorskip("mypyc")
+    parent = tmp_path / "cache"
+    monkeypatch.setattr(extension_modules, "parent_folders", lambda: iter([str(parent)]))
+    for name, value in compiler(tmp_path).items():
+        monkeypatch.setenv(name, value)
+    result = shell(monkeypatch, capsys)("compile")
+    assert result.code == 2
+    assert message in result.err.splitlines()[-1]
+    assert not parent.exists()
+
+
+def test_mypy_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message names the extra that has it."""
+    monkeypatch.setattr(extension_build, "find_spec", lambda _: None)
+    with pytest.raises(IslandError, match=r"pip install 'islandgp\[fast\]'"):
+        extension_build.build_extensions()
+
+
+def test_headers_are_missing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The message names the missing file."""
+    pytest.importorskip("mypyc")
+    monkeypatch.setenv("CC", sys.executable)
+    monkeypatch.setattr(sysconfig, "get_path", lambda _: str(tmp_path))
+    with pytest.raises(IslandError, match="Python's headers, found no"):
+        extension_build.build_extensions()
