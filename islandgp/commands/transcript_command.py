@@ -160,9 +160,8 @@ def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: b
 def _result(end: Conclusion) -> str:
     """The result of a question: `taken, repaired`, or `fallback` and the reason."""
     source, comma, change = end.source.partition(", ")
-    return f"{'taken' if source == 'llm' else source}{comma}{change}" + f": {end.why}" * bool(
-        end.why
-    )
+    taken = "taken" if source == "llm" else source
+    return f"{taken}{comma}{change}" + (f": {end.why}" if end.why else "")
 
 
 def _cost(attempt: Attempt) -> str:
@@ -228,14 +227,9 @@ def _json(value: Any) -> str:
         return "..."
 
 
-def _width() -> int | None:
-    """Characters of a line of the terminal, or None for a file or a pipe."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
-
-
 def _echo(text: str, level: int) -> None:
     """Prints a text without control characters, indented; wrapped on a terminal."""
-    width = _width()
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
     for line in clean(text).split("\n"):
         indented = STEP * level + line.expandtabs().rstrip()
         if width is None or len(indented) <= width:

@@ -47,11 +47,8 @@ def key_in(configs: Iterable[Mapping[str, Any]]) -> bool:
     Raises:
         ConfigError: two configurations hold different keys.
     """
-    keys = set()
-    for config in configs:
-        policy = config["supervisor"].get("policy") or {}
-        if (key := policy.get("api_key")) is not None:
-            keys.add(str(key))
+    policies = (config["supervisor"].get("policy") or {} for config in configs)
+    keys = {str(policy["api_key"]) for policy in policies if policy.get("api_key") is not None}
     if len(keys) > 1:
         raise ConfigError(f"{KEY}: expected one key for all jobs, found {len(keys)}; {_REMEDY}.")
     for key in keys:

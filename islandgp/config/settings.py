@@ -317,14 +317,15 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
             continue
         with plugin_errors(path_of(settings.domain.factory)):
             declared = settings.domain.factory.make(world, settings.rewards).schema
-        if (declared.vocabulary, *map(tuple, (declared.components, declared.counters))) != (
-            schema.vocabulary,
-            *map(tuple, (schema.components, schema.counters)),
-        ):
+        if _names_of(declared) != _names_of(schema):
             yield (
                 f"{path}: expected the same actions, keys, components and counters in every"
                 " stage, found others; leave them out of the stage"
             )
+
+
+def _names_of(schema: Schema) -> tuple[Any, ...]:
+    return schema.vocabulary, tuple(schema.components), tuple(schema.counters)
 
 
 def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from html import escape
-from typing import Any, Final
+from typing import Final
 
 from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
 from islandgp.viewer.run_view import RunView
@@ -128,12 +128,7 @@ def _changes(step: LineageStep) -> str:
     ]
     if step.left_out:
         lines.append(f"... and {step.left_out} more")
-    counts = _counts(step.changes, marks)
+    counts = {word: sum(c.mark == mark for c in step.changes) for mark, word in marks.items()}
+    summary = "What changed: " + ", ".join(f"{n} {word}" for word, n in counts.items() if n)
     body = "\n".join(lines)
-    return f'<details><summary>{counts}</summary><pre class="diff">{body}</pre></details>'
-
-
-def _counts(changes: Sequence[Any], marks: Mapping[str, str]) -> str:
-    """Number of nodes by kind of change, e.g. `2 deleted, 1 inserted`."""
-    counts = {word: sum(c.mark == mark for c in changes) for mark, word in marks.items()}
-    return "What changed: " + ", ".join(f"{n} {word}" for word, n in counts.items() if n)
+    return f'<details><summary>{summary}</summary><pre class="diff">{body}</pre></details>'

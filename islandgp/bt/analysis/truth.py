@@ -192,37 +192,25 @@ def _satisfiable(conditions: Sequence[Condition]) -> bool:
 
     A comparison of two keys is treated as a comparison of their difference with 0.
     """
-    ranges: dict[tuple[str, ...], _Range] = {}
+    by_keys: dict[tuple[str, ...], list[Condition]] = {}
     for each in map(ordered, conditions):
-        ranges.setdefault(each.keys, _Range()).narrow(each.operator, each.number)
-    return not any(each.empty() for each in ranges.values())
+        by_keys.setdefault(each.keys, []).append(each)
+    return all(map(_has_value, by_keys.values()))
 
 
-class _Range:
-    """The values of a key that satisfy some conditions: an interval without some numbers."""
-
-    __slots__ = ("excluded", "high", "low", "open_high", "open_low")
-
-    def __init__(self) -> None:
-        self.low, self.high = -inf, inf
-        self.open_low = self.open_high = False  # True: the bound itself is excluded
-        self.excluded: set[float] = set()
-
-    def narrow(self, operator: str, number: float) -> None:
-        """Exclude the values that do not satisfy a condition."""
+def _has_value(conditions: Sequence[Condition]) -> bool:
+    """True if a number satisfies all of these conditions, which have the same keys."""
+    # The bounds are (x, False), just below x, and (x, True), just above it.
+    low, high = (-inf, False), (inf, True)
+    excluded = set()
+    for operator, number in ((each.operator, each.number) for each in conditions):
         if operator in ("!=", "is"):  # the number of a flag is 0
-            self.excluded.add(number)
+            excluded.add(number)
         if operator in (">", ">=", "==", "not"):
-            self.low, self.open_low = max((self.low, self.open_low), (number, operator == ">"))
+            low = max(low, (number, operator == ">"))
         if operator in ("<", "<=", "==", "not"):
-            high = min((self.high, not self.open_high), (number, operator != "<"))
-            self.high, self.open_high = high[0], not high[1]
-
-    def empty(self) -> bool:
-        """True if no value is left."""
-        if self.low != self.high:
-            return self.low > self.high
-        return self.open_low or self.open_high or self.low in self.excluded
+            high = min(high, (number, operator != "<"))
+    return low < high and not (low[0] == high[0] and low[0] in excluded)
 
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:

@@ -144,7 +144,7 @@ class _Importer(SubtreeReader):
 
     def preconditions(self, element: Element, names: Sequence[str]) -> Node:
         """A node with the conditions that its attributes ask before it starts."""
-        parent = self.parents[-1] if self.parents else ""
+        parent = self.state.parents[-1] if self.state.parents else ""
         rest = {k: v for k, v in element.attributes.items() if k not in names}
         node = without_interrupts(self.node(replace(element, attributes=rest)))
         for name in reversed(names):
@@ -191,7 +191,7 @@ class _Importer(SubtreeReader):
             return Node(kind, seconds_args(attributes, attribute, unit), (self.child(element),))
         if tag == "RateController":
             self.differs(element, CLOCK)
-            if self.parents[-2:-1] != ["PipelineSequence"]:
+            if self.state.parents[-2:-1] != ["PipelineSequence"]:
                 self.differs(element, RATE)
             return Node("every", period_args(attributes), (self.child(element),))
         if tag == "Parallel":
@@ -235,7 +235,7 @@ class _Importer(SubtreeReader):
         for port, text in element.attributes.items():
             if port in parameters:
                 if parameters[port].sort == "text" and _BOARD.fullmatch(text):
-                    self.asks = True
+                    self.state.asks = True
                     text = f"{{{self.keys.get(text[1:-1], text[1:-1])}}}"
                 values[port] = port_value(port, text, parameters[port])
         return self.vocabulary.leaf(tag, values)
@@ -280,7 +280,7 @@ class _Importer(SubtreeReader):
 
     def _condition(self, element: Element, attribute: str) -> ConditionExpr:
         """The condition that an attribute asks in the library's script language."""
-        self.asks = True
+        self.state.asks = True
         try:
             expr = read_condition(self._condition_text(element, attribute), self.vocabulary)
         except ValueError as error:
@@ -321,14 +321,14 @@ class _Importer(SubtreeReader):
         """A condition in a composite, as the guard of all later children."""
         inverted = _COMPOSITES[tag_of(element)] == "selector"
         self.count(condition, 1, 1)
-        self.level += 1
+        self.state.level += 1
         if len(behind) == 1:
             inner = self.node(behind[0])
         elif abort == "none":
             inner = self._with_memory(element, behind)
         else:
             inner = self._reactive(element, behind)
-        self.level -= 1
+        self.state.level -= 1
         self.check_attributes(condition, "ScriptCondition")
         expr = self._condition(condition, "code")
         # In that library no composite observes a guard behind a condition.
@@ -342,7 +342,7 @@ class _Importer(SubtreeReader):
         return NAME.sub(lambda word: self.keys.get(word[0], word[0]), text)
 
     def _own_guard(self, element: Element) -> Node:
-        self.asks = True
+        self.state.asks = True
         attributes = element.attributes
         abort = attributes.get("abort", "both")
         if abort not in ABORTS:

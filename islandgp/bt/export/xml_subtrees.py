@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
@@ -41,11 +42,15 @@ class Difference(NamedTuple):
     loss: Loss
 
 
-class _ReadSubtree(NamedTuple):
-    node: Node
-    nodes: int
-    levels: int
-    asks: bool  # the blackboard
+@dataclass(slots=True)
+class TreeState:
+    """What is known about a tree that is being read."""
+
+    nodes: int = 0  # so far
+    levels: int = 0  # so far
+    level: int = 0  # of the present node
+    asks: bool = False  # True: it reads the blackboard
+    parents: list[str] = field(default_factory=list)  # tags of the nodes around
 
 
 class SubtreeReader(ABC):
@@ -63,20 +68,16 @@ class SubtreeReader(ABC):
         self.vocabulary = vocabulary
         self.root = root
         self._trees = trees_of(root, name, folder)
-        self._read: dict[tuple[str, frozenset[tuple[str, str]]], _ReadSubtree] = {}
+        self._read: dict[tuple[str, frozenset[tuple[str, str]]], tuple[Node, TreeState]] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
         self._open: list[str] = []  # trees that are being read
-        self._nodes = 0  # of the tree that is being read, so far
-        self.level = 0  # in it
-        self._levels = 0
-        self.asks = False
-        self.parents: list[str] = []  # tags of the nodes around
+        self.state = TreeState()  # of the tree that is being read
         self.differences: dict[Loss, Difference] = {}
 
     def tree(self, identity: str | None) -> Node:
         """The tree of that ID; None: the main tree."""
         if identity is not None:
-            return self._subtree(identity, self.root).node
+            return self._subtree(identity, self.root)[0]
         main_tree = self.root.attributes.get("main_tree_to_execute", "")
         if not main_tree and len(self._trees) > 1:
             self.fail(
@@ -84,9 +85,9 @@ class SubtreeReader(ABC):
                 "expected main_tree_to_execute, as there are several trees:"
                 f" {_listed(self._trees)}; add it, or choose one by --tree ID",
             )
-        return self._subtree(main_tree or next(iter(self._trees)), self.root).node
+        return self._subtree(main_tree or next(iter(self._trees)), self.root)[0]
 
-    def _subtree(self, identity: str, user: Element) -> _ReadSubtree:
+    def _subtree(self, identity: str, user: Element) -> tuple[Node, TreeState]:
         key = identity, frozenset(self.keys.items())
         if key in self._read:
             return self._read[key]
@@ -105,9 +106,7 @@ class SubtreeReader(ABC):
         if len(tree.children) != 1:
             self.fail(tree, f"expected one node in a <BehaviorTree>, found {len(tree.children)}")
         self._open.append(identity)
-        outside = self._nodes, self.level, self._levels, self.asks, self.parents
-        self._nodes = self.level = self._levels = 0
-        self.asks, self.parents = False, []
+        outside, self.state = self.state, TreeState()
         node = commented(self.node(tree.children[0]), notes_of(tree))
         self._open.pop()
         self._name = name
@@ -115,15 +114,16 @@ class SubtreeReader(ABC):
             new_name = fresh_name(identity, self._names)
             self._names.add(new_name)
             node = as_subtree(node, new_name)
-        self._read[key] = _ReadSubtree(node, self._nodes, self._levels, self.asks)
-        self._nodes, self.level, self._levels, self.asks, self.parents = outside
+        self._read[key] = node, self.state
+        self.state = outside
         return self._read[key]
 
     def count(self, element: Element, nodes: int, levels: int) -> None:
         """Counts nodes below the present level. Raises LimitError if there are too many."""
-        self._nodes += nodes
-        self._levels = max(self._levels, self.level + levels)
-        if self._nodes > MAX_NODES or self._levels > MAX_LEVELS:
+        state = self.state
+        state.nodes += nodes
+        state.levels = max(state.levels, state.level + levels)
+        if state.nodes > MAX_NODES or state.levels > MAX_LEVELS:
             limits = f"{MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
             raise element.error(f"expected a tree of at most {limits}", self._name, LimitError)
 
@@ -134,14 +134,14 @@ class SubtreeReader(ABC):
         if tag == "SubTree":
             return commented(self._use(element), notes_of(element))
         self.count(element, 1, 1)
-        self.level += 1
-        self.parents.append(tag)
+        self.state.level += 1
+        self.state.parents.append(tag)
         try:
             node = self.inside(element, tag)
         except ValueError as error:  # of an attribute
             self.fail(element, str(error))
-        self.parents.pop()
-        self.level -= 1
+        self.state.parents.pop()
+        self.state.level -= 1
         return commented(node, notes_of(element))
 
     def _use(self, element: Element) -> Node:
@@ -152,13 +152,13 @@ class SubtreeReader(ABC):
         }
         self.check_attributes(element, "SubTree")
         outside, self.keys = self.keys, {**self.keys, **remapped}
-        subtree = self._subtree(element.attributes.get("ID", ""), element)
+        node, subtree = self._subtree(element.attributes.get("ID", ""), element)
         self.keys = outside
         self.count(element, subtree.nodes, subtree.levels)
-        self.asks |= subtree.asks
+        self.state.asks |= subtree.asks
         if subtree.asks and not remapped and _autoremap(element) not in ("true", "1"):
             self.differs(element, SCOPE)
-        return subtree.node
+        return node
 
     def nodes_of(self, element: Element) -> tuple[Node, ...]:
         return tuple(map(self.node, self.children(element)))
