@@ -124,10 +124,8 @@ def command(
         else:
             study_arms, notes = arms_of_sweep(_available(runs, name))
     fetched = [selection.startswith(MLFLOW) for _, selection in selections]
-    sources = [
-        *([] if fetched and all(fetched) else [str(runs)]),
-        *([place.uri] if any(fetched) else []),
-    ]
+    uses_folder = not fetched or not all(fetched)
+    sources = [str(runs)] * uses_folder + [place.uri] * any(fetched)
     study = compare_arms(study_arms, force=force, notes=notes, sources=sources)
     check_plan(plan, study)
     title = "-".join(arm.name for arm in study.arms) if selections else study.arms[0].runs[0].name

@@ -77,11 +77,9 @@ def command(
     schema = problem.domain.schema
     trees = [tree, *(read_tree_text(file).tree(schema.vocabulary) for file in files[1:])]
     outcomes = _outcomes(trees, settings, seeds, stage)
-    perturbed = (
-        [_fitness(each) for each in _outcomes(trees, settings, seeds, stage, perturbed=True)]
-        if settings.perturb
-        else []
-    )
+    perturbed: list[list[float]] = []
+    if settings.perturb:
+        perturbed += map(_fitness, _outcomes(trees, settings, seeds, stage, perturbed=True))
     if len(files) == 1:
         rows = _world_rows(outcomes[0], *perturbed)
     else:

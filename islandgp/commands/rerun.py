@@ -56,9 +56,8 @@ def changes(files: Sequence[Path], pause: Callable[[], None]) -> Iterator[bool]:
     while True:
         pause()
         now = _state(files)
-        if now != previous and all(
-            file.is_file() for file in files
-        ):  # a file that is being saved may be missing
+        # A file that is being saved may be missing.
+        if now != previous and all(file.is_file() for file in files):
             previous = now
             yield False
 

@@ -43,10 +43,8 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
         return Soundness.DAMAGED, str(error)
     if finished and read_manifest(folder.path) is None:
         return Soundness.UNKNOWN, "written by an older version; its records have not changed"
-    return (
-        Soundness.VERIFIED,
-        f"{generations} generations, {'finished' if finished else 'unfinished'}",
-    )
+    end = "finished" if finished else "unfinished"
+    return Soundness.VERIFIED, f"{generations} generations, {end}"
 
 
 def _check_files(folder: RunFolder) -> None:

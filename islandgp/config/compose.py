@@ -170,9 +170,8 @@ def _must_be_called(choice: str, settings: Settings) -> None:
 
 def plain(config: DictConfig) -> dict[str, Any]:
     """A composed configuration as plain values. Raises ConfigError."""
-    return dict(
-        with_generations({k: value for k, value in _resolved(config).items() if k != "hydra"})
-    )
+    values = {key: value for key, value in _resolved(config).items() if key != "hydra"}
+    return dict(with_generations(values))
 
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:

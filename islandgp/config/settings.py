@@ -184,18 +184,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         training.
         """
         factory = self.domain.factory
-        perturbation = self.perturb
-        is_perturbed = (
-            (perturbation is not None and perturbation.training) if perturbed is None else perturbed
-        )
+        if perturbed is None:
+            perturbed = self.perturb is not None and self.perturb.training
+        perturbation = self.perturb if perturbed else None
         with plugin_errors(path_of(factory)):
-            return Problem.of(
-                factory,
-                self.world,
-                self.rewards,
-                self.curriculum,
-                perturbation if is_perturbed else None,
-            )
+            return Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
 
     def plan(self, domain: Domain) -> Plan:
         """The plan of the run, for the evolution loop."""
@@ -336,9 +329,8 @@ def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
             yield f"{path}={word}: input should be a number, found {word}"
     elif isinstance(config, Mapping):
         for key, value in config.items():
-            yield from _counted(
-                value, setting_at(settings, key), f"{path}.{key}" if path else str(key)
-            )
+            below = f"{path}.{key}" if path else str(key)
+            yield from _counted(value, setting_at(settings, key), below)
     elif isinstance(config, list) and isinstance(settings, tuple | list):
         for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
             yield from _counted(value, inner, f"{path}.{i}")

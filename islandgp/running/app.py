@@ -65,10 +65,8 @@ def _main(arguments: Sequence[str] | None) -> int:
             echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
             return 0
         args, argv = parsed_argv(argv)
-        with (
-            checked_stdout(),
-            as_ctrl_c("SIGTERM", "SIGHUP"),
-        ):  # sent by clusters, and when a terminal closes
+        # Clusters send SIGTERM, a terminal that closes SIGHUP.
+        with checked_stdout(), as_ctrl_c("SIGTERM", "SIGHUP"):
             _must_be_somewhere()
             if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
                 _show(args, argv)
@@ -159,9 +157,8 @@ def _start(argv: Sequence[str], job: Job) -> None:
     # Otherwise Hydra prints its own traceback for a job's error and exits with 1.
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")
     try:
-        hydra.main(version_base="1.3", config_path=str(resource("conf")), config_name="config")(
-            job
-        )()
+        folder = str(resource("conf"))
+        hydra.main(version_base="1.3", config_path=folder, config_name="config")(job)()
     finally:
         sys.argv = old
 
@@ -246,10 +243,8 @@ def shortage(error: BaseException) -> str:
         if isinstance(cause, OSError):
             short = cause.errno in RESOURCE_ERRORS
         else:
-            text = str(cause).lower()
-            short = isinstance(cause, MemoryError) or any(
-                sign in text for sign in RESOURCE_MESSAGES
-            )
+            named = any(sign in str(cause).lower() for sign in RESOURCE_MESSAGES)
+            short = named or isinstance(cause, MemoryError)
         if short:
             return (
                 "Expected enough memory, processes and open files for the run, found:"

@@ -190,9 +190,8 @@ class _Scene:
             first = paths.index(path_points)  # movers with equal positions share them
             looks = changes((form, size, text) for form, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
-            encoded.append(
-                {"way": first if first < place else self._path(path_points), "looks": looks}
-            )
+            way = first if first < place else self._path(path_points)
+            encoded.append({"way": way, "looks": looks})
         return encoded
 
     def _path(self, places: Sequence[tuple[float, float]]) -> list[int]:

@@ -230,13 +230,12 @@ class Camera:
     def film(self, ticks: int, schema: Schema) -> SceneTrack:
         """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
         open_spans = [ItemSpan(thing, since, ticks) for (thing, _), since in self._present.items()]
+        items = sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.thing))
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         track = SceneTrack(
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
             fixed=self._fixed,
-            items=tuple(
-                sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.thing))
-            ),
+            items=tuple(items),
             movers=self._columns(ticks),
             frames=tuple(self._frames),
         )

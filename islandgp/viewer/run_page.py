@@ -113,11 +113,9 @@ def _best_robot(view: RunView) -> str:
         fitness = view.points(view.champion["fitness"])
         return f"{name} has {fitness} points in training, not validated in other worlds,"
     n = len(v["worlds"])
-    between = (
-        f" (95\N{NO-BREAK SPACE}%: {view.points(v['low'])} to {view.points(v['high'])})"
-        if n > 1
-        else ""
-    )
+    between = ""
+    if n > 1:
+        between = f" (95\N{NO-BREAK SPACE}%: {view.points(v['low'])} to {view.points(v['high'])})"
     worlds = f"{n} validation world{'s' * (n != 1)}"
     text = f"{name} earns {view.points(v['mean'])} points in {worlds}{between}"
     if v["yardstick"]:
@@ -227,11 +225,10 @@ def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:
         yield "<p>None yet.</p>"
         return
     boxes, width, height = lay_out(parse(best["tree"]))
-    if view.status is Status.FINISHED:
-        yield f"<p>Individual {escape(best['id'])}, the best robot of the run.</p>"
-    else:
-        yield f"<p>Individual {escape(best['id'])}, the fittest of the present stage so far.</p>"
+    is_best = view.status is Status.FINISHED
+    rank = "the best robot of the run" if is_best else "the fittest of the present stage so far"
     yield (
+        f"<p>Individual {escape(best['id'])}, {rank}.</p>"
         '<div class="picture" tabindex="0" role="region" aria-label="Picture of the tree">'
         f'<svg class="bt" role="img" aria-label="Behaviour tree of {len(boxes)} nodes"'
         f' width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}">'

@@ -214,11 +214,8 @@ class Machine:
             return turned(self.sets, node, self.now(children[0], memory))
         if isinstance(node.args, ParallelArgs):
             inside = zip(children, self.memories(place, memory), strict=True)
-            return parallel_outcomes(
-                self.sets,
-                node.args,
-                [self.now(child, child_memory) for child, child_memory in inside],
-            )
+            each = [self.now(child, child_memory) for child, child_memory in inside]
+            return parallel_outcomes(self.sets, node.args, each)
         if memory is None:
             return self.fresh_from(place, 0)
         assert isinstance(memory, BranchMemory)
@@ -275,12 +272,8 @@ class Machine:
         if isinstance(memory, int):  # a parallel's child that has ended
             return _NONE
         if place == target.place:
-            failure, success, running = self.now(place, memory)
-            return (
-                (NO_BOARD, NO_BOARD, running)
-                if target.stays_running
-                else (failure, success, running)
-            )
+            outcomes = self.now(place, memory)
+            return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.stays_running else outcomes
         node, branch = self.nodes[place], target.branches[place]
         child = self.children[place][branch]
         kind = kind_of(node)

@@ -67,10 +67,7 @@ def moves(
         SpentError: the machine has no steps left.
     """
     machine.spend()
-    statuses = (
-        (RUNNING,) if target is not None and target.stays_running else (RUNNING, SUCCESS, FAILURE)
-    )
-    return _Tick(machine, board).moves(0, memory, Goal(statuses, target))
+    return _Tick(machine, board).moves(0, memory, Goal((RUNNING, SUCCESS, FAILURE), target))
 
 
 class _Tick:
@@ -237,11 +234,8 @@ class _Tick:
                 now = self._holds(guard)
                 if now and not known[n]:  # it becomes true
                     earlier = (at < branch for at, _ in observed)
-                    return (
-                        branch,
-                        None,
-                        [each if kept else None for each, kept in zip(known, earlier, strict=True)],
-                    )
+                    values = zip(known, earlier, strict=True)
+                    return branch, None, [each if kept else None for each, kept in values]
                 known[n] = now
         return memory.branch, memory.memory, known
 

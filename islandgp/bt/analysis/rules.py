@@ -115,11 +115,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
         return _unknown(rule, ": if keys are compared with keys, only guards are examined")
-    kinds = ((n.kind, kind_of(n)) for n in machine.nodes)
-    if kind := next(
-        (k for k, traits in kinds if k in TIMED or traits.reactive or traits.opaque), ""
-    ):
-        return _unknown(rule, f": of a tree with a {kind} only the guards are examined")
+    for node in machine.nodes:
+        if node.kind in TIMED or kind_of(node).reactive or kind_of(node).opaque:
+            return _unknown(rule, f": of a tree with a {node.kind} only the guards are examined")
     machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
 
@@ -156,19 +154,10 @@ def _explored(
                     continue
                 move = next(moves(machine, memory, board, target), None)
                 if move is not None:
-                    ticks = _ticks(
-                        machine.nodes[0],
-                        vocabulary,
-                        rule,
-                        [*_back(origins, memory), (board, move.calls)],
-                    )
-                    return RuleResult(
-                        rule,
-                        "refuted",
-                        f"in {len(ticks)} tick{'s' * (len(ticks) > 1)}",
-                        ticks,
-                        place,
-                    )
+                    course = [*_back(origins, memory), (board, move.calls)]
+                    ticks = _ticks(machine.nodes[0], vocabulary, rule, course)
+                    why = f"in {len(ticks)} tick{'s' * (len(ticks) > 1)}"
+                    return RuleResult(rule, "refuted", why, ticks, place)
                 doubtful = True
             for board in cells:
                 for move in moves(machine, memory, board):

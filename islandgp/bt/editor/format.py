@@ -161,9 +161,8 @@ class _Formatter:
 
     def _commented(self, brace: int, behind: int) -> bool:
         """True if there are comments between the braces or after the first one."""
-        return any(word.behind for word in self._words[brace : behind - 1]) or any(
-            word.before for word in self._words[brace + 1 : behind]
-        )
+        inside = pairwise(self._words[brace:behind])
+        return any(word.behind or following.before for word, following in inside)
 
     def _above(self, tree: Any) -> tuple[tuple[_Comment, ...], bool]:
         """The comments above a head, those inside it too, and whether a blank line precedes it."""

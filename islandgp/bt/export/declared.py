@@ -228,10 +228,8 @@ class _Key(BaseModel, extra="forbid"):
         declared = self.model_fields_set
         if "words" in declared:
             return enumeration(self.meaning, self.words)
-        values = {**dict(self), "words": ()}
-        return Key(
-            **{**values, "flag": self.flag if "flag" in declared else declared <= {"meaning"}}
-        )
+        flag = self.flag if "flag" in declared else declared <= {"meaning"}
+        return Key(**{**dict(self), "words": (), "flag": flag})
 
 
 class _Words(BaseModel):

@@ -198,11 +198,8 @@ class _Importer(SubtreeReader):
             children = self.children(element)
             if len(children) > 1:
                 self.differs(element, JUDGED)
-            return Node(
-                "parallel",
-                parallel_args(attributes, len(children)),
-                tuple(map(self.node, children)),
-            )
+            args = parallel_args(attributes, len(children))
+            return Node("parallel", args, tuple(map(self.node, children)))
         if tag == "ScriptCondition":
             self.fail(
                 element,
@@ -303,9 +300,8 @@ class _Importer(SubtreeReader):
             last = elements[-1]
             node = self.node(last)
             is_nested_run = last.attributes.get("name") == REST and node.kind == kind
-            parts += (
-                node.children if is_nested_run and parts else (node,)
-            )  # as our own export nested it
+            # Our own export nests the rest of a composite in one of the same kind.
+            parts += node.children if is_nested_run and parts else (node,)
         return parts[0] if len(parts) == 1 and len(elements) > 1 else Node(kind, (), tuple(parts))
 
     def _reactive(self, element: Element, elements: Sequence[Element]) -> Node:
@@ -343,17 +339,16 @@ class _Importer(SubtreeReader):
 
     def _own_guard(self, element: Element) -> Node:
         self.state.asks = True
-        attributes = element.attributes
-        abort = attributes.get("abort", "both")
+        abort = element.attributes.get("abort", "both")
         if abort not in ABORTS:
             self.fail(
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
+        text = re.sub(
+            r"'(\w+)'", r"\1", self._condition_text(element, "condition")
+        )  # words of keys
         try:
-            condition = re.sub(
-                r"'(\w+)'", r"\1", self._condition_text(element, "condition")
-            )  # words of keys
-            expr = parse_condition(condition, self.vocabulary)
+            expr = parse_condition(text, self.vocabulary)
         except TreeError as error:
             lines = [line.strip() for line in str(error).splitlines()]
             self.fail(element, "; ".join(["in the condition, place " + lines[0], *lines[3:]]))

@@ -149,14 +149,9 @@ class _JsonReader:
             expected = fewest if fewest == most else f"at least {fewest}"
             self._fail(at, f"expected {expected} children of {kind}")
         values = [self._value(value, argument, at) for argument in arguments]
-        return Node(
-            kind,
-            KINDS[kind].make_args(values),
-            tuple(
-                self.node(child, f"{at}.children[{i}]", level + 1)
-                for i, child in enumerate(children)
-            ),
-        )
+        places = ((child, f"{at}.children[{i}]") for i, child in enumerate(children))
+        nodes = tuple(self.node(child, place, level + 1) for child, place in places)
+        return Node(kind, KINDS[kind].make_args(values), nodes)
 
     def _values(self, arguments: Any, at: str) -> tuple[tuple[str, Value], ...]:
         """The values of an action's arguments."""
