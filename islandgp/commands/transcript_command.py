@@ -227,9 +227,14 @@ def _json(value: Any) -> str:
         return "..."
 
 
+def _width() -> int | None:
+    """Characters of a line of the terminal, or None for a file or a pipe."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
 def _echo(text: str, level: int) -> None:
     """Prints a text without control characters, indented; wrapped on a terminal."""
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    width = _width()
     for line in clean(text).split("\n"):
         indented = STEP * level + line.expandtabs().rstrip()
         if width is None or len(indented) <= width:

@@ -344,9 +344,8 @@ class _Importer(SubtreeReader):
             self.fail(
                 element, f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
             )
-        text = re.sub(
-            r"'(\w+)'", r"\1", self._condition_text(element, "condition")
-        )  # words of keys
+        # Words of keys have quotes there.
+        text = re.sub(r"'(\w+)'", r"\1", self._condition_text(element, "condition"))
         try:
             expr = parse_condition(text, self.vocabulary)
         except TreeError as error:
