@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
+from operator import itemgetter
 from pathlib import Path
 from time import time
 from typing import Annotated, Any, Final
@@ -100,17 +101,17 @@ RUN_FILES: Final = (
 """Files that only the process with the folder's lock writes."""
 
 
-VALUES: Final = (
-    "validation_mean",
-    "champion_fitness",
-    "fitness_max",
-    "generations",
-    "final_fitness_max",
-    "final_fitness_mean",
-    "mean_diversity",
-    "seconds",
-)
-"""The keys of `values` that every run has."""
+VALUES: Final[Mapping[str, Callable[[Mapping[str, Any]], Any]]] = {
+    "validation_mean": validation_mean,
+    "champion_fitness": lambda summary: summary["champion"]["record"]["fitness"],
+    "fitness_max": lambda summary: summary["fittest"]["record"]["fitness"],
+    "generations": itemgetter("generations"),
+    "final_fitness_max": itemgetter("final_best"),
+    "final_fitness_mean": itemgetter("final_mean"),
+    "mean_diversity": itemgetter("mean_diversity"),
+    "seconds": itemgetter("seconds"),
+}
+"""The values of every run, from its summary."""
 
 
 def values(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -119,14 +120,7 @@ def values(summary: Mapping[str, Any]) -> dict[str, Any]:
     `validation_mean` is None without validation, `first.<milestone>` without such a robot.
     """
     return {
-        "validation_mean": validation_mean(summary),
-        "champion_fitness": summary["champion"]["record"]["fitness"],
-        "fitness_max": summary["fittest"]["record"]["fitness"],
-        "generations": summary["generations"],
-        "final_fitness_max": summary["final_best"],
-        "final_fitness_mean": summary["final_mean"],
-        "mean_diversity": summary["mean_diversity"],
-        "seconds": summary["seconds"],
+        **{name: of(summary) for name, of in VALUES.items()},
         **{f"first.{tier}": generation for tier, generation in summary["first"].items()},
         **{f"constraints.{name}": value for name, value in kept_constraints(summary).items()},
     }
