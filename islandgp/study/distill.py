@@ -9,10 +9,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 from islandgp.errors import StudyError
 from islandgp.supervision.distilled import Answer, Policy, Question, Rule, decide
+
+T = TypeVar("T", str, float)
 
 FOLDS: Final = 5  # of the cross-validation over runs
 
@@ -52,71 +54,70 @@ def distil(cases: Sequence[Case], teacher: str, shape: Shape) -> Policy:
         raise StudyError(
             f"Expected at least two runs, one to be held back, found {len(runs)}; give more."
         )
-    for name, examples in (("targets", _targets(cases)), ("rates", _rates(cases))):
+    targets = [(case, case.target) for case in cases if case.target is not None]
+    rates = [(case, case.rate) for case in cases if case.rate is not None]
+    for name, examples in (("targets", targets), ("rates", rates)):
         if len({case.run for case, _ in examples}) < 2:
             raise StudyError(f"Expected {name} of the teacher in at least two runs, found fewer.")
     return Policy(
         format=1,
         teacher=teacher,
-        target=_fit_targets(cases, shape),
-        rate=_fit_rates(cases, shape),
-        report={"runs": len(runs), **_held_back(cases, runs, shape)},
+        target=_fit_targets(targets, shape),
+        rate=_fit_rates(rates, shape),
+        report={"runs": len(runs), **_held_back(targets, rates, shape)},
     )
 
 
-def _held_back(cases: Sequence[Case], runs: Sequence[int], shape: Shape) -> dict[str, float]:
+def _held_back(
+    targets: Sequence[tuple[Case, str]], rates: Sequence[tuple[Case, float]], shape: Shape
+) -> dict[str, float]:
     right: dict[int, list[bool]] = {}  # by run
+    for training, new in _folds(targets):
+        rule = _fit_targets(training, shape)
+        for case, target in new:
+            right.setdefault(case.run, []).append(decide(rule, case.known) == target)
     errors: list[float] = []
-    for fold in range(min(FOLDS, len(runs))):
-        out = set(runs[fold :: min(FOLDS, len(runs))])
-        training = [case for case in cases if case.run not in out]
-        new = [case for case in cases if case.run in out]
-        if _targets(training):
-            rule = _fit_targets(training, shape)
-            for case, target in _targets(new):
-                right.setdefault(case.run, []).append(decide(rule, case.known) == target)
-        if _rates(training):
-            rule = _fit_rates(training, shape)
-            errors += [abs(float(decide(rule, c.known)) - rate) for c, rate in _rates(new)]
-    commonest = Counter(target for _, target in _targets(cases)).most_common(1)[0][1]
-    rates = [rate for _, rate in _rates(cases)]
+    for trained, held_back in _folds(rates):
+        rule = _fit_rates(trained, shape)
+        errors += [abs(float(decide(rule, case.known)) - rate) for case, rate in held_back]
+    commonest = Counter(target for _, target in targets).most_common(1)[0][1]
+    mean_rate = fmean(rate for _, rate in rates)
     all_hits = [hit for hits in right.values() for hit in hits]
     return {
         "targets": len(all_hits),
         "rates": len(errors),
         "target_agreement": fmean(all_hits),
         "target_agreement_least": min(map(fmean, right.values())),
-        "target_commonest": commonest / len(_targets(cases)),
+        "target_commonest": commonest / len(targets),
         "rate_error": fmean(errors),
-        "rate_error_mean": fmean(abs(rate - fmean(rates)) for rate in rates),
+        "rate_error_mean": fmean(abs(rate - mean_rate) for _, rate in rates),
     }
 
 
-def _targets(cases: Sequence[Case]) -> list[tuple[Case, str]]:
-    return [(case, case.target) for case in cases if case.target is not None]
+def _folds(
+    examples: Sequence[tuple[Case, T]],
+) -> Iterator[tuple[list[tuple[Case, T]], list[tuple[Case, T]]]]:
+    """The examples to train with and those held back, FOLDS times; each run is held back once."""
+    runs = sorted({case.run for case, _ in examples})
+    folds = min(FOLDS, len(runs))
+    for fold in range(folds):
+        out = set(runs[fold::folds])
+        yield [e for e in examples if e[0].run not in out], [e for e in examples if e[0].run in out]
 
 
-def _rates(cases: Sequence[Case]) -> list[tuple[Case, float]]:
-    return [(case, case.rate) for case in cases if case.rate is not None]
-
-
-def _fit_targets(cases: Sequence[Case], shape: Shape) -> Rule:
+def _fit_targets(targets: Sequence[tuple[Case, str]], shape: Shape) -> Rule:
     from sklearn.tree import DecisionTreeClassifier  # type: ignore[import-untyped] # no stubs
 
-    targets = _targets(cases)
     names = sorted({target for _, target in targets})
     places = [names.index(target) for _, target in targets]  # all of them occur
     return _fit(DecisionTreeClassifier, shape, targets, places, lambda n: names[int(n[0].argmax())])
 
 
-def _fit_rates(cases: Sequence[Case], shape: Shape) -> Rule:
+def _fit_rates(rates: Sequence[tuple[Case, float]], shape: Shape) -> Rule:
     from sklearn.tree import DecisionTreeRegressor
 
-    cases_of_rate = _rates(cases)
-    rates = [rate for _, rate in cases_of_rate]
-    return _fit(
-        DecisionTreeRegressor, shape, cases_of_rate, rates, lambda n: round(float(n[0][0]), 6)
-    )
+    numbers = [rate for _, rate in rates]
+    return _fit(DecisionTreeRegressor, shape, rates, numbers, lambda n: round(float(n[0][0]), 6))
 
 
 def _fit(

@@ -56,7 +56,8 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         end_ms = _end_time(sweep, file)
         store.client.set_terminated(state.run, status, end_ms)
         if status is Status.FINISHED and state.identity != key:
-            _curves(state.run, store, summaries, end_ms)
+            curves = [metric(name, value, end_ms, step) for name, value, step in _curves(summaries)]
+            store.log_metrics(state.run, curves)
             store.log_parameters(state.run, _parameters(sweep, file))
             state = replace(state, identity=key)
         client = store.client
@@ -108,12 +109,8 @@ def _parameters(sweep: SweepFolder, file: SweepFile) -> Iterator[tuple[str, str]
     return ((key, ", ".join(texts)) for key, texts in values.items())
 
 
-def _curves(run: str, store: Store, arms: list[ArmSummary], at: int) -> None:
-    """Mean and standard deviation over the seeds, as metrics of the parent."""
-    store.log_metrics(run, [metric(name, value, at, step) for name, value, step in _points(arms)])
-
-
-def _points(arms: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
+def _curves(arms: list[ArmSummary]) -> Iterator[tuple[str, float, int]]:
+    """Means and standard deviations over the seeds: metric, value, generation."""
     for arm, name in zip(arms, metric_names([arm.name for arm in arms]), strict=True):
         for curve in arm.curves:
             for step, mean in enumerate(curve.means):

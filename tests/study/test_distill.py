@@ -78,6 +78,13 @@ def test_the_teacher_s_gaps_are_left_out() -> None:
     assert (report["targets"], report["rates"]) == (20 + 30, 20 + 10)
 
 
+def test_two_runs_with_targets_are_never_held_back_together() -> None:
+    """Runs 0 and 5 of ten would be in the same of five folds."""
+    late = [c if c.run in (0, 5) else replace(c, target=None) for c in cases(10)]
+    report = distil(late, "me", Shape()).report
+    assert (report["targets"], report["rates"], report["target_agreement"]) == (20, 100, 1.0)
+
+
 def test_too_few_runs_are_report_lines() -> None:
     """One run cannot be held back and learnt from."""
     with pytest.raises(StudyError, match="at least two runs"):
