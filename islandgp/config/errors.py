@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from importlib.util import find_spec
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -65,10 +66,8 @@ def _must_be_readable(override: str) -> None:
             f"{key[:20]}...: expected a key of at most {MAX_KEY} characters, found {len(key):,};"
             " write a shorter one"
         )
-    level = deepest = 0
-    for character in value:
-        level += (character in "[{(") - (character in "]})")
-        deepest = max(deepest, level)
+    steps = ((character in "[{(") - (character in "]})") for character in value)
+    deepest = max(accumulate(steps, initial=0))
     if deepest > LEVELS:
         raise ConfigError(
             f"{key}: expected a value of at most {LEVELS} levels of brackets, found {deepest};"

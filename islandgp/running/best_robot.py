@@ -24,12 +24,11 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     With gp.validation=0, or if the budget leaves no episode, it is the best individual of the last
     stage. The number of candidates depends on the number of episodes.
     """
+    records, constraints = target.records(), settings.constraints
     if settings.search.ranking == "evidence":
-        contenders = candidates_by_evidence(target.records(), constraints=settings.constraints)
+        contenders = candidates_by_evidence(records, constraints=constraints)
     else:
-        contenders = candidates(
-            target.records(), settings.classes, constraints=settings.constraints
-        )
+        contenders = candidates(records, settings.classes, constraints=constraints)
     episodes = validation_episodes(settings, target)
     verdict: Validation | None = None
     if episodes < 1:
@@ -48,7 +47,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
             settings.classes,
             episodes=episodes,
             reference_tree=_reference_tree(settings),
-            constraints=settings.constraints,
+            constraints=constraints,
         )[0]
     born = next(target.records(winner.generation))
     champion = next(i for i in born["individuals"] if i["id"] == winner.id)

@@ -8,7 +8,7 @@ composites have the moves of those with memory, so rules of trees with them are 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
-from functools import cache, partial
+from functools import partial
 from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
@@ -79,25 +79,26 @@ class _Tick:
     def __init__(self, machine: Machine, board: Sequence[float]) -> None:
         self._machine = machine
         self._board = board
-        self._holds = cache(self._evaluated)
+        self._truth: dict[int, bool] = {}
 
-    def _evaluated(self, guard: int) -> bool:
+    def _holds(self, guard: int) -> bool:
         """True if the condition of a guard holds."""
-        expr = guard_of(self._machine.nodes[guard]).condition
-        return condition(expr, self._board, self._machine.sets.key_index)()
+        if guard not in self._truth:
+            expr = guard_of(self._machine.nodes[guard]).condition
+            self._truth[guard] = condition(expr, self._board, self._machine.sets.key_index)()
+        return self._truth[guard]
 
     def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         """The moves of a node with a memory; None: it starts."""
-        statuses, target = goal
-        if target is not None and target.stays_running:  # then its ancestors are RUNNING, too
-            statuses = [status for status in statuses if status == RUNNING]
-        if target is not None and place == target.place:
-            target = None
-        goal = Goal(statuses, target)
+        if (target := goal.target) is not None:
+            if target.stays_running:  # then its ancestors are RUNNING, too
+                goal = Goal([status for status in goal.statuses if status == RUNNING], target)
+            if place == target.place:
+                goal = Goal(goal.statuses)
         node = self._machine.nodes[place]
         kind = kind_of(node)
         if node.action:
-            return self._action(place, statuses)
+            return self._action(place, goal.statuses)
         if node.guard:
             return self._guard(place, memory, goal)
         if kind.counts is not None:

@@ -268,15 +268,13 @@ def fresh_name(name: str, taken: set[str]) -> str:
 def guard_losses(tree: Node) -> set[Loss]:
     """The changes that `plan` makes to the meaning of guards."""
     differences: set[Loss] = set()
-    if tree.kind in ("selector", "sequence"):
-        for branch in tree.children[:-1]:
-            if has_interrupting_guard(branch):
-                reacts = _reacts(branch, tree.kind)
-                differences |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
-                if reacts and not all(guard.interrupts for guard in guard_chain(branch)):
-                    differences.add(INNER)
-    for child in tree.children:
-        differences |= guard_losses(child)
+    for node in walk(tree):
+        earlier = node.children[:-1] if node.kind in ("selector", "sequence") else ()
+        for branch in filter(has_interrupting_guard, earlier):
+            reacts = _reacts(branch, node.kind)
+            differences |= {LEVEL, ORDER, RESUMED} if reacts else {DROPPED}
+            if reacts and not all(guard.interrupts for guard in guard_chain(branch)):
+                differences.add(INNER)
     return differences
 
 
