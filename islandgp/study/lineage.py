@@ -11,7 +11,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from islandgp.gp.population import Origin
 from islandgp.gp.record import GenerationRecord, IndividualRecord
@@ -47,27 +49,33 @@ class Newcomer:
 def newcomers(run: Run) -> tuple[Newcomer, ...]:
     """The newcomers of generations 1 and later, by generation."""
     came = list(_came(run.records))
-    last = {i.id: generation for generation, i in came}
-    descendants: Counter[str] = Counter()
-    lines: dict[str, frozenset[str]] = {}  # the newcomers of an individual's line, by id
+    n, end = len(came), len(run.records) - 1
+    last = np.array([generation for generation, _ in came], int)
+    descendants = np.zeros_like(last)
+    # The newcomers in an individual's line, a bit each: sets would take ten times the memory.
+    bits = {i.id: np.packbits(np.arange(n) == k) for k, (_, i) in enumerate(came)}
+    none = np.packbits(np.zeros(n, bool))
+    lines: dict[str, Any] = {}
     for generation, record in enumerate(run.records):
         for i in record.individuals:
-            ancestors = frozenset[str]().union(*(lines.get(name, ()) for name in i.parents))
-            last |= dict.fromkeys(ancestors, generation)
-            descendants.update(ancestors)
-            lines[i.id] = ancestors | ({i.id} & last.keys())
-    end = len(run.records) - 1
+            line = np.bitwise_or.reduce([none, *(lines.get(name, none) for name in i.parents)])
+            ancestors = np.unpackbits(line, count=n).astype(bool)
+            last[ancestors] = generation
+            descendants += ancestors
+            lines[i.id] = line | bits.get(i.id, none)
     return tuple(
         Newcomer(
             id=i.id,
             origin=Origin(i.origin),
             generation=generation,
             fitness=i.fitness,
-            lived=last[i.id] - generation,
+            lived=until - generation,
             watched=end - generation,
-            descendants=descendants[i.id],
+            descendants=number,
         )
-        for generation, i in came
+        for (generation, i), until, number in zip(
+            came, last.tolist(), descendants.tolist(), strict=True
+        )
     )
 
 
