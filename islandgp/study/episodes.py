@@ -71,10 +71,9 @@ def cost_warnings(arms: Sequence[Arm]) -> Iterator[str]:
     """A sentence for each difference in the costs of arms."""
     costs = {arm.name: episode_cost(arm) for arm in arms}
     if len({round(cost.total) for cost in costs.values()}) > 1:
-        first, *others = (f"{arm} {cost.total:,.0f}" for arm, cost in costs.items())
-        name, _, n = first.rpartition(" ")
-        each = ", ".join([f"arm {name} used {n} episodes a run", *(f"arm {o}" for o in others)])
-        yield note("unequal-cost", each=each)
+        (first, n), *others = ((arm, f"{cost.total:,.0f}") for arm, cost in costs.items())
+        each = [f"arm {first} used {n} episodes a run", *(f"arm {a} {m}" for a, m in others)]
+        yield note("unequal-cost", each=", ".join(each))
     searched = [(arm, cost.library) for arm, cost in costs.items() if cost.library]
     if 0 < len(searched) < len(costs):
         names = " and ".join(arm for arm, _ in searched)

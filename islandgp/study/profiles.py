@@ -85,10 +85,18 @@ def summarise(
     for world, each in scores.items():
         rows += world_rows(world, {arm: [each[arm]] for arm in each}, against, pairs)
     if len(scores) > 1:
-        everywhere = [arm for arm in arms if all(arm in each for each in scores.values())]
-        strata = {arm: [each[arm] for each in scores.values()] for arm in everywhere}
-        rows += world_rows(ALL_WORLDS, strata, against, pairs, pool=pool)
+        rows += world_rows(ALL_WORLDS, over_all_worlds(scores), against, pairs, pool=pool)
     return adjusted(rows)
+
+
+def over_all_worlds(scores: Scores) -> dict[str, Strata]:
+    """The scores of the arms that have some in each world, by arm."""
+    worlds = [*scores.values()]
+    return {
+        arm: [each[arm] for each in worlds]
+        for arm in arm_names(scores)
+        if all(arm in each for each in worlds)
+    }
 
 
 def world_rows(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.statistics import MIN_VALUES
 from islandgp.study.aggregates import performance_profile, thresholds
 from islandgp.study.figures import drawing
-from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names
+from islandgp.study.profiles import ALL_WORLDS, Scores, arm_names, over_all_worlds
 from islandgp.study.strata import Strata
 
 if TYPE_CHECKING:
@@ -43,11 +43,7 @@ def profile_picture(
     arms = arm_names(scores)
     panels: Panels = {world: {arm: [each[arm]] for arm in each} for world, each in scores.items()}
     if pool and len(scores) > 1:
-        panels[ALL_WORLDS] = {
-            arm: [each[arm] for each in scores.values()]
-            for arm in arms
-            if all(arm in each for each in scores.values())
-        }
+        panels[ALL_WORLDS] = over_all_worlds(scores)
     panels = {title: strata for title, strata in panels.items() if strata}
 
     def draw(figure: Figure) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from itertools import accumulate
 from typing import Any, Final
 
@@ -25,12 +26,7 @@ def decisions_table(study: Comparison) -> Table:
     """Section 3.7: the frequencies of patterns, phases, targets and crises."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
     paper = study.paper
-
-    def row(label: str, cells: Iterable[str], published: str = NONE) -> Row:
-        yield from labelled("Decision", label, study.names, cells)
-        if paper:
-            yield MARK, published
-
+    row = partial(_row, study, "Decision")
     rows = [row("Decisions", (number(d.total) for d in each))]
     for heading, kinds in (
         ("Pattern", [d.patterns for d in each]),
@@ -71,27 +67,25 @@ def overhead_table(study: Comparison) -> Table:
     each = [
         {name: [of(run) for run in arm.runs] for name, of in OVERHEAD.items()} for arm in study.arms
     ]
-
-    def row(label: str, cells: Iterable[str], key: str = "") -> Row:
-        yield from labelled("Metric", label, study.names, cells)
-        if study.paper:
-            yield MARK, study.paper.overhead.get(key, NONE)
-
+    row, published = partial(_row, study, "Metric"), study.paper.overhead if study.paper else {}
+    rows = [
+        row(label, [_cell(o, value, n) for o in each], published.get(key, NONE))
+        for label, key, value, n in _ROWS
+    ]
     tier = study.milestones[0]
     times = (_time_to(tier, arm) for arm in study.arms)
-    return Table.of(
-        "table-14",
-        "Table 14. Computational overhead of a run",
-        (
-            *(
-                row(label, [_cell(o, value, n) for o in each], key)
-                for label, key, value, n in _ROWS
-            ),
-            row(f"Time to the first {study.classes.tier_title(tier)} (s)", times),
-        ),
-        note("overhead"),
-        *footnotes(study.paper),
-    )
+    rows.append(row(f"Time to the first {study.classes.tier_title(tier)} (s)", times))
+    heading = "Table 14. Computational overhead of a run"
+    return Table.of("table-14", heading, rows, note("overhead"), *footnotes(study.paper))
+
+
+def _row(
+    study: Comparison, heading: str, label: str, cells: Iterable[str], published: str = NONE
+) -> Row:
+    """A row with a cell for each arm, and the published one if there are published figures."""
+    yield from labelled(heading, label, study.names, cells)
+    if study.paper:
+        yield MARK, published
 
 
 def _cell(o: Overheads, value: str | Callable[[Overheads], str], digits: int) -> str:
