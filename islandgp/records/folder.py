@@ -123,8 +123,7 @@ class RunFolder:
 
     def about(self) -> RunMetadata | None:
         """The content of about.json; None if there is none. Raises RunError if damaged."""
-        file = self.path / "about.json"
-        self._must_be_as_written(file.name)
+        file = self._as_written("about.json")
         if not file.exists():
             return None
         with reading("the metadata of a run", file):
@@ -137,8 +136,7 @@ class RunFolder:
 
     def config(self) -> str | None:
         """The content of config.yaml; None if there is none."""
-        file = self.path / "config.yaml"
-        self._must_be_as_written(file.name)
+        file = self._as_written("config.yaml")
         return file.read_text(encoding="utf-8") if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
@@ -165,11 +163,12 @@ class RunFolder:
         """True if the run is complete."""
         return (self.path / "summary.json").exists()
 
-    def _must_be_as_written(self, name: str) -> None:
-        """Raises RunError for a link in the folder or a damaged file of a finished run."""
+    def _as_written(self, name: str) -> Path:
+        """A file. Raises RunError for a link in the folder or a damaged file of a finished run."""
         must_have_no_links(self.path)
         if self.finished():
             manifest.must_be_as_written(self.path, name)
+        return self.path / name
 
     def must_be_sound(self, *, page: bool = True) -> None:
         """Raises RunError if a file of a finished run was changed or is missing.
@@ -291,7 +290,7 @@ class RunFolder:
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """Generation records from generation `first` on, as plain JSON values. Raises RunError."""
-        self._must_be_as_written(self._generations.path.name)
+        self._as_written(self._generations.path.name)
         return self._generations.read(first)
 
     def checked_records(self) -> Iterator[dict[str, Any]]:
@@ -301,7 +300,7 @@ class RunFolder:
             RunError: a line holds something else; or, after the last one, the records are not
                 those that the run wrote.
         """
-        self._must_be_as_written(self._generations.path.name)
+        self._as_written(self._generations.path.name)
         expected = self.summary()["records"] if self.finished() else None
         digest = ""
         for i, line in enumerate(self._generations.whole()):
@@ -317,13 +316,12 @@ class RunFolder:
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """Costs of the generations from `first` on; `at` is ms since 1970."""
-        self._must_be_as_written(self._costs.path.name)
+        self._as_written(self._costs.path.name)
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json. Raises RunError if it is missing or damaged."""
-        file = self.path / "summary.json"
-        self._must_be_as_written(file.name)
+        file = self._as_written("summary.json")
         with reading("a finished run's summary", file):
             return dict(validate_json(RunSummary, file.read_bytes()))
 

@@ -206,19 +206,19 @@ class Ledger:
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
-        requests, unanswered = self.transcript.requests()
-        attempts, unanswered_count = [a for a in requests if is_sent(a)], len(unanswered)
-        parts = list(self.transcript.parts)
-        usages = [a.usage for a in attempts if a.usage is not None]
-        failures = Counter(a.answer.kind for a in requests if isinstance(a.answer, Failure))
+        attempts, unanswered = self.transcript.requests()
+        sent, parts = list(filter(is_sent, attempts)), list(self.transcript.parts)
+        requests = len(sent) + len(unanswered)
+        usages = [a.usage for a in sent if a.usage is not None]
+        failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
         rejected = Counter(stage for part in parts for stage in part.rejected)
         sums: dict[str, float] = {
-            "requests": len(attempts) + unanswered_count,
-            "calls": len({a.call for a in attempts}),
+            "requests": requests,
+            "calls": len({a.call for a in sent}),
             **{f"{name}_tokens": n for name, n in asdict(sum(usages, Usage())).items()},
-            "latency_s": sum(a.seconds for a in requests),
-            "waited_s": sum(a.waited for a in requests),
-            "uncounted_requests": len(attempts) + unanswered_count - len(usages),
+            "latency_s": sum(a.seconds for a in attempts),
+            "waited_s": sum(a.waited for a in attempts),
+            "uncounted_requests": requests - len(usages),
             "failures": failures.total(),
             "rejections": rejected.total(),
             "repaired": sum("repaired" in part.source for part in parts),
@@ -232,7 +232,7 @@ class Ledger:
             sums["trials"] = len(trials)
             sums["trial_gain"] = sum(p.gain for p in trials)
         if not isnan(most := self.most().usd):
-            sums["cost_usd"] = sum(a.usd or 0.0 for a in attempts)
+            sums["cost_usd"] = sum(a.usd or 0.0 for a in sent)
             sums["cost_usd_at_most"] = most
         sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
         sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
