@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import size
+from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import generation_lines
@@ -88,10 +88,15 @@ def lineage(folder: RunFolder, name: str) -> Lineage:
     return Lineage(tuple(reversed(steps)), is_complete)
 
 
+@lru_cache(maxsize=8)  # an ancestor is compared with its parent, and its child with it
+def _tree(text: str) -> Node:
+    return parse(text)
+
+
 def tree_changes(old: str, new: str) -> list[TreeChange]:
     """The differences between two trees, given as texts, node by node."""
     changes = []
-    for line in compare(parse(old), parse(new)):
+    for line in compare(_tree(old), _tree(new)):
         if line.mark is not Mark.SAME:
             texts = [label(node) for node in (line.old, line.new) if node is not None]
             end = "end of " if line.end else ""
@@ -110,7 +115,7 @@ def _step(
     changes: list[TreeChange] = []
     left_out = 0
     if parent is not None:
-        if max(size(parse(i["tree"])) for i in (parent, first)) > MAX_NODES:
+        if max(size(_tree(i["tree"])) for i in (parent, first)) > MAX_NODES:
             left_out = -1
         else:
             changes = tree_changes(parent["tree"], first["tree"])
