@@ -22,6 +22,9 @@ MAX_RAISED: Final = 10
 SLICES: Final = 10
 """Parts of a limit. A suspension (Ctrl-Z, SIGSTOP) counts as one part, however long it is."""
 
+SHORTEST_SLICE_S: Final = 0.005
+"""Least seconds between two signals; a shorter limit is noticed after this time."""
+
 
 class Overdue(BaseException):
     """Raised in code that exceeds its limit. `except Exception` does not catch it."""
@@ -60,12 +63,12 @@ class TimeLimit:
         if not self._seconds or not main or not hasattr(signal, "setitimer"):
             return
         self._entered = _caller()
-        self._over = False
         handler = signal.signal(signal.SIGALRM, self._stop)
         self._clocks = (monotonic(), process_time())
-        each = self._seconds / SLICES
+        each = max(self._seconds / SLICES, SHORTEST_SLICE_S)
         timer = signal.setitimer(signal.ITIMER_REAL, each, each)
         self._before = (monotonic(), handler, timer)
+        self._over = False  # last, as no `__exit__` follows an exception that is raised here
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
@@ -90,6 +93,8 @@ class TimeLimit:
         return f"{runner} still running after {self._seconds:g} s{self._where}"
 
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
+        if frame is not None and frame.f_code in _OWN_CODE:
+            return  # an exception at the end of the block would leave the timer running
         if self._over or (not self._late and not self._is_late()):
             return
         self._times += 1
@@ -119,6 +124,12 @@ class TimeLimit:
             return False
         signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
         return True
+
+
+_OWN_CODE: Final = {
+    method.__code__ for method in (TimeLimit.__exit__, TimeLimit._stop, TimeLimit._is_late)
+}
+"""Code in which a signal raises nothing."""
 
 
 def _caller() -> FrameType | None:

@@ -36,6 +36,22 @@ def test_time_at_work_and_time_of_waiting_count(busy: bool) -> None:
         episode()
 
 
+@pytest.mark.parametrize("seconds", [1e-9, 1e-6, 1e-4])
+def test_a_limit_shorter_than_any_episode(seconds: float) -> None:
+    """It is exceeded in the block, never outside of it, and its signals end with the block."""
+
+    def episode() -> None:
+        while True:
+            pass
+
+    before = signal.getsignal(signal.SIGALRM)
+    for _ in range(20):
+        with pytest.raises(TimeLimitError, match=f"within {seconds:g} s"), TimeLimit(seconds):
+            episode()
+        assert signal.getsignal(signal.SIGALRM) == before
+    sleep(0.02)
+
+
 @pytest.mark.parametrize(("waits", "ends"), [(3, True), (7, False)])
 def test_a_suspension_takes_one_wait_for_a_worker(
     monkeypatch: pytest.MonkeyPatch, waits: int, ends: bool

@@ -50,9 +50,7 @@ def command(old: str, new: str, show_all: bool, options: DomainOptions) -> None:
     if a == b:
         click.echo("The same nodes." if are_two_domains else "The same tree.")
         sys.exit(int(are_two_domains))
-    for line in _lines(a, b, (places_a, places_b), show_all):
-        click.echo(line)
-
+    click.echo("\n".join(_lines(a, b, (places_a, places_b), show_all)))
     if not are_two_domains and _do_the_same(a, b, read_vocabulary):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)

@@ -61,8 +61,7 @@ def command(runs: tuple[Path, ...], out: Path, depth: int, cases: int) -> None:
         (out / "rules.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:
         raise unusable(out, error) from error
-    for line in report_lines(policy):
-        click.echo(line)
+    click.echo("\n".join(report_lines(policy)))
     click.echo(f"The policy: {file}; in words: {out / 'rules.txt'}")
 
 

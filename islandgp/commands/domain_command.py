@@ -78,8 +78,7 @@ def command(
     if as_json:
         click.echo(json.dumps(_plain(domain.schema), indent=1))
         return
-    for line in _lines(domain.schema):
-        click.echo(line)
+    click.echo("\n".join(_lines(domain.schema)))
 
 
 def _parted(arguments: Sequence[str]) -> tuple[str, list[str]]:

@@ -56,7 +56,6 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
     sizes = {f"{settings.facts.characters:g}" for settings, *_ in jobs}
     characters = " or ".join(sorted(sizes, reverse=True))
     thoughts = max(_thoughts(settings) for settings, *_ in jobs)
-    click.echo(f"Supervision by {models}, {prices}.\n")
     thought = f" and {thoughts} of thought before it" if thoughts else ""
     text = f"expected, {characters} characters a token, {ANSWER} tokens an answer{thought}"
     bills = {text: [expected(*job) for job in jobs]}
@@ -64,6 +63,7 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
         transcript = Transcript(find_transcript(record))
         bills["as measured in the record"] = [as_recorded(*job, transcript) for job in jobs]
     bills["at most: failures, repairs and the longest answers"] = [at_most(*job) for job in jobs]
+    click.echo(f"Supervision by {models}, {prices}.\n")
     for name, each in bills.items():
         click.echo(f"{name}:")
         total = reduce(add, each)

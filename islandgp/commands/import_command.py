@@ -11,13 +11,7 @@ from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
-from islandgp.commands.files import (
-    FILE,
-    TreeText,
-    check_other_file,
-    read_tree_text,
-    write_text,
-)
+from islandgp.commands.files import FILE, TreeText, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError

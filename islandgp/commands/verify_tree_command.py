@@ -51,9 +51,8 @@ def command(
         click.echo(json.dumps([_plain(result, nodes) for result in results], indent=1))
     else:
         for result in results:
-            click.echo(f"{display_name(file)}: {result.rule.text}: {result.result}, {result.why}")
-            for line in _lines(tree, result, vocabulary):
-                click.echo(line)
+            heading = f"{display_name(file)}: {result.rule.text}: {result.result}, {result.why}"
+            click.echo("\n".join([heading, *_lines(tree, result, vocabulary)]))
     sys.exit(0 if all(result.result == "proven" for result in results) else 1)
 
 

@@ -107,12 +107,11 @@ def _sweeper(
     args: argparse.Namespace, source: ConfigSource
 ) -> tuple[dict[str, Any], list[Override]]:
     """The sweeper's configuration, and its overrides: those of its params come first."""
-    loader = source.loader()
-    overrides = parsed(args.overrides, loader)
+    overrides = parsed(args.overrides, source)
     first_job = _composed([_end(override, False) for override in overrides], source)
     sweeper = _component(first_job.hydra, "sweeper")
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
-    last = {key_of(str(o.input_line)): o for o in [*parsed(params, loader), *overrides]}
+    last = {key_of(str(o.input_line)): o for o in [*parsed(params, source), *overrides]}
     return sweeper, list(last.values())
 
 
@@ -190,7 +189,7 @@ def flags_of(args: argparse.Namespace, argv: Sequence[str]) -> list[str]:
 def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]:
     """The overrides of each job of the command."""
     if not args.multirun:
-        overrides = parsed(args.overrides, source.loader())
+        overrides = parsed(args.overrides, source)
         if sweep := next((o for o in overrides if o.is_sweep_override()), None):
             raise ConfigError(
                 f"{sweep.input_line}: expected one value, found a sweep; give one, or add -m"
@@ -198,8 +197,7 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
             )
         yield list(args.overrides)
         return
-    may_search = _may_search(args)
-    overrides = _sweeper(args, source)[1] if may_search else parsed(args.overrides, source.loader())
+    overrides = _sweeper(args, source)[1] if _may_search(args) else parsed(args.overrides, source)
     sweeps = [override for override in overrides if override.is_sweep_override()]
     try:
         _must_have_values(sweeps)

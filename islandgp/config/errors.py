@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import yaml
-from hydra.core.config_loader import ConfigLoader
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
@@ -43,9 +42,9 @@ MAX_KEY: Final = 200  # most characters of a key, as Hydra uses it as a file nam
 DIGITS: Final = 1000  # most digits of a number
 
 
-def parsed(overrides: Sequence[str], loader: ConfigLoader) -> list[Override]:
+def parsed(overrides: Sequence[str], source: ConfigSource) -> list[Override]:
     """The overrides parsed by Hydra. Raises ConfigError for the first invalid one."""
-    parser = OverridesParser.create(config_loader=loader)
+    parser = OverridesParser.create(config_loader=source.loader())
     overrides_read: list[Override] = []
     for override in overrides:
         if not override.lstrip("+~").partition("=")[0]:
@@ -112,7 +111,7 @@ class Mistake(NamedTuple):
 
     def parsed(self) -> list[Override]:
         """The overrides, as parsed by Hydra."""
-        return parsed(self.overrides, self.source.loader())
+        return parsed(self.overrides, self.source)
 
     def chosen(self) -> Any:
         """The unresolved configuration of the chosen options, without overrides of values."""

@@ -166,7 +166,7 @@ def _start(argv: Sequence[str], job: Job) -> None:
 def _show(args: argparse.Namespace, argv: Sequence[str]) -> None:
     """Prints help, a composed configuration, or other information of Hydra."""
     source = ConfigSource.of(args)
-    parsed(args.overrides, source.loader())
+    parsed(args.overrides, source)
     if args.hydra_help:  # the options of Hydra only
         argv = ["--hydra-help"]
     try:

@@ -129,7 +129,7 @@ def timeline(recording: Recording, begin: float = 0.0, end: float = inf) -> Iter
     actions = [node.action for node in walk(recording.tree) if node.action]
     wide = max([6, *map(len, actions)])
     yield Text(f"{'start':>9}  {'lasted':>8}  {'action':<{wide}}  {'result':<20}{'points':>9}")
-    first = min(ceil(begin / step - 1e-9), recording.ticks)
+    first = ceil(min(begin / step - 1e-9, recording.ticks))
     for number, span in enumerate(merged(action_spans(recording, first))):
         if span.start * step > end:
             return

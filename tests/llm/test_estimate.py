@@ -20,7 +20,7 @@ from islandgp.commands.estimate_command import (
     command,
     expected,
 )
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.llm.ledger import Bill
 from islandgp.supervision.llm.prompts import PROMPT_SETS
@@ -135,6 +135,13 @@ def test_the_command_reads_a_record(tmp_path: Path) -> None:
     advise(llm)
     text = output_of("--record", str(tmp_path), "supervisor=llm")
     assert "as measured in the record" in text
+
+
+def test_a_record_without_a_transcript_is_one_message(tmp_path: Path) -> None:
+    """Nothing is printed before it."""
+    result = CliRunner().invoke(command, ["--record", str(tmp_path), "supervisor=llm"])
+    assert isinstance(result.exception, SupervisionError)
+    assert result.output == ""
 
 
 def test_the_estimate_is_near_what_was_measured() -> None:

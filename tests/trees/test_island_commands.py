@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
-from math import sqrt
+from math import inf, sqrt
 from pathlib import Path
 from statistics import fmean, stdev
 
@@ -334,6 +334,13 @@ def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     every = list(action_spans(recording))
     for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
         assert list(action_spans(recording, begin)) == [s for s in every if s.start >= begin]
+
+
+@pytest.mark.parametrize("begin", [1e300, inf])
+def test_a_timeline_after_the_end_has_its_heading_only(begin: float) -> None:
+    """As `trace --from inf` asks for."""
+    recording = record(parse(GOOD.read_text()), island(length=20), seed=1, stage=3)
+    assert [line.plain.split()[0] for line in timeline(recording, begin)] == ["start"]
 
 
 def test_a_line_has_few_guards() -> None:

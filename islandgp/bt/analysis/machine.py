@@ -213,8 +213,7 @@ class Machine:
         if kind.decorates:
             return turned(self.sets, node, self.now(children[0], memory))
         if isinstance(node.args, ParallelArgs):
-            inside = zip(children, self.memories(place, memory), strict=True)
-            each = [self.now(child, child_memory) for child, child_memory in inside]
+            each = self._of_children(place, self.memories(place, memory))
             return parallel_outcomes(self.sets, node.args, each)
         if memory is None:
             return self.fresh_from(place, 0)
@@ -229,6 +228,11 @@ class Machine:
                     rest = self._go_on(place, rest, self.fresh_from(place, branch + 1))
             outcomes = self.either(outcomes, self._and(boards, rest))
         return outcomes
+
+    def _of_children(self, place: int, memories: Sequence[Memory | int | None]) -> list[Outcomes]:
+        """The outcomes of the children of a parallel."""
+        pairs = zip(self.children[place], memories, strict=True)
+        return [self.now(child, memory) for child, memory in pairs]
 
     def _go_on(self, place: int, first: Outcomes, rest: Outcomes) -> Outcomes:
         """The outcomes of a composite from those of a child and of the children after it."""
@@ -342,10 +346,7 @@ class Machine:
         assert isinstance(args, ParallelArgs)
         self.spend(len(children))
         reached = self.aimed(children[branch], memories[branch], target)
-        child_outcomes = [
-            self.now(child, child_memory)
-            for child, child_memory in zip(children, memories, strict=True)
-        ]
+        child_outcomes = self._of_children(place, memories)
         child_outcomes[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.
         outcomes = self._and(
