@@ -10,7 +10,7 @@ from typing import Final
 
 from islandgp.errors import StudyError, TrackingError, brief
 from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.tracking.store import Place, Store, metric, valid_names
+from islandgp.tracking.store import Place, Store, points, valid_names
 
 REQUIRED_FILES: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
 """The artifacts from which a run's folder is restored."""
@@ -83,8 +83,7 @@ def publish(
         store, now = Store(place), int(1000 * time())
         tags = {"kind": "comparison", "mlflow.user": getuser(), "mlflow.note.content": note}
         run = store.client.create_run(store.experiment, tags=tags, run_name=title).info.run_id
-        numbers = zip(valid_names([*metrics]), metrics.values(), strict=True)
-        store.log_metrics(run, [metric(name, value, now, 0) for name, value in numbers])
+        store.log_metrics(run, points(metrics, now, 0))
         store.log_parameters(run, zip(valid_names([*params]), params.values(), strict=True))
         for file in files:
             within = file.relative_to(folder).parent.as_posix()

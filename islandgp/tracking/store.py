@@ -253,6 +253,12 @@ def valid_names(
     ]
 
 
+def points(values: Mapping[str, float], at: int, step: int) -> list[Metric]:
+    """The points of values by name, with valid names; `at` is ms since 1970."""
+    names = valid_names([*values])
+    return [metric(name, v, at, step) for name, v in zip(names, values.values(), strict=True)]
+
+
 UNNEEDED: Final = ("pandas", "scipy", "pyarrow", "pygments")
 """Packages that MLflow imports if they are installed; mlflow-skinny does without them."""
 

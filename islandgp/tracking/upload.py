@@ -30,7 +30,7 @@ from islandgp.sweep.folder import arm_of, job_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
-from islandgp.tracking.store import ARM, POINTS, Store, metric
+from islandgp.tracking.store import ARM, POINTS, Store, points
 from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
@@ -176,7 +176,7 @@ class RunUploader:
             values = metrics(record, cost, constraints)
             if len(batch) + len(values) > POINTS:
                 break
-            batch += [metric(key, value, cost["at"], step) for key, value in values.items()]
+            batch += points(values, cost["at"], step)
             step += 1
         if step == first:
             raise TrackingError(
@@ -212,8 +212,7 @@ class RunUploader:
             numbers = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
                 numbers |= summary_metrics(self.folder.summary())
-            points = [metric(key, value, end_time, last) for key, value in numbers.items()]
-            client.log_batch(state.run, metrics=points)
+            self.store.log_metrics(state.run, points(numbers, end_time, last))
         state = replace(state, done=done)
         write_state(self.folder.path, state)
         return state

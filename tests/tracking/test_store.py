@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
 from islandgp.tracking.comparison import publish
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, Place, Store, points
 from tests.running.commands import ROOT
 from tests.tracking.folders import place
 
@@ -83,6 +83,14 @@ def test_artifacts_are_beside_the_store(store: Store, home: Path) -> None:
     """The experiment's artifact location is explicit and absolute."""
     experiment = store.client.get_experiment(store.experiment)
     assert experiment.artifact_location == str(home / "mlartifacts")
+
+
+def test_metrics_of_any_name_are_stored(store: Store) -> None:
+    """Costs and sources of a user's supervisor may have names that MLflow rejects."""
+    run = store.client.create_run(store.experiment).info.run_id
+    store.log_metrics(run, points({"cost/price (EUR)": 1.0, "decisions/a+b": 0.5}, 0, 3))
+    assert store.client.get_run(run).data.metrics == {"cost/price _EUR_": 1.0, "decisions/a_b": 0.5}
+    assert store.last_step(run, "decisions/a_b") == 3
 
 
 def test_reports_of_any_size_and_names_are_stored(home: Path, store: Store) -> None:
