@@ -157,8 +157,13 @@ ERRORS: Final = (
         r"Invalid value for (.+?): (File|Directory) ['\"](.+)['\"] is not (readable|writable)",
         r"\1: expected a \2 that is \4, found \3, which is not",
     ),
+    (
+        r"Invalid value for (.+?): \w+ '' does not exist",
+        r"\1: expected a path, found an empty text",
+    ),
     (r"Invalid value for (.+?): File ['\"](.+)['\"] .+", r"\1: there is no file \2"),
     (r"Invalid value for (.+?): Directory ['\"](.+)['\"] .+", r"\1: there is no folder \2"),
+    (r"Invalid value for (.+?): Path ['\"](.+)['\"] .+", r"\1: there is no file or folder \2"),
 )
 """Patterns of Click's messages, with their replacements. It quotes a path as `repr` does."""
 

@@ -85,8 +85,9 @@ def _parted(arguments: Sequence[str]) -> tuple[str, list[str]]:
     """The name of the domain, or "", and the tree files."""
     first = arguments[0] if arguments else ""
     named = bool(first) and not first.endswith(".bt") and first != STDIN
-    context = click.get_current_context(silent=True)
-    files = [str(FILE.convert(word, None, context)) for word in arguments[named:]]
+    context = click.get_current_context()
+    parameter = next(each for each in context.command.params if each.name == "arguments")
+    files = [str(FILE.convert(word, parameter, context)) for word in arguments[named:]]
     return first if named else "", files
 
 
