@@ -13,10 +13,10 @@ from concurrent.futures import Future
 from dataclasses import replace
 from queue import SimpleQueue
 from threading import Thread
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import FiniteFloat, Strict, TypeAdapter, ValidationError
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, within
@@ -48,6 +48,7 @@ RECORDED: Final = (
 """Fields of the guidance that its record has too."""
 
 GUIDANCE: Final = TypeAdapter(Guidance)
+COSTS: Final = TypeAdapter(dict[str, Annotated[FiniteFloat, Strict()]])
 Nameable = Mapping[str, str]
 """Texts, by id, of the trees that an edit may refer to."""
 
@@ -79,29 +80,31 @@ def ask(
     try:
         guidance = GUIDANCE.validate_python(answer)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        field, text = ".".join(map(str, first["loc"])), repr(first["input"])
-        quoted = text if len(text) <= 60 else text[:60] + "..."
-        reason = first["msg"].removeprefix("Value error, ")
-        value = f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
-        raise _wrong(path, "a Guidance", value) from None
+        raise _wrong(f"{path}.advise", "a Guidance", _first_wrong(error)) from None
     target, tree = guidance.target, guidance.tree
     if target is not None and target not in state.targets:
         expected = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
-        raise _wrong(path, expected, repr(target))
+        raise _wrong(f"{path}.advise", expected, repr(target))
     if tree is not None and vocabulary is not None:
         try:
             guidance = replace(guidance, tree=parse(to_text(tree), vocabulary))
         except TreeError:
             expected = f"a Guidance whose tree is of the domain {vocabulary.domain}"
-            raise _wrong(path, expected, repr(to_text(tree)[:60])) from None
+            raise _wrong(f"{path}.advise", expected, repr(to_text(tree)[:60])) from None
     return guidance
 
 
-def _wrong(path: str, expected: str, value: str) -> SupervisionError:
-    return SupervisionError(
-        f"Expected {path}.advise to return {expected}, found {value}; correct it."
-    )
+def _first_wrong(error: ValidationError) -> str:
+    """The first wrong value of a supervisor's result, with its field and the reason."""
+    first = error.errors(include_url=False)[0]
+    field, text = ".".join(map(str, first["loc"])), repr(first["input"])
+    quoted = text if len(text) <= 60 else text[:60] + "..."
+    reason = first["msg"].removeprefix("Value error, ")
+    return f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
+
+
+def _wrong(method: str, expected: str, value: str) -> SupervisionError:
+    return SupervisionError(f"Expected {method} to return {expected}, found {value}; correct it.")
 
 
 Question = tuple[PopulationState, GenerationView | None, Future[Guidance]]
@@ -155,11 +158,22 @@ class SupervisorQueue:
         return answer.result() if answer is not None else None
 
     def spent(self) -> dict[str, float]:
-        """The costs of supervision so far, by name; empty for a supervisor without any."""
+        """The costs of supervision so far, by name; empty for a supervisor without any.
+
+        Raises:
+            SupervisionError: they are not finite numbers by name.
+        """
         if not isinstance(self.supervisor, SupervisorLifecycle):
             return {}
-        with plugin_errors(path_of(type(self.supervisor))):
-            return self.supervisor.spent()
+        path = path_of(type(self.supervisor))
+        with plugin_errors(path):
+            costs = self.supervisor.spent()
+        try:
+            COSTS.validate_python(costs)
+        except ValidationError as error:
+            wrong = _first_wrong(error)
+            raise _wrong(f"{path}.spent", "finite numbers by name", wrong) from None
+        return costs
 
     def close(self) -> None:
         """Cancels pending requests and closes the supervisor."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from contextlib import closing
 from threading import Event
+from typing import Any
 
 import numpy as np
 import pytest
 
-from islandgp.errors import PartError
+from islandgp.errors import PartError, SupervisionError
 from islandgp.evolution.loop import evolve
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, SupervisorLifecycle
@@ -55,6 +56,26 @@ def test_what_was_spent_is_in_each_generation_s_cost() -> None:
     costs = [step.cost.llm for step in run(supervisor=Serves())]
     assert costs == [{"questions": float(min(g + 1, 7))} for g in range(8)]
     assert all(step.cost.llm == {} for step in run())
+
+
+@pytest.mark.parametrize(
+    ("costs", "found"),
+    [
+        (None, "found None; correct it"),
+        ({"eur": "much"}, "found eur='much': input should be a valid number; correct it"),
+        ({"eur": float("nan")}, "found eur=nan: input should be a finite number; correct it"),
+    ],
+)
+def test_costs_are_finite_numbers(costs: Any, found: str) -> None:
+    """Others end the run with one message; they would be a damaged line in its folder."""
+
+    class Careless(Serves):
+        def spent(self) -> dict[str, float]:
+            return costs  # type: ignore[no-any-return] # wrong types are what is tested
+
+    expected = rf"Careless\.spent to return finite numbers by name, {found}"
+    with pytest.raises(SupervisionError, match=expected):
+        run(supervisor=Careless())
 
 
 def test_a_run_closes_its_service_once() -> None:
