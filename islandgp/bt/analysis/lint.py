@@ -283,8 +283,8 @@ def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: 
     ]
     against = [c for c in guards if excludes((c,), needed)][-1:] or guards
     if not against:
-        keys_declared = place.context.vocabulary.keys
-        meant = (f"{key} is {keys_declared[key].meaning}" for key in sorted(keys))
+        declared = place.context.vocabulary.keys
+        meant = (f"{key} is {declared[key].meaning}" for key in sorted(keys))
         return f"{lead}, as {' and '.join(meant)}"
     guard = "guard above it requires" if len(against) == 1 else "guards above it require"
     return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"

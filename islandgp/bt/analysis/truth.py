@@ -203,7 +203,7 @@ def _has_value(conditions: Sequence[Condition]) -> bool:
     # The bounds are (x, False), just below x, and (x, True), just above it.
     low, high = (-inf, False), (inf, True)
     excluded = set()
-    for operator, number in ((each.operator, each.number) for each in conditions):
+    for _, operator, number, _ in conditions:
         if operator in ("!=", "is"):  # the number of a flag is 0
             excluded.add(number)
         if operator in (">", ">=", "==", "not"):
