@@ -49,6 +49,7 @@ class TimeLimit:
 
     def __init__(self, seconds: float) -> None:
         self._seconds = min(seconds, 1e6)
+        self._slice = max(self._seconds / SLICES, SHORTEST_SLICE_S)
         self._used = 0.0  # s
         self._clocks = (0.0, 0.0)  # s: the time and the process's CPU time when `_used` was counted
         self._times = 0  # number of `Overdue` that were raised
@@ -65,8 +66,7 @@ class TimeLimit:
         self._entered = _caller()
         handler = signal.signal(signal.SIGALRM, self._stop)
         self._clocks = (monotonic(), process_time())
-        each = max(self._seconds / SLICES, SHORTEST_SLICE_S)
-        timer = signal.setitimer(signal.ITIMER_REAL, each, each)
+        timer = signal.setitimer(signal.ITIMER_REAL, self._slice, self._slice)
         self._before = (monotonic(), handler, timer)
         self._over = False  # last, as no `__exit__` follows an exception that is raised here
 
@@ -118,9 +118,8 @@ class TimeLimit:
         """
         wall, cpu = self._clocks
         self._clocks = now, busy = monotonic(), process_time()
-        each = self._seconds / SLICES
-        self._used += min(now - wall, max(each, busy - cpu))
-        if self._used < self._seconds - each / 2:
+        self._used += min(now - wall, max(self._slice, busy - cpu))
+        if self._used < self._seconds - self._slice / 2:
             return False
         signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
         return True
