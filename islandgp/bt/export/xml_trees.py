@@ -32,6 +32,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
     """
     trees: dict[str, XmlTree] = {}
     included: set[Path] = set()
+    top = None if folder is None else folder.resolve()
 
     def add(root: Element, file: str, above: tuple[Path, ...]) -> None:
         if root.tag != "root":
@@ -42,14 +43,15 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
             raise root.error(f'expected BTCPP_format="4", found version {shown(version)}', file)
         for element in root.children:
             if element.tag == "include":
-                path = _included(element, file, folder, above[-1].parent if above else None)
+                path, path_name = _included(element, file, top, above)
                 if path in above:
                     raise element.error(f"{shown(path.name)} includes itself", file)
                 if path not in included:
                     included.add(path)
                     if len(included) > MAX_FILES:
                         raise element.error(f"expected at most {MAX_FILES} included files", file)
-                    add(*_read(element, file, path, folder), (*above, path))
+                    text = _read(element, file, path)
+                    add(read_xml(text, name=path_name), path_name, (*above, path))
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in trees:
@@ -61,7 +63,7 @@ def trees_of(main: Element, name: str, folder: Path | None) -> dict[str, XmlTree
                 tag = shown(element.tag)
                 raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
 
-    add(main, name, () if folder is None else ((folder / Path(name).name).resolve(),))
+    add(main, name, () if top is None else ((top / Path(name).name).resolve(),))
     if not trees:
         raise main.error("expected <root> with a <BehaviorTree>, found none", name)
     return trees
@@ -81,31 +83,33 @@ def _check_texts(tree: Element, file: str) -> None:
         waiting += reversed(element.children)
 
 
-def _included(element: Element, file: str, folder: Path | None, beside: Path | None) -> Path:
-    """The file that an <include> names."""
+def _included(
+    element: Element, file: str, top: Path | None, above: tuple[Path, ...]
+) -> tuple[Path, str]:
+    """The file that an <include> names, and its name in messages.
+
+    `top` is the folder of the main file; None: includes are errors.
+    """
     attribute = element.attributes.get("path", "")
-    if folder is None or beside is None or not attribute or "\0" in attribute:
+    if top is None or not attribute or "\0" in attribute:
         raise element.error("expected the path of a file beside this one", file)
     try:
-        path = (beside / attribute).resolve()
-        inside = not Path(attribute).is_absolute() and path.is_relative_to(folder.resolve())
+        path = (above[-1].parent / attribute).resolve()
+        inside = not Path(attribute).is_absolute() and path.is_relative_to(top)
     except (OSError, RuntimeError):
         raise element.error(f"there is no file {shown(attribute)}", file) from None
     if not inside:
         raise element.error(f"{shown(attribute)} leads out of the folder of the tree", file)
-    return path
+    return path, str(path.relative_to(top))
 
 
-def _read(element: Element, file: str, path: Path, folder: Path | None) -> tuple[Element, str]:
-    """The root of an included file, and the file's name in messages."""
+def _read(element: Element, file: str, path: Path) -> str:
+    """The text of an included file."""
     attribute = element.attributes["path"]
     try:
         if not path.is_file():  # reading a pipe could block
             raise element.error(f"there is no file {shown(attribute)}", file)
         with path.open(encoding="utf-8") as stream:
-            text = stream.read(MAX_XML)
+            return stream.read(MAX_XML)
     except (OSError, UnicodeDecodeError):
         raise element.error(f"{shown(attribute)} cannot be read as UTF-8 text", file) from None
-    assert folder is not None
-    name = str(path.relative_to(folder.resolve()))
-    return read_xml(text, name=name), name
