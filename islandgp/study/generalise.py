@@ -65,6 +65,15 @@ class Generalisation:
         return paired_difference(self.points[:n], other.points[:n])
 
 
+def champions_by_arm(results: Iterable[Generalisation]) -> dict[str, list[Generalisation]]:
+    """The results of best robots by arm, without arms that have none."""
+    champions: dict[str, list[Generalisation]] = {}
+    for g in results:
+        if g.seed is not None:
+            champions.setdefault(g.arm, []).append(g)
+    return champions
+
+
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     """The first n world seeds of a separate stream that no run of the study used.
 

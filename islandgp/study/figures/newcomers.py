@@ -9,7 +9,7 @@ from islandgp.gp.population import Origin
 from islandgp.statistics import mean_interval
 from islandgp.study.arms import Comparison
 from islandgp.study.figures import drawing
-from islandgp.study.generalise import Generalisation
+from islandgp.study.generalise import Generalisation, champions_by_arm
 from islandgp.study.lineage import alive, newcomers
 
 if TYPE_CHECKING:
@@ -55,10 +55,7 @@ def lineage(study: Comparison) -> drawing.Picture | None:
 
 def generalisation(results: Sequence[Generalisation], study: Comparison) -> drawing.Picture:
     """Best robots in unseen worlds, by arm and against their fitness in training."""
-    champions = {
-        arm.name: [g for g in results if g.arm == arm.name and g.seed is not None]
-        for arm in study.arms
-    }
+    champions = champions_by_arm(results)
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2, sharey=True, width_ratios=(2, 3))
@@ -87,7 +84,7 @@ def generalisation(results: Sequence[Generalisation], study: Comparison) -> draw
 
 def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
     for place, (arm, style) in enumerate(drawing.arm_styles(study)):
-        unseen = [g.unseen for g in champions[arm.name]]
+        unseen = [g.unseen for g in champions.get(arm.name, ())]
         if not unseen:
             continue
         axes.scatter(
@@ -120,7 +117,7 @@ def _by_arm(axes: Axes, study: Comparison, champions: Champions) -> None:
 
 def _against_training(axes: Axes, study: Comparison, champions: Champions) -> None:
     for arm, style in drawing.arm_styles(study):
-        if points := champions[arm.name]:
+        if points := champions.get(arm.name):
             trained, unseen = [g.trained or 0.0 for g in points], [g.unseen for g in points]
             axes.scatter(trained, unseen, s=22, label=drawing.named(arm), **drawing.dots(style))
     axes.xaxis.set_major_formatter(drawing.THOUSANDS)

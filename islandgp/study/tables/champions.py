@@ -10,7 +10,7 @@ from islandgp.gp.archive import ArchiveSettings
 from islandgp.scoring.constraints import in_words
 from islandgp.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.arms import Arm, Comparison
-from islandgp.study.generalise import Control, Generalisation, best_of
+from islandgp.study.generalise import Control, Generalisation, best_of, champions_by_arm
 from islandgp.study.measures import SPANS, individuals_with
 from islandgp.study.paper import Count
 from islandgp.study.table import NONE, Row, Table, labelled, number, p_is, signed_interval, spread
@@ -71,8 +71,7 @@ def components_table(study: Comparison) -> Table:
 
 def generalisation_table(results: Sequence[Generalisation], worlds: int) -> Table:
     """Best robots and reference trees in unseen worlds."""
-    arms = list(dict.fromkeys(g.arm for g in results if g.seed is not None))
-    champions = {a: [g for g in results if g.arm == a and g.seed is not None] for a in arms}
+    champions = champions_by_arm(results)
     reference_trees = [g for g in results if g.seed is None]
     rows = [
         [*_in_unseen_worlds(arm, of_arm), *_minus(of_arm, reference_trees)]

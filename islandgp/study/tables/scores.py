@@ -10,7 +10,7 @@ from islandgp.statistics import MIN_VALUES
 from islandgp.study.aggregates import MIN_PER_WORLD
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import paired
-from islandgp.study.generalise import Generalisation
+from islandgp.study.generalise import Generalisation, champions_by_arm
 from islandgp.study.profiles import ALL_WORLDS, ScoreRow, Scores, adjusted, world_rows
 from islandgp.study.table import (
     NONE,
@@ -41,12 +41,8 @@ def champion_scores(study: Comparison, unseen: Sequence[Generalisation]) -> Scor
         scores[VALIDATED] = {
             arm: [mean for mean in values if mean is not None] for arm, values in means.items()
         }
-    champions = {
-        arm.name: [g.unseen for g in unseen if g.arm == arm.name and g.seed is not None]
-        for arm in study.arms
-    }
-    if known := {arm: points for arm, points in champions.items() if points}:
-        scores[UNSEEN] = known
+    if champions := champions_by_arm(unseen):
+        scores[UNSEEN] = {arm: [g.unseen for g in results] for arm, results in champions.items()}
     return scores
 
 
