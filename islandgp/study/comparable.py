@@ -208,6 +208,7 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
 def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
     differences = []
     irrelevant = _irrelevant(arms)
+    names = [arm.name for arm in arms]
     kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
     for key in sorted({key for arm in arms for run in arm.runs for key in run.flat}):
         if _group(key) in irrelevant or key == "supervisor.factory":
@@ -215,10 +216,10 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
         if len(kinds) > 1 and key.startswith("supervisor.policy."):
             continue  # settings differ with the kind of supervisor
         values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
-        if key == "supervisor.name" and values == [arm.name for arm in arms]:
+        if key == "supervisor.name" and values == names:
             continue  # the names of the arms show it
         if len(set(values)) > 1:
-            differences.append((key, _by_value([arm.name for arm in arms], values)))
+            differences.append((key, _by_value(names, values)))
     return differences
 
 

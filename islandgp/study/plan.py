@@ -89,13 +89,12 @@ def parse_plan(
 
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
     """Raises StudyError if an arm or a measure of a plan or of a claim does not exist."""
-    arms = [arm.name for arm in study.arms]
     for name, members in plan.families.items():
         for arm in members:
-            if arm not in arms:
+            if arm not in study.names:
                 raise StudyError(
                     f"Expected arms of this comparison in --family {name}, found {arm!r};"
-                    f" there are {', '.join(arms)}."
+                    f" there are {', '.join(study.names)}."
                 )
     keys = [m.key for m in all_measures(study)]
     named = [("--primary", plan.primary)] if plan.primary is not None else []

@@ -75,7 +75,7 @@ def build(
     requested = {*plan.margins, *filter(None, [plan.primary]), *claimed}
     findings = examine_all(study, families(study, plan), examined(study, requested))
     robots = f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
-    first_pair = study.arms[0].name, study.arms[1].name
+    first_pair = study.names[0], study.names[1]
     with_library = any(control.injectable for control in controls)
     of_champions = scores.champion_scores(study, unseen)
     rows = scores.champion_rows(study, of_champions)
@@ -159,7 +159,7 @@ def build(
         for heading, items in chapters.items()
     )
     return ComparisonReport(
-        title=" against ".join(arm.name for arm in study.arms),
+        title=" against ".join(study.names),
         comparability_warnings=study.comparability_warnings,
         sections=tuple(section for section in sections if section.items),
         findings=findings,
