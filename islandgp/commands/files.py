@@ -47,7 +47,9 @@ class _Checked(click.Path):
         self.check = check
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path, as from `click.Path`."""
+        """The path, as from `click.Path`. Raises click.BadParameter for an empty one."""
+        if value == "":
+            self.fail(f"{self.name.title()} '' does not exist.", param, ctx)
         path = super().convert(value, param, ctx)
         if path != STDIN:
             self.check(Path(os.fsdecode(path)))
