@@ -29,7 +29,7 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     # name: what it is, and what "path:function" in it holds
     "engine": (
         "Chipmunk's steps, and the loop around them",
-        ("island/space.py:run", "island/compiled.py:run"),
+        ("island/compiled.py:run",),
     ),
     "sensing": (
         "sensing, and when to sense again",

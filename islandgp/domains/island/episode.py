@@ -42,6 +42,7 @@ def advance(island: State, end: int) -> None:
     touching, turns = physics.contacts.touching, island.schedule.turns
     step, turn, shaken = island.step, turns[island.turn][0], island.shaken
     run = island.compiled.run if island.compiled else None
+    space, step_space = physics.handle, engine.step
     spawn = _next_spawn(island) if ground.room > 0 else FAR
     if shaken:
         end = step + 1
@@ -56,7 +57,11 @@ def advance(island: State, end: int) -> None:
                 stop = turn
             if look < stop:
                 stop = look if look > step else step + 1
-            step = island.step = step + physics.run(stop - step, dt)
+            for step in range(step + 1, stop + 1):  # noqa: B007, B020 -- its last value counts
+                step_space(space, dt)
+                if touching:
+                    break
+            island.step = step
         if touching or shaken:
             island.shaken = bool(touching)
             _touch(island)

@@ -133,37 +133,32 @@ def _look(island: State) -> tuple[int, int]:
 
 def _look_for_humanoids(island: State, always: bool) -> bool:
     """Looks for humanoids with garbage, discovers new ones, and sets the step to look again."""
-    people, step = island.humanoids, island.step
+    robot, people, step = island.robot, island.humanoids, island.step
+    x, y, perception, approach = robot.x, robot.y, robot.perception, robot.stride + island.walk
+    items, ask_from, unseen = people.items, people.settings.ask_from, people.unseen
+    asking_near, look_steps, bodies = people.asking_near, people.look_steps, people.bodies
     new = 0
     soon = FAR if always else step + TOGETHER
-    for h, due in enumerate(people.look_steps):
-        if due <= soon:
-            new += _look_at(island, h)
-    people.next_look = min(people.look_steps, default=FAR)
+    for h, due in enumerate(look_steps):
+        if due > soon:
+            continue
+        asks = items[h] >= ask_from
+        asking_near[h] = False
+        look_steps[h] = FAR
+        if not asks and not unseen[h]:
+            continue
+        at = engine.position(bodies[h])
+        beyond = hypot(at.x - x, at.y - y) - perception
+        if asks or beyond > 0:
+            look_steps[h] = step + steps_to(abs(beyond), approach)
+        if beyond <= 0:
+            asking_near[h] = asks
+            new += unseen[h]
+            unseen[h] = False
+    people.next_look = min(look_steps, default=FAR)
     if new:
         discover(island, new)
-    return 1 in people.asking_near
-
-
-def _look_at(island: State, h: int) -> bool:
-    """Looks for humanoid `h`; True if it is seen for the first time."""
-    robot, people = island.robot, island.humanoids
-    asks, unseen = people.asks(h), people.unseen[h]
-    people.asking_near[h] = False
-    if not asks and not unseen:
-        people.look_steps[h] = FAR
-        return False
-    at = engine.position(people.bodies[h])
-    beyond = hypot(at.x - robot.x, at.y - robot.y) - robot.perception
-    people.look_steps[h] = island.step + steps_to(abs(beyond), robot.stride + island.walk)
-    if beyond > 0:
-        return False
-    if asks:
-        people.asking_near[h] = True
-    else:
-        people.look_steps[h] = FAR
-    people.unseen[h] = False
-    return unseen == 1
+    return 1 in asking_near
 
 
 def discover(island: State, things: int) -> None:

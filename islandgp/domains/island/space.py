@@ -66,18 +66,6 @@ class Space:
         # The robot comes first, then the humanoids, last the static body: x + iy in metres.
         self._positions = np.frombuffer(self._buffer.float_buf(), dtype=complex)
 
-    def run(self, steps: int, dt: float) -> int:
-        """Simulates up to `steps` >= 1 steps of `dt` seconds, until one ends in a contact.
-
-        Returns the number of steps.
-        """
-        space, step, touching = self.handle, engine.step, self.contacts.touching
-        for done in range(1, steps + 1):
-            step(space, dt)
-            if touching:
-                return done
-        return steps
-
     def reset(self, world: IslandWorld, schedule: Schedule) -> None:
         """Resets the space to step 0 of a schedule with as many humanoids."""
         self.space.remove(*(thing for mover in self._movers for thing in mover))
