@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
+from textwrap import shorten
 from typing import Any, Final
 
 from islandgp.errors import StudyError
@@ -74,8 +75,8 @@ def compare_arms(
     if warnings and not force:
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
-            + "\n  ".join(warnings)
-            + "\nSelect other runs, or use --force: the report then lists these differences."
+            + "\n  ".join(shorten(line, width=400, placeholder=" ...") for line in warnings)
+            + f"\n{_REMEDIES['curriculum' if 'curriculum.' in str(warnings) else 'runs']}"
         )
     papers = [paper_of(run.config) for arm in arms for run in arm.runs]
     horizon = min(arm.generations for arm in arms)
@@ -93,6 +94,14 @@ def compare_arms(
         sources=tuple(sources),
         paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
+
+
+_FORCE: Final = "or use --force: the report then lists these differences."
+_REMEDIES: Final = {
+    "runs": f"Select other runs, {_FORCE}",
+    "curriculum": "A search may set the curriculum: run all arms with the same, for example"
+    f" curriculum.last_only=true; select other runs, {_FORCE}",
+}
 
 
 def _alike(arms: Sequence[Arm]) -> Iterator[str]:

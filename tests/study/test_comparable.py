@@ -210,6 +210,18 @@ def test_a_search_is_chosen_as_a_whole() -> None:
         assert not allowed or any("search.name: paper in a, hill in b" in n for n in study.notes)
 
 
+def test_searches_with_other_curricula_need_a_remedy() -> None:
+    """The error names a setting with which both train in the same stages; long values are cut."""
+    arms = [
+        _arm("a", range(2), "search=paper"),
+        _arm("b", range(2), "search=hill", curriculum__stages={"x": "y" * 1000}),
+    ]
+    with pytest.raises(StudyError) as raised:
+        compare_arms(arms)
+    assert "for example curriculum.last_only=true; select other runs" in str(raised.value)
+    assert max(map(len, str(raised.value).splitlines())) <= 402
+
+
 def test_runs_of_two_domains_are_not_compared() -> None:
     """Runs whose classes or tiers have other names are refused, --force or not."""
     tiers = {"done": {"above": {"fitness": 1}}}
