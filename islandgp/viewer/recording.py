@@ -284,5 +284,7 @@ def _placed(thing: Thing) -> Thing:
 def _must_be_numbers(subject: str, values: Iterable[float]) -> None:
     """Raises DomainError for NaN, infinity, and numbers near infinity."""
     for number in values:
+        if type(number) is float and -MAX_NUMBER < number < MAX_NUMBER:
+            continue  # as nearly all are
         if not (is_number(number) and -MAX_NUMBER < float(number) < MAX_NUMBER):
             raise DomainError(f"Expected finite numbers as {subject}, found {number!r:.40}.")
