@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,14 +19,16 @@ from islandgp.errors import IslandError
 TIMEOUT_S: Final = 900
 # Without `-ffp-contract=off`, some processors round a product and a sum at once.
 FLAGS: Final = "-O2 -g0 -ffp-contract=off"
-# Types of installed packages are not read, which takes an eighth of the time.
+# mypy would take settings, even plugins, from a file in any folder above the temporary one. Types
+# of installed packages are not read, which takes an eighth of the time.
 SCRIPT: Final = """
 import sys
 from mypyc.build import mypycify
 from setuptools import Distribution
 
 extensions = mypycify(
-    ["--follow-imports=silent", "--ignore-missing-imports", "--no-site-packages", *sys.argv[1:]],
+    ["--config-file=", "--follow-imports=silent", "--ignore-missing-imports",
+     "--no-site-packages", *sys.argv[1:]],
     opt_level="2", group_name="islandgp", target_dir="c",
 )
 command = Distribution({"name": "islandgp", "ext_modules": extensions}).get_command_obj("build_ext")
@@ -46,26 +49,38 @@ def build_extensions() -> str:
             folder can be written.
     """
     _require_tools()
-    with TemporaryDirectory(prefix="islandgp-") as build:
-        shutil.copytree(
-            extension_modules.PACKAGE,
-            Path(build, "islandgp"),
-            ignore=shutil.ignore_patterns("__pycache__"),
-        )
-        files = [f"islandgp/{file}" for file in extension_modules.module_files()]
-        _run([sys.executable, "-P", "-c", SCRIPT, *files], build)
-        _check(build)
-        Path(build, "lib", extension_modules.CHECKSUM).write_bytes(
-            extension_modules.checksum(str(Path(build, "lib")))
-        )
-        return _moved(Path(build, "lib"))
+    try:
+        with TemporaryDirectory(prefix="islandgp-") as build:
+            return _moved(_compiled(build))
+    except OSError as error:
+        reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror
+        raise IslandError(
+            f"Expected a temporary folder with room to compile, found: {reason}; make room, or"
+            " name another folder in TMPDIR."
+        ) from error
+
+
+def _compiled(build: str) -> Path:
+    """Compiles the modules in a folder; returns the folder of the results in it."""
+    library = Path(build, "lib")
+    shutil.copytree(
+        extension_modules.PACKAGE,
+        Path(build, "islandgp"),
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    files = [f"islandgp/{file}" for file in extension_modules.module_files()]
+    _run([sys.executable, "-P", "-c", SCRIPT, *files], build)
+    _check(build)
+    checksum = extension_modules.checksum(str(library))
+    Path(library, extension_modules.CHECKSUM).write_bytes(checksum)
+    return library
 
 
 def _require_tools() -> None:
     """Raises IslandError that names what is missing."""
     if find_spec("mypyc") is None or find_spec("setuptools") is None:
         raise IslandError("Expected mypy, found none: pip install 'islandgp[fast]'.")
-    compiler = (os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc").split()[0]
+    compiler = _compiler()
     if sys.platform != "win32" and shutil.which(compiler) is None:
         raise IslandError(
             f"Expected the C compiler {compiler}, found none: install it, for example with"
@@ -79,9 +94,19 @@ def _require_tools() -> None:
         )
 
 
+def _compiler() -> str:
+    """The C compiler, the first word of CC."""
+    words = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    try:
+        return shlex.split(words)[0]
+    except (IndexError, ValueError):  # blanks, or a quote that is not closed
+        return repr(words)
+
+
 def _run(command: list[str], folder: str) -> None:
     """Runs the compiler; raises IslandError with the last line that it wrote."""
-    environment = {**os.environ, "ISLANDGP_EXTENSIONS": "0", "CFLAGS": FLAGS}
+    environment = {name: os.environ[name] for name in os.environ if not name.startswith("MYPY")}
+    environment |= {"ISLANDGP_EXTENSIONS": "0", "CFLAGS": FLAGS}
     try:
         done = subprocess.run(
             command,
@@ -99,7 +124,7 @@ def _run(command: list[str], folder: str) -> None:
     if done.returncode:
         lines = done.stdout.splitlines()
         reason = next((line for line in lines if "error: " in line), (lines or ["no output"])[-1])
-        raise IslandError(f"Expected mypyc to compile islandgp, found: {reason.strip()}")
+        raise IslandError(f"Expected mypyc to compile islandgp, found: {reason.strip():.300}")
 
 
 def _check(build: str) -> None:

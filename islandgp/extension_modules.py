@@ -51,7 +51,8 @@ def parent_folders() -> Iterator[str]:
     """Where that folder can be: in the package, or in the user's cache."""
     yield os.path.join(PACKAGE, "__pycache__")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    yield os.path.join(cache, "islandgp")
+    if os.path.isabs(cache):  # it is not without a home, and the current folder is not trusted
+        yield os.path.join(cache, "islandgp")
 
 
 def compiled_folder() -> str | None:

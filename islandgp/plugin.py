@@ -160,10 +160,11 @@ def path_of(kind: Any) -> str:
     return f"{kind.__module__}:{name}" if name else str(getattr(kind, "__name__", kind))
 
 
-KNOWN: Final = (
+OURS: Final = (
     Path(__file__).parent,
-    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
+    Path("islandgp"),  # compiled modules have relative paths in tracebacks
 )
+KNOWN: Final = (*OURS, *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")))
 """Folders of code that is not the user's."""
 
 
@@ -219,14 +220,14 @@ def _place(frames: Iterable[tuple[FrameType, int]]) -> str:
         place = f", in {file}, line {line}"
         if not _known(file):
             innermost = place
-        elif not entered and in_package and not _ours(file) and Path(file).is_relative_to(KNOWN[2]):
+        elif not entered and in_package and not _ours(file) and Path(file).is_relative_to(KNOWN[3]):
             entered = place
         in_package = in_package or _ours(file)
     return innermost or entered
 
 
 def _ours(file: str) -> bool:
-    return Path(file).is_relative_to(KNOWN[0])
+    return any(Path(file).is_relative_to(ours) for ours in OURS)
 
 
 def _known(file: str) -> bool:

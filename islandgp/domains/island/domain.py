@@ -16,8 +16,9 @@ from islandgp.bt.core.vocabulary import Condition, Vocabulary
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA

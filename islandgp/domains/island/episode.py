@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from math import hypot
 
@@ -24,11 +22,13 @@ from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.compiled import Crowded, compiled_for
 from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.layout import BEFORE_MOVING
+from islandgp.domains.island.outcome import Ending, Episode
 from islandgp.domains.island.robot import MICRO, steps_to
 from islandgp.domains.island.sensing import look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.state import State, build_island
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, IslandWorld
+from islandgp.leaves import status_of
 from islandgp.sensors import Sensors
 
 
@@ -137,30 +137,6 @@ def _notice(island: State, x: float, y: float) -> None:
         ground.next_look = look
 
 
-class Ending(StrEnum):
-    """Reason for the end of an episode."""
-
-    TIME = "time"  # 420 s are over
-    STAGNATION = "stagnation"  # no better fitness for 120 s (180 s with a low battery)
-    NEGATIVE = "negative"  # fitness below zero for 60 s
-    SHUTDOWN = "shutdown"  # the battery is empty
-
-
-@dataclass(frozen=True, slots=True)
-class Episode:
-    """The outcome of an episode."""
-
-    events: tuple[tuple[int, IslandEvent, float], ...]  # (step, event, amount), in order
-    steps: int  # simulated steps, >= 1
-    ending: Ending
-    fitness: float  # points of all events
-    battery: float  # % at the end
-    distance: float  # m driven
-    inactive: float  # s since the last non-movement action
-    laps: int  # patrol rounds finished
-    ticks: int  # how often the tree was ticked; a cost, not a result
-
-
 def run_episode(
     tree: Node,
     world: IslandWorld,
@@ -259,10 +235,19 @@ def _bound_actions(
     All leaves of one action share its goal: one that starts may change it for another that runs.
     """
     leaves = Counter(node.action for node in walk(tree) if node.action)
-    return {
-        name: partial(_shared, island, action) if leaves[name] > 1 else partial(action, island)
+    checked = {
+        name: action if ACTIONS.get(name) is action else partial(_checked, name, action)
         for name, action in actions.items()
     }
+    return {
+        name: partial(_shared, island, action) if leaves[name] > 1 else partial(action, island)
+        for name, action in checked.items()
+    }
+
+
+def _checked(name: str, action: IslandAction, island: State, fresh: bool) -> int:
+    """Calls a user's action. Raises DomainError if it returns no status."""
+    return status_of(action(island, fresh), name, action)
 
 
 def _shared(island: State, action: IslandAction, fresh: bool) -> int:

@@ -98,7 +98,9 @@ def _files() -> Iterator[Path]:
     name = f"kernel-{digest.hexdigest()[:16]}.o"
     yield folder / "__pycache__" / name
     with suppress(RuntimeError):  # no home
-        yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "islandgp" / name
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        if cache.is_absolute():  # the current folder is not trusted
+            yield cache / "islandgp" / name
 
 
 def _cached() -> bytes | None:

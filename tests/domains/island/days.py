@@ -8,8 +8,9 @@ from typing import Any
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import STATUS_NAMES
-from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import Award, IslandEvent
+from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.robot import MICRO
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY

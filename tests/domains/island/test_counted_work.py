@@ -17,7 +17,8 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island import compiled, sensing
-from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.outcome import Episode
 from islandgp.resources import resource
 from tests.domains.island.days import points, world
 from tests.profiles import sweep

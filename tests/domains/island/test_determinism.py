@@ -20,7 +20,8 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.domains.island import compiled, engine
-from islandgp.domains.island.episode import Episode, run_episode
+from islandgp.domains.island.episode import run_episode
+from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.space import idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld

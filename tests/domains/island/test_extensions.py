@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
@@ -86,6 +87,47 @@ def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
     assert records[0] == records[1]
 
 
+OWN_CODE: Final = """
+import pickle
+from islandgp.bt.core.language import parse
+from islandgp.domains.island.actions import ACTIONS, drive
+from islandgp.domains.island.episode import run_episode
+from islandgp.errors import TimeLimitError
+from islandgp.plugin import raised_in
+from islandgp.time_limit import TimeLimit
+from tests.domains.island.days import points, world
+
+def seek(island, fresh):
+    return drive(island, None, 0.0, 1.0)  # line 12
+
+episode = run_episode(parse("PatrolWaypoint"), world(), 0, points())
+assert pickle.loads(pickle.dumps(episode)) == episode
+actions = {**ACTIONS, "SeekCharger": seek}
+try:
+    run_episode(parse("SeekCharger"), world(), 0, points(), actions=actions)
+except TypeError as error:
+    print(raised_in(error))
+tree = "PickupGarbage"
+for _ in range(6):
+    tree = f"recovery 100 {{ {tree} inverter {{ PickupGarbage }} }}"
+try:
+    with TimeLimit(0.2):
+        run_episode(parse(tree), world(), 0, points())
+except TimeLimitError as error:
+    print("late")
+"""
+
+
+@needs_compiled
+@pytest.mark.process
+def test_code_of_users(tmp_path: Path) -> None:
+    """Episodes can be pickled, errors name the user's line, and time limits end long ticks."""
+    script = tmp_path / "own.py"
+    script.write_text(f"import sys; sys.path.insert(0, {str(resource('conf').parent)!r}){OWN_CODE}")
+    output, _ = in_python(str(script), extensions="1")
+    assert output.splitlines() == [f", in {script}, line 12", "late"]
+
+
 @needs_compiled
 @pytest.mark.process
 def test_changed_sources_are_run_by_python(tmp_path: Path) -> None:
@@ -119,17 +161,32 @@ def test_only_listed_modules_are_found() -> None:
     assert finder.find_spec("islandgp.bt.core.node") is None
 
 
+def test_no_current_folder_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A relative folder for caches is not used: anybody's code could be in it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    assert all(map(os.path.isabs, extension_modules.parent_folders()))
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # a user without a home
+    assert all(map(os.path.isabs, extension_modules.parent_folders()))
+
+
 def no_compiler(folder: Path) -> dict[str, str]:
     """Neither the configured C compiler nor its default."""
     return {"CC": str(folder / "no-such-compiler")}
 
 
+def blank_compiler(_folder: Path) -> dict[str, str]:
+    """A setting that names none."""
+    return {"CC": "  "}
+
+
 def failing_compiler(folder: Path) -> dict[str, str]:
-    """A C compiler that rejects each file."""
-    script = folder / "cc"
+    """A C compiler that rejects each file, below a folder with settings of mypy."""
+    (folder / "mypy.ini").write_text("[mypy]\nplugins = no_such_plugin\n")
+    script = folder / "c c"
     script.write_text("#!/bin/sh\necho 'fatal error: no space' >&2\nexit 1\n")
     script.chmod(0o755)
-    return {"CC": str(script)}
+    return {"CC": f"'{script}'"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the compiler is a shell script")
@@ -137,6 +194,7 @@ def failing_compiler(folder: Path) -> dict[str, str]:
     ("compiler", "message"),
     [
         (no_compiler, "Expected the C compiler"),
+        (blank_compiler, "Expected the C compiler '  ', found none"),
         pytest.param(failing_compiler, "fatal error: no space", marks=pytest.mark.process),
     ],
 )
@@ -151,12 +209,22 @@ def test_a_compiler_that_is_missing_or_fails(
     pytest.importorskip("mypyc")
     parent = tmp_path / "cache"
     monkeypatch.setattr(extension_modules, "parent_folders", lambda: iter([str(parent)]))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     for name, value in compiler(tmp_path).items():
         monkeypatch.setenv(name, value)
     result = shell(monkeypatch, capsys)("compile")
     assert result.code == 2
     assert message in result.err.splitlines()[-1]
     assert not parent.exists()
+
+
+def test_no_room_to_compile(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The message names the variable with another folder."""
+    pytest.importorskip("mypyc")
+    monkeypatch.setenv("CC", sys.executable)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    with pytest.raises(IslandError, match=r"found: No such file .* TMPDIR"):
+        extension_build.build_extensions()
 
 
 def test_mypy_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.domain import Island
-from islandgp.domains.island.episode import Ending, Episode
 from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.outcome import Ending, Episode
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import worth
 from tests.composed import composed
