@@ -51,9 +51,11 @@ def build_extensions() -> str:
     _require_tools()
     try:
         with TemporaryDirectory(prefix="islandgp-") as build:
-            return _moved(_compiled(build))
+            library = _compiled(build)
+            # The copy's sources, as those of the package may have changed in the meantime.
+            return _moved(library, extension_modules.folder_name(str(Path(build, "islandgp"))))
     except OSError as error:
-        reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error.strerror
+        reason = error.args[0][0][2] if isinstance(error, shutil.Error) else error
         raise IslandError(
             f"Expected a temporary folder with room to compile, found: {reason}; make room, or"
             " name another folder in TMPDIR."
@@ -136,9 +138,8 @@ def _check(build: str) -> None:
     _run([sys.executable, "-c", f"{finder}; {start}; {imports}"], build)
 
 
-def _moved(library: Path) -> str:
-    """Moves the compiled modules to their place, and removes those of earlier sources."""
-    name = extension_modules.folder_name()
+def _moved(library: Path, name: str) -> str:
+    """Moves the compiled modules to a folder `name`, and removes those of earlier sources."""
     for parent in map(Path, extension_modules.parent_folders()):
         temporary = parent / f".{name}.{os.getpid()}.tmp"
         try:
@@ -152,4 +153,7 @@ def _moved(library: Path) -> str:
             if not extension_modules.is_complete(str(parent / name)):  # by another process
                 continue
         return str(parent / name)
-    raise IslandError("Expected a folder for compiled modules, found none that can be written.")
+    raise IslandError(
+        "Expected a folder for compiled modules, found none that can be written; name one in"
+        " XDG_CACHE_HOME."
+    )

@@ -33,16 +33,16 @@ def module_files() -> list[str]:
         return file.read().split()
 
 
-def folder_name() -> str:
-    """The name of the folder for the present sources, this version of Python and this platform.
+def folder_name(package: str = PACKAGE) -> str:
+    """The name of the folder for the sources in `package`, this version of Python and platform.
 
     Its digest covers all sources beside the compiled ones, whose constants are compiled in.
     """
     content = []
     for folder in sorted({os.path.dirname(file) for file in module_files()}):
-        for name in sorted(os.listdir(os.path.join(PACKAGE, folder))):
+        for name in sorted(os.listdir(os.path.join(package, folder))):
             if name.endswith(".py"):
-                with open(os.path.join(PACKAGE, folder, name), "rb") as file:
+                with open(os.path.join(package, folder, name), "rb") as file:
                     content += [name.encode(), file.read()]
     return f"{PREFIX}{source_hash(0, b''.join(content)).hex()}{SUFFIX}"
 
@@ -114,9 +114,14 @@ class ExtensionFinder:
         return spec
 
 
+def is_enabled() -> bool:
+    """False if the environment asks for Python."""
+    return os.environ.get("ISLANDGP_EXTENSIONS") != "0"
+
+
 def use_extensions() -> None:
     """Makes `import` find the compiled modules, if those of the present sources exist."""
-    if os.environ.get("ISLANDGP_EXTENSIONS") == "0" or not (folder := compiled_folder()):
+    if not is_enabled() or not (folder := compiled_folder()):
         return
     finder = ExtensionFinder(folder)
     sys.meta_path.insert(0, finder)

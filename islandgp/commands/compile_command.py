@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from time import perf_counter
 
 import click
@@ -18,7 +19,9 @@ def command() -> None:
     half a minute. Records stay equal to the last bit. Later commands use the compiled modules until
     islandgp is changed; with ISLANDGP_EXTENSIONS=0 in the environment they do not.
     """
-    if folder := extension_modules.compiled_folder():
+    # Those that this machine cannot import, as of one with a later C library, are compiled again.
+    imported = extension_modules.LIBRARY in sys.modules or not extension_modules.is_enabled()
+    if imported and (folder := extension_modules.compiled_folder()):
         click.echo(f"The modules are already compiled, in {folder}.")
         return
     click.echo("Compiling takes about half a minute.", err=True)

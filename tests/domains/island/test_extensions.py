@@ -223,8 +223,43 @@ def test_no_room_to_compile(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     pytest.importorskip("mypyc")
     monkeypatch.setenv("CC", sys.executable)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
-    with pytest.raises(IslandError, match=r"found: No such file .* TMPDIR"):
+    with pytest.raises(IslandError, match=r"found: .*No such file .* TMPDIR"):
         extension_build.build_extensions()
+
+
+def test_sources_change_during_compilation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The folder has the name of the sources that were compiled, so it is not used."""
+    pytest.importorskip("mypyc")
+    package = tmp_path / "islandgp"
+    shutil.copytree(resource("islandgp"), package, ignore=shutil.ignore_patterns("__pycache__"))
+    before = extension_modules.folder_name(str(package))
+
+    def change_and_compile(_command: list[str], build: str) -> None:
+        with (package / "bt" / "core" / "node.py").open("a") as source:
+            source.write("# changed\n")
+        for file in extension_modules.compiled_files(os.path.join(build, "lib")).values():
+            Path(file).parent.mkdir(parents=True, exist_ok=True)
+            Path(file).touch()
+
+    monkeypatch.setenv("CC", sys.executable)
+    monkeypatch.setattr(extension_modules, "PACKAGE", str(package))
+    monkeypatch.setattr(extension_build, "_run", change_and_compile)
+    assert extension_build.build_extensions() == str(package / "__pycache__" / before)
+    assert extension_modules.folder_name(str(package)) != before
+
+
+def test_modules_of_another_machine_are_compiled_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Those in a home of several machines, which this one cannot import."""
+    pytest.importorskip("mypyc")
+    monkeypatch.setenv("CC", str(tmp_path / "no-such-compiler"))
+    monkeypatch.setattr(extension_modules, "compiled_folder", lambda: str(tmp_path))
+    monkeypatch.setenv("ISLANDGP_EXTENSIONS", "0")
+    assert "already compiled" in shell(monkeypatch, capsys)("compile").out
+    monkeypatch.delenv("ISLANDGP_EXTENSIONS")
+    monkeypatch.delitem(sys.modules, LIBRARY, raising=False)
+    assert "Expected the C compiler" in shell(monkeypatch, capsys)("compile").err
 
 
 def test_mypy_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
