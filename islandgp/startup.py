@@ -32,12 +32,15 @@ def stop_before_work(*names: str) -> None:
 class Imports:
     """A context for imports: pauses Python's collector, which later leaves their objects out.
 
-    Imported objects stay in use, so to look through them again and again only takes time. (A
-    function with `contextmanager` would need the slow module `contextlib`.)
+    Imported objects stay in use, so to look through them again and again only takes time. NumPy and
+    SciPy start no threads for linear algebra, unless the environment sets their number: these would
+    spin on the cores of the workers, and results could depend on the number of cores. (A function
+    with `contextmanager` would need the slow module `contextlib`.)
     """
 
     def __enter__(self) -> None:
         gc.disable()
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
     def __exit__(
         self,

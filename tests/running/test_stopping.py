@@ -208,3 +208,22 @@ def test_ctrl_c_while_a_run_starts_its_processes(tmp_path: Path, delay: float) -
     assert run.returncode in (130, -signal.SIGINT)
     assert "Traceback" not in errors
     assert errors.splitlines()[-1].startswith("islandgp: stopped")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="Linux lists threads there")
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="needs two cores")
+@pytest.mark.parametrize(("number", "more"), [(None, False), ("2", True)])
+def test_imports_start_no_threads_for_linear_algebra(number: str | None, more: bool) -> None:
+    """Unless the user sets their number."""
+    code = (
+        "import os; from islandgp.startup import Imports\n"
+        "with Imports(): import numpy, scipy.linalg\n"
+        "print(len(os.listdir('/proc/self/task')))"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
+    if number:
+        environment["OPENBLAS_NUM_THREADS"] = number
+    threads = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    ).stdout
+    assert (int(threads) > 1) is more
