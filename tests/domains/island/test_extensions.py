@@ -189,6 +189,15 @@ def failing_compiler(folder: Path) -> dict[str, str]:
     return {"CC": f"'{script}'"}
 
 
+@pytest.fixture
+def headers(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A machine that has Python's headers."""
+    include = tmp_path_factory.mktemp("include")
+    (include / "Python.h").touch()
+    monkeypatch.setattr(sysconfig, "get_path", lambda _: str(include))
+
+
+@pytest.mark.usefixtures("headers")
 @pytest.mark.skipif(os.name == "nt", reason="the compiler is a shell script")
 @pytest.mark.parametrize(
     ("compiler", "message"),
@@ -218,6 +227,7 @@ def test_a_compiler_that_is_missing_or_fails(
     assert not parent.exists()
 
 
+@pytest.mark.usefixtures("headers")
 def test_no_room_to_compile(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The message names the variable with another folder."""
     pytest.importorskip("mypyc")
@@ -227,6 +237,7 @@ def test_no_room_to_compile(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
         extension_build.build_extensions()
 
 
+@pytest.mark.usefixtures("headers")
 def test_sources_change_during_compilation(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The folder has the name of the sources that were compiled, so it is not used."""
     pytest.importorskip("mypyc")
