@@ -86,13 +86,13 @@ def _require_tools() -> None:
     if sys.platform != "win32" and shutil.which(compiler) is None:
         raise IslandError(
             f"Expected the C compiler {compiler}, found none: install it, for example with"
-            " apt install gcc. islandgp runs without it, at two thirds of the speed."
+            " apt install gcc. islandgp runs without it, but more slowly."
         )
     header = Path(sysconfig.get_path("include"), "Python.h")
     if not header.is_file():
         raise IslandError(
             f"Expected Python's headers, found no {header}: install them, for example with"
-            " apt install python3-dev. islandgp runs without them, at two thirds of the speed."
+            " apt install python3-dev. islandgp runs without them, but more slowly."
         )
 
 

@@ -1,9 +1,8 @@
 """Modules that mypyc has compiled, which Python imports in place of their sources.
 
-`extension_modules.txt` lists them.
-`islandgp compile` compiles them into a folder whose name has a digest of the sources, so changed
-sources are run by Python until they are compiled again. Outcomes are equal to the last bit. With
-`ISLANDGP_EXTENSIONS=0` in the environment, Python runs the sources.
+`extension_modules.txt` lists them. `islandgp compile` compiles them into a folder whose name has a
+digest of the sources, so changed sources are run by Python until they are compiled again. Outcomes
+are equal to the last bit. With `ISLANDGP_EXTENSIONS=0` in the environment, Python runs the sources.
 
 The package imports this module first, so it imports nothing that takes time.
 """
@@ -94,10 +93,12 @@ def is_complete(folder: str) -> bool:
 
 
 class ExtensionFinder:
-    """Finds compiled modules for `import`."""
+    """Finds compiled modules for `import`; it looks for their folder at the first one."""
 
-    def __init__(self, folder: str) -> None:
-        self._files = compiled_files(folder)
+    def __init__(self, folder: str | None = None) -> None:
+        """`folder`: of the compiled modules; None: that of the present sources, if any."""
+        self._names = compiled_files("")
+        self._files = None if folder is None else compiled_files(folder)
 
     def find_spec(
         self,
@@ -106,12 +107,25 @@ class ExtensionFinder:
         _target: ModuleType | None = None,
     ) -> ModuleSpec | None:
         """The specification of a compiled module, or None for any other."""
-        file = self._files.get(fullname)
+        if fullname not in self._names:
+            return None
+        if self._files is None:
+            self._look_for_files()
+        file = (self._files or {}).get(fullname)
         if file is None:
             return None
         spec = ModuleSpec(fullname, ExtensionFileLoader(fullname, file), origin=file)
         spec.has_location = True
         return spec
+
+    def _look_for_files(self) -> None:
+        """Sets `_files`; {} if there are none that this machine can import."""
+        folder = compiled_folder()
+        self._files = compiled_files(folder) if folder else {}
+        try:
+            __import__(LIBRARY)
+        except ImportError:  # it was compiled on a machine with another C library
+            self._files = {}
 
 
 def is_enabled() -> bool:
@@ -121,11 +135,5 @@ def is_enabled() -> bool:
 
 def use_extensions() -> None:
     """Makes `import` find the compiled modules, if those of the present sources exist."""
-    if not is_enabled() or not (folder := compiled_folder()):
-        return
-    finder = ExtensionFinder(folder)
-    sys.meta_path.insert(0, finder)
-    try:
-        __import__(LIBRARY)
-    except ImportError:  # it was compiled on a machine with another C library
-        sys.meta_path.remove(finder)
+    if is_enabled():
+        sys.meta_path.insert(0, ExtensionFinder())

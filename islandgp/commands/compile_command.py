@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from importlib import import_module
 from time import perf_counter
 
 import click
@@ -20,8 +20,8 @@ def command() -> None:
     islandgp is changed; with ISLANDGP_EXTENSIONS=0 in the environment they do not.
     """
     # Those that this machine cannot import, as of one with a later C library, are compiled again.
-    imported = extension_modules.LIBRARY in sys.modules or not extension_modules.is_enabled()
-    if imported and (folder := extension_modules.compiled_folder()):
+    usable = not extension_modules.is_enabled() or _can_import(extension_modules.LIBRARY)
+    if usable and (folder := extension_modules.compiled_folder()):
         click.echo(f"The modules are already compiled, in {folder}.")
         return
     click.echo("Compiling takes about half a minute.", err=True)
@@ -29,3 +29,11 @@ def command() -> None:
     folder = build_extensions()
     count = len(extension_modules.module_files())
     click.echo(f"Compiled {count} modules in {perf_counter() - start:.0f} s, in {folder}.")
+
+
+def _can_import(module: str) -> bool:
+    try:
+        import_module(module)
+    except ImportError:
+        return False
+    return True

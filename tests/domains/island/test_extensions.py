@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -70,7 +71,7 @@ def test_episodes_are_the_same() -> None:
 @needs_compiled
 @pytest.mark.process
 def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
-    """Of a run on two workers with a validation; its trace and its replay as well."""
+    """Of a run with a validation, in its worker processes; a trace of its best tree as well."""
     overrides = ("gp.population=10", "gp.generations=8", "tracking=off", "progress=off")
     records: list[Mapping[str, bytes]] = []
     for extensions in "01":
@@ -150,6 +151,19 @@ def test_changed_sources_are_run_by_python(tmp_path: Path) -> None:
     with (package / "bt" / "core" / "node.py").open("a") as source:
         source.write("# changed\n")
     assert used() == str(package / "bt" / "core" / "closures.py")
+
+
+def test_the_digest_covers_all_constants_that_are_compiled_in() -> None:
+    """Compiled modules import no constant from folders whose sources it does not cover."""
+    package = resource("islandgp")
+    files = [package / file for file in extension_modules.module_files()]
+    folders = {".".join(("islandgp", *file.parent.relative_to(package).parts)) for file in files}
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("islandgp"):
+                module = str(node.module)
+                if module not in folders and module.rpartition(".")[0] not in folders:
+                    assert not [alias.name for alias in node.names if alias.name.isupper()], file
 
 
 def test_only_listed_modules_are_found() -> None:
