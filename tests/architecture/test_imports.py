@@ -29,6 +29,7 @@ LAYERS: list[tuple[str, ...]] = [
         "text",
         "text_files",
         "atomic_files",
+        "cached_files",
         "intervals",
         "statistics",
         "extension_build",

@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp import cached_files
 from islandgp.bt.core import language
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
@@ -329,6 +331,20 @@ def test_lark_is_imported_when_a_text_is_parsed() -> None:
     """Importing the language costs no start-up time: lark comes with the first text."""
     code = "import sys, islandgp.bt.core.language; sys.exit('lark' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_tables_of_the_parser_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A second process loads the tables that the first one made; a damaged file is replaced."""
+    file = tmp_path / "grammar.tables"
+    monkeypatch.setattr(cached_files, "_places", lambda *_: [file])
+    text = "sequence {\n  PatrolWaypoint\n}\n"
+    made = language._parser.__wrapped__().parse(text, start="start")
+    number = file.stat().st_ino
+    assert language._parser.__wrapped__().parse(text, start="start") == made
+    assert file.stat().st_ino == number
+    file.write_bytes(file.read_bytes()[:-1])
+    assert language._parser.__wrapped__().parse(text, start="start") == made
+    assert cached_files.read_cached("", "") is not None
 
 
 def test_another_lark_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

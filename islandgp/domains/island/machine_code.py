@@ -7,9 +7,6 @@ digest of the sources and of the processor, so that no other code is loaded.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -17,14 +14,13 @@ from typing import Any, Final
 
 from llvmlite import binding as llvm
 
+from islandgp.cached_files import read_cached, store
 from islandgp.domains.island import engine
-
-CHECKSUM: Final = 32  # bytes of SHA-256 before the machine code in the file
 
 
 def is_cached() -> bool:
     """True if the machine code of this version and processor is in a file."""
-    return _cached() is not None
+    return read_cached(__file__, _name()) is not None
 
 
 @cache
@@ -37,10 +33,10 @@ def addresses() -> dict[str, int]:
     """
     for name, address in engine.addresses.items():
         llvm.add_symbol(name, address)
-    code = _cached()
+    code = read_cached(__file__, name := _name())
     if code is None:
         code = _compiled()
-        _store(code)
+        store(__file__, name, code)
     executor = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
     executor.add_object_file(llvm.ObjectFileRef.from_data(code))
     executor.finalize_object()
@@ -84,10 +80,10 @@ def _compiled() -> bytes:
     return code
 
 
-def _files() -> Iterator[Path]:
-    """The places of the file: beside the module, or in the user's folder."""
-    folder, digest = Path(__file__).parent, sha256()
-    for source in sorted(folder.glob("*.py")):
+def _name() -> str:
+    """The name of the file for this version and processor."""
+    digest = sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.read_bytes())
     for text in (
         llvm.get_process_triple(),
@@ -95,31 +91,4 @@ def _files() -> Iterator[Path]:
         llvm.get_host_cpu_features().flatten(),
     ):
         digest.update(text.encode())
-    name = f"kernel-{digest.hexdigest()[:16]}.o"
-    yield folder / "__pycache__" / name
-    with suppress(RuntimeError):  # no home
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        if cache.is_absolute():  # the current folder is not trusted
-            yield cache / "islandgp" / name
-
-
-def _cached() -> bytes | None:
-    """The machine code of the first file that is complete, or None."""
-    for file in _files():
-        with suppress(OSError):
-            data = file.read_bytes()
-            if data[:CHECKSUM] == sha256(data[CHECKSUM:]).digest():
-                return data[CHECKSUM:]
-    return None
-
-
-def _store(code: bytes) -> None:
-    """Writes the file to the first place that takes it. Raises OSError if none does."""
-    for file in _files():
-        with suppress(OSError):
-            file.parent.mkdir(parents=True, exist_ok=True)
-            temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-            temporary.write_bytes(sha256(code).digest() + code)
-            temporary.replace(file)  # other processes read it complete or not at all
-            return
-    raise OSError("Expected a folder for compiled code, found none that can be written")
+    return f"kernel-{digest.hexdigest()[:16]}.o"

@@ -12,6 +12,7 @@ from shutil import copytree, ignore_patterns
 import pytest
 
 import islandgp.domains.island
+from islandgp import cached_files
 from islandgp.bt.core.language import parse
 from islandgp.domains.island import compiled, episode
 from islandgp.domains.island.episode import run_episode
@@ -140,7 +141,7 @@ def test_without_a_folder_for_the_file_python_is_used(
     """Where no folder can be written, nothing is compiled in each process again."""
     machine_code = pytest.importorskip("islandgp.domains.island.machine_code")
     (tmp_path / "file").touch()
-    monkeypatch.setattr(machine_code, "_files", lambda: iter([tmp_path / "file" / "kernel.o"]))
+    monkeypatch.setattr(cached_files, "_places", lambda *_: [tmp_path / "file" / "kernel.o"])
     monkeypatch.setattr(machine_code, "_compiled", lambda: b"code")
     machine_code.addresses.cache_clear()
     with pytest.raises(OSError, match="none that can be written"):
