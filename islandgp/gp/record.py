@@ -7,7 +7,7 @@ has the times and is stored separately.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from pydantic import Field, PlainSerializer
@@ -16,7 +16,7 @@ from islandgp.bt.core.node import depth, size
 from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
-from islandgp.plain import to_json
+from islandgp.plain import field_values, to_json
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, Merit, merit, violation
 from islandgp.scoring.generation_stats import ALIASES, GenerationStats
 
@@ -99,7 +99,7 @@ class GenerationRecord:
 
 def record_values(record: GenerationRecord) -> dict[str, Any]:
     """A record as JSON values. The fields of edits are left out if there are none."""
-    values = asdict(record)
+    values = field_values(record)
     values["snapshot"] = {ALIASES.get(key, key): v for key, v in values["snapshot"].items()}
     if not record.trials:
         del values["trials"]

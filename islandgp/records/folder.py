@@ -47,7 +47,11 @@ class Status(StrEnum):
 @lru_cache(maxsize=16)
 def _plain(text: str) -> Any:
     """The values of a YAML text, cached because parsing is slow; do not modify them."""
-    return yaml.safe_load(text)
+    return yaml.load(text, Loader=_LOADER)
+
+
+_LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+"""The loader of the C library, unless PyYAML was built without it; it is seven times as fast."""
 
 
 class RunFolder:
