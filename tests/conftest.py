@@ -15,7 +15,7 @@ import pytest
 
 from islandgp.running import page_writer
 from islandgp.tracking import artifacts, mlflow
-from islandgp.tracking.follow import Follower, OnEvent, SyncRequest
+from islandgp.tracking.follow import Detach, Follower, OnEvent, SyncRequest
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
@@ -71,10 +71,10 @@ def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
-class InThread(Queue[SyncRequest | None]):
+class InThread(Queue[SyncRequest | Detach | None]):
     """A worker as a thread of this process: see `islandgp.tracking.mlflow.SyncWorker`."""
 
-    def __init__(self, on_event: OnEvent) -> None:
+    def __init__(self, on_event: OnEvent, _niceness: int = 0) -> None:
         super().__init__()
         Thread(target=Follower(on_event).run, args=(self,), daemon=True).start()
 

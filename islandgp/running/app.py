@@ -219,7 +219,9 @@ def _must_not_need_hydra(overrides: Sequence[str]) -> None:
 
 def _run_single(job: Planned, command: str) -> int:
     """Run the only job of a command; return the exit code. Raises the errors of the run."""
-    end = run(job.settings, job.config, job.folder, home=Path.cwd(), command=command)
+    end = run(
+        job.settings, job.config, job.folder, home=Path.cwd(), command=command, ends_command=True
+    )
     echo(end.text)
     if end.mostly_fallback:
         print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)

@@ -41,7 +41,7 @@ from islandgp.supervision.base import (
     SupervisorLifecycle,
 )
 from islandgp.supervision.library import Library, library_folder, read_library
-from islandgp.tracking.base import Tracker
+from islandgp.tracking.base import BackgroundTracker, Tracker
 from islandgp.trust import names_in, trust
 
 
@@ -205,6 +205,7 @@ def run(
     command: str = "",
     keep_display: bool = True,
     judge: Judge | None = None,
+    ends_command: bool = False,
 ) -> RunResult:
     """Runs an experiment, or continues an interrupted run.
 
@@ -216,6 +217,8 @@ def run(
         command: that repeats the run, for its metadata.
         keep_display: True: the live display stays on the terminal.
         judge: called with each generation and its highest fitness, also for recorded ones.
+        ends_command: True: the command ends with this run, so the tracker may send the last records
+            afterwards.
 
     Returns:
         The result of the finished run.
@@ -231,6 +234,8 @@ def run(
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker)
+    if ends_command and isinstance(tracker, BackgroundTracker):
+        tracker.allow_background()
     cost = LibraryCost()
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost)

@@ -1,15 +1,16 @@
-"""The sync process, which sends run folders to MLflow: `python -m islandgp.tracking.follow`.
+"""The sync process, which sends run folders to MLflow: `python -m islandgp.tracking`.
 
 MLflow takes seconds to load, and its calls take processor time. A run leaves both to this process,
 which it starts. Requests and events are lines of JSON on the standard input and output of the sync
-process; it ends when its input does. All state is in the folders, so nothing is lost if it is
-killed.
+process. It ends when its input does, or, after a `Detach`, when it has executed the last request.
+All state is in the folders, so nothing is lost if it is killed.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable
@@ -19,22 +20,20 @@ from enum import StrEnum
 from pathlib import Path
 from queue import Empty, Queue
 from threading import Thread
-from typing import Final, Self
+from time import monotonic
+from typing import Final
 
-from islandgp.errors import brief
+from islandgp.errors import TrackingError, brief
 from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
+from islandgp.tracking.background import lock_sending
 from islandgp.tracking.store import Place, Store, load_alone
 from islandgp.tracking.sync import sync
 from islandgp.tracking.upload import RunUploader
 from islandgp.trust import trust, trusted
 
 PERIOD: Final = 2.0  # s between two looks at a folder; a look costs ten milliseconds
-NICENESS: Final = 5
-"""An episode's process gets three times the CPU time of this one.
-
-A higher value would delay the end of a run.
-"""
+DETACHED_LIMIT: Final = 600.0  # s after which a detached process ends in any case
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +59,29 @@ class SyncRequest:
         """The request as a line of JSON. It holds credentials."""
         return json.dumps(asdict(self), default=sorted) + "\n"
 
-    @classmethod
-    def from_line(cls, line: str) -> Self:
-        """Read a request that `to_line` wrote. Raises ValueError for another line."""
-        return from_plain(cls, json.loads(line))
+
+@dataclass(frozen=True, slots=True)
+class Detach:
+    """The last message to a sync process whose parent does not wait for it.
+
+    The process then executes its open requests and ends. It ignores the end of its input, of the
+    reader of its events and of the terminal.
+    """
+
+    patience: float  # s after which a failed request is not repeated, >= 0
+    home: str  # folder in which the command was given
+
+    def to_line(self) -> str:
+        """The message as a line of JSON."""
+        return json.dumps(asdict(self)) + "\n"
+
+
+def message_of(line: str) -> SyncRequest | Detach:
+    """Read a message from its line. Raises ValueError for another line."""
+    plain = json.loads(line)
+    if "folder" in plain:
+        return from_plain(SyncRequest, plain)
+    return from_plain(Detach, plain)
 
 
 class EventKind(StrEnum):
@@ -97,18 +115,24 @@ class Follower:
         self._on_event = on_event
         self._uploaders: dict[str, RunUploader] = {}
 
-    def run(self, requests: Queue[SyncRequest | None]) -> None:
-        """Execute the requests of a queue until it yields None."""
+    def run(self, requests: Queue[SyncRequest | Detach | None]) -> None:
+        """Execute the requests of a queue until it yields None, or the last after a `Detach`."""
         open_requests: dict[str, SyncRequest] = {}
-        while True:
+        end: float | None = None  # of repeating failed requests, as the clock says
+        while open_requests or end is None:
             with suppress(Empty):
-                request = requests.get(timeout=PERIOD if open_requests else None)
-                if request is None:
+                message = requests.get(timeout=PERIOD if open_requests else None)
+                if message is None:
                     return
-                open_requests[request.folder] = request
+                if isinstance(message, Detach):
+                    end = monotonic() + message.patience
+                else:
+                    open_requests[message.folder] = message
             for request in tuple(open_requests.values()):
                 succeeded = self._carry_out(request)
-                if request.status is not Status.RUNNING and (succeeded or not request.retry):
+                retry = request.retry and (end is None or monotonic() < end)
+                is_last = request.status is not Status.RUNNING or end is not None
+                if is_last and (succeeded or not retry):
                     del open_requests[request.folder]
 
     def _carry_out(self, request: SyncRequest) -> bool:
@@ -131,11 +155,14 @@ class Follower:
 
     def _send(self, request: SyncRequest, status: Status) -> None:
         """Send one run."""
+        folder = Path(request.folder)
+        if not folder.is_dir():  # locking it would make it again
+            raise TrackingError(f"Expected a run's folder, found no folder {folder}.")
         (place,) = request.places
         uploader = self._uploaders.get(request.folder)
         if uploader is None or uploader.store.place != place:
             store = Store(place, self._preparing)
-            uploader = RunUploader(RunFolder(Path(request.folder)), store, self._progress)
+            uploader = RunUploader(RunFolder(folder), store, self._progress)
             self._uploaders[request.folder] = uploader
         uploader.send(status)
         if status is not Status.RUNNING:
@@ -158,16 +185,14 @@ class Follower:
         self._on_event(SyncEvent(EventKind.PROGRESS))
 
 
-def main() -> None:
+def serve() -> None:
     """Read requests from standard input, and write events to standard output."""
-    with suppress(AttributeError):  # not on Windows
-        os.nice(NICENESS)
     events = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)  # libraries that print to standard output must not break the events
-    requests: Queue[SyncRequest | None] = Queue()
+    requests: Queue[SyncRequest | Detach | None] = Queue()
 
     def on_event(event: SyncEvent) -> None:
-        with suppress(OSError):  # the run's process has died
+        with suppress(OSError):  # the run's process has ended
             print(json.dumps(asdict(event)), file=events, flush=True)
 
     def work() -> None:
@@ -179,12 +204,20 @@ def main() -> None:
             traceback.print_exc()  # `SyncProcess` reports its last line
             os._exit(1)
 
-    Thread(target=work, daemon=True).start()
+    worker = Thread(target=work, daemon=True)
+    worker.start()
     for line in sys.stdin:
-        if line.endswith("\n"):  # else the run's process died while it wrote
-            requests.put(SyncRequest.from_line(line))
+        if not line.endswith("\n"):  # the run's process died while it wrote
+            break
+        message = message_of(line)
+        requests.put(message)
+        if isinstance(message, Detach):
+            _outlive_terminal(message, worker)
     os._exit(0)  # does not wait for the thread, which may be in the middle of a request
 
 
-if __name__ == "__main__":
-    main()
+def _outlive_terminal(message: Detach, worker: Thread) -> None:
+    """Wait for the last request; the end of the terminal does not end the process."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    lock_sending(Path(message.home))  # until the process ends
+    worker.join(DETACHED_LIMIT)

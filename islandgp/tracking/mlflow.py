@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import atexit
 import json
+import math
 import os
 import shlex
 import subprocess
@@ -23,19 +24,27 @@ from typing import ClassVar, Final, Protocol
 from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
-from islandgp.tracking.follow import EventKind, OnEvent, SyncEvent, SyncRequest
+from islandgp.tracking.background import can_send, command_waits
+from islandgp.tracking.follow import Detach, EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
 
 PREPARATION_LIMIT: Final = 600.0  # s for importing MLflow or creating a store
 MESSAGE_DELAY: Final = 2.0  # s of waiting before the user gets a message
-COMMAND: Final = (sys.executable, "-P", "-m", "islandgp.tracking.follow")
+GRACE: Final = 2.0  # s in which a SQLite file can fail before a command leaves its child
+COMMAND: Final = (sys.executable, "-P", "-m", "islandgp.tracking")
+NICENESS: Final = 5
+"""An episode's process gets three times the CPU time of the child.
+
+A higher value would delay the end of a run that waits for it.
+"""
+BACKGROUND_NICENESS: Final = 19  # of a child for which the command need not wait
 
 
 class SyncWorker(Protocol):
     """Interface of the sync worker, which executes requests (a subprocess; a thread in tests)."""
 
-    def put(self, request: SyncRequest) -> None:
-        """Queue a request; return immediately."""
+    def put(self, message: SyncRequest | Detach) -> None:
+        """Queue a message; return immediately."""
         ...
 
     def close(self) -> None:
@@ -46,10 +55,11 @@ class SyncWorker(Protocol):
 class SyncProcess:
     """A child process that executes requests."""
 
-    def __init__(self, on_event: OnEvent) -> None:
+    def __init__(self, on_event: OnEvent, niceness: int = NICENESS) -> None:
+        """`niceness`: of the child, from 0 to 19."""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 -- it lives as long as the child
         self.process = subprocess.Popen(
-            COMMAND,
+            (*COMMAND, str(niceness)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
@@ -63,11 +73,11 @@ class SyncProcess:
         self._listener = Thread(target=self._listen, args=(on_event,), daemon=True)
         self._listener.start()
 
-    def put(self, request: SyncRequest) -> None:
+    def put(self, message: SyncRequest | Detach) -> None:
         """See `SyncWorker`."""
         assert self.process.stdin is not None
         with suppress(OSError, ValueError):  # the child has ended; `_listen` reports that
-            self.process.stdin.write(request.to_line())
+            self.process.stdin.write(message.to_line())
             self.process.stdin.flush()
 
     def _listen(self, on_event: OnEvent) -> None:
@@ -102,6 +112,7 @@ class SyncClient:
         self._preparing = True  # the worker imports MLflow or creates a store
         self._step = "starting MLflow"  # the worker's present step, for the message to the user
         self._failure: str | None = None  # the last trouble; None: the last request succeeded
+        self._answered = False  # True: the last answer of a store was a success
         self.ended = False  # True: the worker has ended
         self._last_event = monotonic()
         self._done: dict[str, str] = {}  # by folder: why not all was sent, or ""
@@ -112,6 +123,7 @@ class SyncClient:
             self._preparing = event.kind is EventKind.PREPARING and event.text != ""
             self._step = event.text if self._preparing else "sending the records"
             if event.kind is not EventKind.PREPARING:
+                self._answered = event.kind is not EventKind.TROUBLE
                 self._failure = event.text if event.kind is EventKind.TROUBLE else None
             if event.kind is EventKind.DONE:
                 self._done[event.folder] = event.text
@@ -126,7 +138,14 @@ class SyncClient:
             self._done.pop(request.folder, None)
         self.worker.put(request)
 
-    def wait(self, requests: Sequence[SyncRequest], patience: float, uri: str) -> str:
+    def wait(
+        self,
+        requests: Sequence[SyncRequest],
+        patience: float,
+        uri: str,
+        *,
+        leave_after: float | None = None,
+    ) -> str:
         """Wait until requests are executed.
 
         Prints a message after MESSAGE_DELAY. Ctrl-C ends the waiting.
@@ -136,6 +155,9 @@ class SyncClient:
             patience: s without an event after which it gives up, >= 0. If it is above 0, the limit
                 is PREPARATION_LIMIT while the worker is preparing.
             uri: of the store, for the message.
+            leave_after: s after which it does not wait unless the last request failed, >= 0; it
+                also leaves when the store has answered a request, perhaps an earlier one. None: it
+                waits for the execution.
 
         Returns:
             "", or the reason why not everything was sent.
@@ -143,21 +165,33 @@ class SyncClient:
         folders = [request.folder for request in requests]
         try:
             with self._changed:
-                if not self._all_done(folders, patience, uri):
+                if not self._all_done(folders, patience, uri, leave_after):
                     return self._failure or f"no answer in {patience:g} s"
-                return next((text for f in folders if (text := self._done[f])), "")
+                return next((text for f in folders if (text := self._done.get(f))), "")
         except KeyboardInterrupt:
             return "waiting was interrupted"
 
-    def _all_done(self, folders: Sequence[str], patience: float, uri: str) -> bool:
-        """Wait; return True if the requests of all folders were executed in time."""
+    def has_sent(self, folder: str) -> bool:
+        """True if the last request for a folder was executed."""
+        with self._changed:
+            return folder in self._done
+
+    def _all_done(
+        self, folders: Sequence[str], patience: float, uri: str, leave_after: float | None
+    ) -> bool:
+        """Wait; return False if the requests of all folders were not executed in time."""
         began, informed = monotonic(), False
         while not self._done.keys() >= set(folders):
+            waited = monotonic() - began
+            answered = self._answered and not self._preparing
+            leaves = leave_after is not None and (answered or waited >= leave_after)
+            if leaves and self._failure is None:
+                return True
             limit = PREPARATION_LIMIT if self._preparing and patience else patience
             remaining = limit - (monotonic() - max(began, self._last_event))
             if remaining <= 0 or self.ended:
                 return False
-            if not informed and monotonic() - began >= MESSAGE_DELAY:
+            if not informed and waited >= MESSAGE_DELAY:
                 informed = True
                 print(
                     f"MLflow: {uri}: {self._step}; Ctrl-C leaves, and"
@@ -165,22 +199,22 @@ class SyncClient:
                     file=sys.stderr,
                     flush=True,
                 )
-            self._changed.wait(remaining if informed else min(remaining, MESSAGE_DELAY))
+            self._changed.wait(remaining if informed else min(remaining, MESSAGE_DELAY - waited))
         return True
 
 
 _clients: Final[list[SyncClient]] = []  # at most one, which all runs of the process share
 
 
-def shared_client() -> SyncClient:
+def shared_client(niceness: int = NICENESS) -> SyncClient:
     """The client of all runs of this process, whose worker imports MLflow once.
 
-    A worker that has ended, e.g. because it was killed, is replaced.
+    A worker that has ended, e.g. because it was killed, is replaced. `niceness`: of a new worker.
     """
     if _clients and _clients[0].ended:
         close_client()
     if not _clients:
-        _clients.append(SyncClient(MLflow.worker))
+        _clients.append(SyncClient(lambda on_event: MLflow.worker(on_event, niceness)))
     return _clients[0]
 
 
@@ -195,51 +229,81 @@ class MLflow:
     """Copies one run's folder to MLflow."""
 
     Settings = MLflowSettings
-    worker: ClassVar[Callable[[OnEvent], SyncWorker]] = SyncProcess
+    worker: ClassVar[Callable[[OnEvent, int], SyncWorker]] = SyncProcess
 
     @classmethod
     def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
         """See `Tracker`."""
-        return cls(Place.of(settings, home), settings.patience)
+        waits = command_waits(settings.wait)
+        return cls(Place.of(settings, home), settings.patience, None if waits else home)
 
     @classmethod
     def check(cls, settings: MLflowSettings, home: Path) -> None:
         """See `Tracker`. Raises TrackingError if runs can never be stored at this address."""
         check_place(Place.of(settings, home))
 
-    def __init__(self, place: Place, patience: float) -> None:
-        """`patience`: s that `finish` waits without an event, >= 0.
+    def __init__(self, place: Place, patience: float, background: Path | None = None) -> None:
+        """Starts nothing.
 
-        With 0, failed requests are not repeated and the child is kept for the next run.
+        Args:
+            place: of the store.
+            patience: s that `finish` waits without an event, >= 0. With 0, failed requests are not
+                repeated and the child is kept for the next run.
+            background: working folder of a command that does not wait for the child, if the
+                command ends with the run; None: it waits.
         """
         self.place = place
         self.patience = patience
+        self._background = background
+        self._may_leave = False  # True: the command ends with this run
+
+    def allow_background(self) -> None:
+        """See `BackgroundTracker`."""
+        self._may_leave = self._background is not None
 
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
         if not folder.finished():
-            shared_client().put(self._request(Status.RUNNING))
+            # The command waits for a server's answer in any case.
+            low = self._may_leave and self.place.file is not None
+            client = shared_client(BACKGROUND_NICENESS if low else NICENESS)
+            client.put(self._request(Status.RUNNING))
 
     def generation(self) -> None:
         """See `Tracker`. Does nothing, as the child watches the folder."""
 
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
-        request, client = self._request(status), shared_client()
+        request, client, uri = self._request(status), shared_client(), self.place.uri
         client.put(request)
-        reason = client.wait([request], self.patience, self.place.uri)
+        home = self._background if self._may_leave and status is Status.FINISHED else None
+        leave_after = None
+        if home is not None and can_send(home):
+            leave_after = math.inf if self.place.file is None else GRACE
+        reason = client.wait([request], self.patience, uri, leave_after=leave_after)
         if not reason:
-            return f"MLflow: {self.place.uri}; {program()} ui shows it"
+            line = f"MLflow: {uri}; {program()} ui shows it"
+            if home is None or client.has_sent(request.folder):
+                return line
+            client.worker.put(Detach(self.patience, str(home)))
+            _clients.remove(client)  # its worker is not stopped with this process
+            return (
+                f"{line}. A process still sends the last records; if it is stopped,"
+                f" {self._sync_command()} sends them."
+            )
         if self.patience:
             close_client()
+        return (
+            f"MLflow: {uri} has not received all records ({reason}). They are safe on disk; this"
+            f" command sends them:\n  {self._sync_command()}"
+        )
+
+    def _sync_command(self) -> str:
         uri, experiment = self.place.uri, shlex.quote(self.place.experiment)
         # `sync` contacts no server that only the run's folder names, so the command names it.
         option = "" if self.place.file is not None else f" --uri {uri} --experiment {experiment}"
-        return (
-            f"MLflow: {uri} has not received all records ({reason}). They are safe on disk; this"
-            f" command sends them:\n  {program()} sync {self._folder.path}{option}"
-        )
+        return f"{program()} sync {self._folder.path}{option}"
 
     def _request(self, status: Status) -> SyncRequest:
         path, retry = str(self._folder.path.absolute()), self.patience > 0

@@ -19,7 +19,7 @@ from getpass import getuser
 from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 from urllib.parse import unquote, urlsplit
 
 from filelock import FileLock
@@ -69,6 +69,9 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # name of the MLflow experiment
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
+    # True: the command of a single run waits at its end until the store has all records; auto: it
+    # waits unless it runs in a terminal. Folders of runs from before this setting lack it.
+    wait: bool | Literal["auto"] = "auto"
 
     @field_validator("uri")
     @classmethod

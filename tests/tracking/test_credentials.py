@@ -15,7 +15,7 @@ from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.app import main
-from islandgp.tracking.follow import Follower, SyncEvent, SyncRequest
+from islandgp.tracking.follow import Detach, Follower, SyncEvent, SyncRequest, message_of
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
 from islandgp.trust import trust_folder, trusting
@@ -109,8 +109,8 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
         names = frozenset({address} if trusted else ())
         places = (Place.of(settings, tmp_path),) if trusted else ()
         request = SyncRequest(str(tmp_path), places, trusted=names)
-        requests: Queue[SyncRequest | None] = Queue()
-        requests.put(SyncRequest.from_line(request.to_line()))
+        requests: Queue[SyncRequest | Detach | None] = Queue()
+        requests.put(message_of(request.to_line()))
         requests.put(None)
         events: list[SyncEvent] = []
         Follower(events.append).run(requests)

@@ -100,6 +100,27 @@ def test_how_long_the_end_of_a_run_waits(
     assert capsys.readouterr().err.count("Ctrl-C leaves") == (seconds > 2)
 
 
+@pytest.mark.parametrize(
+    ("script", "grace", "seconds"),
+    [
+        pytest.param([(1, READY), (0.5, SENT), (9, DONE)], 2, 1.5, id="answer"),
+        pytest.param([(1, LOADING), (9, READY)], 2, 2, id="slow-machine"),
+        pytest.param([(1, AWAY), (5, SENT), (9, DONE)], 2, 6, id="back-again"),
+        pytest.param([(1, READY), (9, SENT), (9, DONE)], float("inf"), 10, id="server"),
+    ],
+)
+def test_how_long_a_command_waits_that_leaves(
+    script: list[tuple[float, SyncEvent]],
+    grace: float,
+    seconds: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Until the store has answered, or for the grace if nothing has failed."""
+    clock = waited(monkeypatch, script)
+    assert clock.client.wait([ONE], 20, "sqlite:///x", leave_after=grace) == ""
+    assert clock.now == seconds
+
+
 def test_without_patience_nothing_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """Not even for a store that is being made: a sweep's end does that."""
     clock = waited(monkeypatch, [(1, LOADING)])
@@ -208,8 +229,8 @@ FOLLOW = "from islandgp.tracking import follow\n"
     "program",
     [
         pytest.param(f"{FAILS}fail()", id="at its start"),
-        pytest.param(f"{FOLLOW}{FAILS}follow.load_alone = fail\nfollow.main()", id="MLflow"),
-        pytest.param(f"{FOLLOW}{FAILS}follow.trust = fail\nfollow.main()", id="at a request"),
+        pytest.param(f"{FOLLOW}{FAILS}follow.load_alone = fail\nfollow.serve()", id="MLflow"),
+        pytest.param(f"{FOLLOW}{FAILS}follow.trust = fail\nfollow.serve()", id="at a request"),
     ],
 )
 def test_a_process_that_fails_ends_and_reports_the_reason(

@@ -1,0 +1,272 @@
+"""Commands that end before MLflow has all records: when they may, and that nothing is lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from pathlib import Path
+from queue import Queue
+from time import sleep
+from typing import Any
+
+import pytest
+
+from islandgp.experiment import run
+from islandgp.records.folder import Status
+from islandgp.running.app import main
+from islandgp.tracking import background, mlflow
+from islandgp.tracking.background import can_send, command_waits, lock_sending
+from islandgp.tracking.follow import (
+    Detach,
+    EventKind,
+    Follower,
+    OnEvent,
+    SyncEvent,
+    SyncRequest,
+    message_of,
+)
+from islandgp.tracking.mlflow import MLflow, SyncProcess, shared_client
+from islandgp.tracking.store import Place, Store
+from tests.running.commands import TINY, fake
+from tests.tracking import servers
+from tests.tracking.folders import begun, closed_run, finished, history, place, steps
+from tests.tracking.test_follow import worker_process
+
+posix = pytest.mark.skipif(os.name != "posix", reason="locks of folders, signals")
+
+ANSWER = SyncEvent(EventKind.PROGRESS)
+READY, LOADING = SyncEvent(EventKind.PREPARING), SyncEvent(EventKind.PREPARING, "loading MLflow")
+AWAY = SyncEvent(EventKind.TROUBLE, "connection refused", "runs/a/one")
+SENDS = "A process still sends the last records"
+
+
+@pytest.mark.parametrize(
+    ("wait", "terminals", "pid", "variables", "waits"),
+    [
+        pytest.param("auto", (0, 1, 2), 7, {}, False, id="terminal"),
+        pytest.param("auto", (0, 1), 7, {}, False, id="errors-in-a-file"),
+        pytest.param("auto", (0, 2), 7, {}, True, id="output-in-a-pipe"),
+        pytest.param("auto", (1, 2), 7, {}, True, id="no-input"),
+        pytest.param("auto", (0, 1, 2), 1, {}, True, id="container"),
+        pytest.param("auto", (0, 1, 2), 7, {"SLURM_JOB_ID": "3"}, True, id="batch-job"),
+        pytest.param(True, (0, 1, 2), 7, {}, True, id="true"),
+        pytest.param(False, (), 1, {"CI": "true"}, False, id="false"),
+    ],
+)
+@posix
+def test_a_command_waits_unless_it_runs_in_a_terminal(
+    wait: Any,
+    terminals: tuple[int, ...],
+    pid: int,
+    variables: dict[str, str],
+    waits: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A setting of true or false applies everywhere."""
+    for name in background.BATCH:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(os, "isatty", lambda fd: fd in terminals)
+    monkeypatch.setattr(os, "getpid", lambda: pid)
+    assert command_waits(wait) is waits
+
+
+class Scripted:
+    """A worker with these events at its start and, after the run's end, DONE."""
+
+    events: tuple[SyncEvent, ...] = ()
+
+    def __init__(self, on_event: OnEvent, niceness: int) -> None:
+        self.messages: list[SyncRequest | Detach] = []
+        self.niceness, self._on_event = niceness, on_event
+        for event in self.events:
+            on_event(event)
+
+    def put(self, message: SyncRequest | Detach) -> None:
+        """See `SyncWorker`."""
+        self.messages.append(message)
+
+    def close(self) -> None:
+        """See `SyncWorker`."""
+
+
+def ended(
+    home: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    *events: SyncEvent,
+    store: Place | None = None,
+    status: Status = Status.FINISHED,
+    single: bool = True,
+) -> tuple[str, Scripted]:
+    """What is printed at the end of a run that need not wait, and its worker.
+
+    Args:
+        home: working folder.
+        monkeypatch: of the test.
+        events: of the worker.
+        store: None: a file.
+        status: of the run.
+        single: True: the command ends with the run.
+    """
+    monkeypatch.setattr(Scripted, "events", events)
+    monkeypatch.setattr(MLflow, "worker", Scripted)
+    monkeypatch.setattr(mlflow, "PREPARATION_LIMIT", 0.01)
+    monkeypatch.setattr(mlflow, "GRACE", 0.001)
+    tracker = MLflow(store or place(home), 0.01, home)
+    if single:
+        tracker.allow_background()
+    folder = begun(home / "runs/a/one", home)
+    tracker.start(folder)
+    worker: Any = shared_client().worker
+    text = tracker.finish(status)
+    folder.close()
+    return text, worker
+
+
+SERVER = Place("http://server:5000", None, "e")
+
+
+@posix
+@pytest.mark.parametrize(
+    ("events", "options"),
+    [
+        pytest.param((READY, ANSWER), {}, id="answered"),
+        pytest.param((AWAY, ANSWER), {"store": SERVER}, id="server-back-again"),
+        pytest.param((LOADING,), {}, id="busy-machine"),
+    ],
+)
+def test_a_command_leaves_a_process_that_sends_the_last_records(
+    events: tuple[SyncEvent, ...],
+    options: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The process is not stopped with the command, whose last line names the remedy."""
+    text, worker = ended(tmp_path, monkeypatch, *events, **options)
+    assert SENDS in text
+    assert f"sync {tmp_path / 'runs/a/one'}" in text
+    assert worker.messages[-1] == Detach(0.01, str(tmp_path))
+    assert worker.niceness == (5 if options else 19)
+    assert mlflow._clients == []
+
+
+@posix
+@pytest.mark.parametrize(
+    ("events", "options"),
+    [
+        pytest.param((READY, ANSWER), {"single": False}, id="other-runs-follow"),
+        pytest.param((READY, ANSWER), {"status": Status.KILLED}, id="stopped"),
+        pytest.param((ANSWER, AWAY), {}, id="store-fails"),
+        pytest.param((READY,), {"store": SERVER}, id="server-is-silent"),
+        pytest.param((ANSWER, LOADING), {"store": SERVER}, id="server-is-lost"),
+    ],
+)
+def test_a_command_waits_if_the_store_may_not_get_the_records(
+    events: tuple[SyncEvent, ...],
+    options: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also if other runs follow, or the run did not finish."""
+    text, _ = ended(tmp_path, monkeypatch, *events, **options)
+    assert "has not received all records" in text
+    assert SENDS not in text
+
+
+@posix
+def test_a_command_waits_while_another_one_still_sends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So commands in a loop never leave more than one process behind."""
+    folder = lock_sending(tmp_path)
+    assert folder is not None
+    text, _ = ended(tmp_path, monkeypatch, READY, ANSWER)
+    assert "no answer in 0.01 s" in text
+    os.close(folder)
+    assert can_send(tmp_path)
+
+
+def executed(*messages: SyncRequest | Detach) -> list[SyncEvent]:
+    """The events of a process that gets these messages; it ends by itself."""
+    requests: Queue[SyncRequest | Detach | None] = Queue()
+    for message in messages:
+        requests.put(message_of(message.to_line()))
+    events: list[SyncEvent] = []
+    Follower(events.append).run(requests)
+    return events
+
+
+def test_a_detached_process_ends_with_its_last_request(home: Path, store: Store) -> None:
+    """The run is complete in the store."""
+    folder = closed_run(home / "runs/a/one", home)
+    request = SyncRequest(str(folder.path), (place(home),), Status.FINISHED)
+    events = executed(request, Detach(20, str(home)))
+    assert events[-1] == SyncEvent(EventKind.DONE, "", str(folder.path))
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "FINISHED"
+    assert len(history(store, run.info.run_id)) == 5
+
+
+def test_a_detached_process_gives_up_after_its_patience(tmp_path: Path) -> None:
+    """It does not live on because a server is away."""
+    folder = closed_run(tmp_path / "runs/a/one", tmp_path)
+    with servers.refusing() as uri:
+        request = SyncRequest(str(folder.path), (Place(uri, None, "e"),), Status.FINISHED)
+        events = executed(request, Detach(0, str(tmp_path)))
+    assert {event.kind for event in events if event.folder} == {EventKind.TROUBLE}
+
+
+def test_a_deleted_folder_is_not_made_again(home: Path) -> None:
+    """The process that sends its records reports trouble instead, also if it had it open."""
+    folder = closed_run(home / "runs/a/one", home)
+    events: list[SyncEvent] = []
+    follower = Follower(events.append)
+    assert follower._carry_out(SyncRequest(str(folder.path), (place(home),), Status.RUNNING))
+    shutil.rmtree(home / "runs")
+    assert not follower._carry_out(SyncRequest(str(folder.path), (place(home),), Status.FINISHED))
+    assert not (home / "runs").exists()
+    assert "found no folder" in events[-1].text
+
+
+@posix
+def test_a_process_outlives_its_command_and_its_terminal(
+    home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its input ends, and a signal says that the terminal has closed."""
+    monkeypatch.setattr(MLflow, "worker", SyncProcess)
+    tracker = MLflow(place(home), 120, home)
+    tracker.allow_background()
+    folder = begun(home / "runs/a/one", home)
+    tracker.start(folder)
+    process = worker_process()
+    for step in steps():
+        folder.append(step)
+    folder.finish(finished(folder, steps()[-1].champion))
+    tracker.finish(Status.FINISHED)
+    folder.close()
+    while can_send(home) and process.poll() is None:
+        sleep(0.001)  # the process has not read its last message
+    process.send_signal(signal.SIGHUP)
+    process.stdin.close()
+    assert process.wait(60) == 0
+    (run,) = store.client.search_runs([store.experiment])
+    assert run.info.status == "FINISHED"
+    assert [step for step, _ in history(store, run.info.run_id)] == list(range(5))
+    assert can_send(home)
+
+
+def test_only_a_single_run_of_a_command_may_be_left(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not a run that Python code starts, which may start others."""
+    left: list[str] = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(MLflow, "worker", Scripted)
+    monkeypatch.setattr(MLflow, "allow_background", lambda self: left.append(self.place.experiment))
+    policy = ("tracking.policy.patience=0", "gp.generations=2")
+    overrides = (*TINY, *fake("Instant"), "progress=off", *policy)
+    assert main([*overrides, "tracking.policy.experiment=single"]) == 0
+    run(*overrides, "tracking.policy.experiment=library")
+    assert left == ["single"]
