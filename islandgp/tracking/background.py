@@ -1,14 +1,24 @@
-"""Sending the last records of a run after its command has ended."""
+"""Sending the last records of a run after its command has ended.
+
+A note beside the SQLite store names the run. The process that sends its records locks the note, and
+removes it when the store has all. So a later command finds out if that process did not succeed.
+"""
 
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
+from time import time
 from typing import Final, Literal
+
+from islandgp.tracking.store import has_data
+from islandgp.tracking.sync_state import read_state
 
 BATCH: Final = ("CI", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
 """Variables of environments that end all processes of a job when its last command ends."""
+
+START_LIMIT: Final = 10.0  # s after which a process that sends has locked its note
 
 
 def command_waits(wait: bool | Literal["auto"]) -> bool:
@@ -27,37 +37,77 @@ def command_waits(wait: bool | Literal["auto"]) -> bool:
     return ends_with_command or not in_terminal
 
 
-def lock_sending(home: Path) -> int | None:
-    """Lock a working folder for the process that sends in the background.
-
-    The lock is on the folder itself and leaves no file.
+def seems_usable(file: Path, experiment: str) -> bool:
+    """True if a SQLite store seems able to take records; it is tested without MLflow.
 
     Args:
-        home: folder in which the command was given.
+        file: of the store. A missing or empty one is made later.
+        experiment: name of the experiment.
 
     Returns:
-        The open folder; closing it, or the end of the process, releases the lock. None if another
-        process has the lock, or the file system has no locks.
+        False if the file is damaged or locked, or the experiment is deleted.
+    """
+    import sqlite3  # takes time
+
+    if not has_data(file):
+        return True
+    try:
+        with closing(sqlite3.connect(file, timeout=0.2)) as database:
+            database.execute("BEGIN IMMEDIATE")  # it can be written
+            query = "SELECT lifecycle_stage FROM experiments WHERE name = ?"
+            stages = database.execute(query, (experiment,)).fetchall()
+    except sqlite3.Error:
+        return False
+    return stages in ([], [("active",)])
+
+
+def note_of(file: Path) -> Path:
+    """The note beside a SQLite store."""
+    return file.with_name(f".{file.stem}.sending")
+
+
+def lock_note(note: Path, *, blocking: bool) -> int | None:
+    """Lock a note until the process ends, or until the returned file is closed.
+
+    Args:
+        note: to lock.
+        blocking: True: it waits for another process that has the lock.
+
+    Returns:
+        The descriptor of the open file; None without a lock.
     """
     with suppress(ImportError, OSError):
         import fcntl  # not on Windows
 
-        folder = os.open(home, os.O_RDONLY)
+        descriptor = os.open(note, os.O_RDWR)
         try:
-            fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if blocking else fcntl.LOCK_NB))
         except OSError:
-            os.close(folder)
+            os.close(descriptor)
             raise
-        return folder
+        return descriptor
     return None
 
 
-def can_send(home: Path) -> bool:
-    """True unless a process already sends in the background for this folder.
+def left_run(note: Path) -> str | None:
+    """The run of a note; removes a note whose run is complete.
 
-    A loop of commands on a busy machine would otherwise start more and more of them.
+    Returns:
+        None if there is no note. "" if a process still sends the run: a loop of commands that do
+        not wait would start more and more of them. Otherwise the run's folder, whose process ended
+        before the store had all records.
     """
-    folder = lock_sending(home)
-    if folder is not None:
-        os.close(folder)
-    return folder is not None
+    try:
+        folder, age = note.read_text(encoding="utf-8").strip(), time() - note.stat().st_mtime
+    except (OSError, ValueError):
+        return None
+    descriptor = lock_note(note, blocking=False)
+    if descriptor is None:
+        return ""
+    os.close(descriptor)
+    if 0 <= age < START_LIMIT:
+        return ""
+    note.unlink(missing_ok=True)
+    state = read_state(Path(folder))
+    complete = not Path(folder).is_dir() or (state is not None and state.done != "")
+    return None if complete else folder

@@ -26,7 +26,7 @@ from typing import Final
 from islandgp.errors import TrackingError, brief
 from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.background import lock_sending
+from islandgp.tracking.background import lock_note
 from islandgp.tracking.store import Place, Store, load_alone
 from islandgp.tracking.sync import sync
 from islandgp.tracking.upload import RunUploader
@@ -69,7 +69,7 @@ class Detach:
     """
 
     patience: float  # s after which a failed request is not repeated, >= 0
-    home: str  # folder in which the command was given
+    note: str = ""  # file with the run's folder, to be removed when all is sent; "": none
 
     def to_line(self) -> str:
         """The message as a line of JSON."""
@@ -115,15 +115,20 @@ class Follower:
         self._on_event = on_event
         self._uploaders: dict[str, RunUploader] = {}
 
-    def run(self, requests: Queue[SyncRequest | Detach | None]) -> None:
-        """Execute the requests of a queue until it yields None, or the last after a `Detach`."""
+    def run(self, requests: Queue[SyncRequest | Detach | None]) -> bool:
+        """Execute the requests of a queue until it yields None, or the last after a `Detach`.
+
+        Returns:
+            True unless the last request was given up after a `Detach`.
+        """
         open_requests: dict[str, SyncRequest] = {}
         end: float | None = None  # of repeating failed requests, as the clock says
+        succeeded = True
         while open_requests or end is None:
             with suppress(Empty):
                 message = requests.get(timeout=PERIOD if open_requests else None)
                 if message is None:
-                    return
+                    break
                 if isinstance(message, Detach):
                     end = monotonic() + message.patience
                 else:
@@ -134,6 +139,7 @@ class Follower:
                 is_last = request.status is not Status.RUNNING or end is not None
                 if is_last and (succeeded or not retry):
                     del open_requests[request.folder]
+        return succeeded
 
     def _carry_out(self, request: SyncRequest) -> bool:
         """Execute a request once; return True unless it failed."""
@@ -190,6 +196,7 @@ def serve() -> None:
     events = os.fdopen(os.dup(1), "w", encoding="ascii")
     os.dup2(2, 1)  # libraries that print to standard output must not break the events
     requests: Queue[SyncRequest | Detach | None] = Queue()
+    results: Queue[bool] = Queue()
 
     def on_event(event: SyncEvent) -> None:
         with suppress(OSError):  # the run's process has ended
@@ -199,25 +206,28 @@ def serve() -> None:
         try:
             on_event(SyncEvent(EventKind.PREPARING, "loading MLflow"))
             load_alone()
-            Follower(on_event).run(requests)
+            results.put(Follower(on_event).run(requests))
         except BaseException:  # else the process would live on and execute no request
             traceback.print_exc()  # `SyncProcess` reports its last line
             os._exit(1)
 
-    worker = Thread(target=work, daemon=True)
-    worker.start()
+    Thread(target=work, daemon=True).start()
     for line in sys.stdin:
         if not line.endswith("\n"):  # the run's process died while it wrote
             break
         message = message_of(line)
         requests.put(message)
         if isinstance(message, Detach):
-            _outlive_terminal(message, worker)
+            _outlive_command(message, results)
     os._exit(0)  # does not wait for the thread, which may be in the middle of a request
 
 
-def _outlive_terminal(message: Detach, worker: Thread) -> None:
+def _outlive_command(message: Detach, results: Queue[bool]) -> None:
     """Wait for the last request; the end of the terminal does not end the process."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    lock_sending(Path(message.home))  # until the process ends
-    worker.join(DETACHED_LIMIT)
+    note = Path(message.note) if message.note else None
+    if note is not None:
+        lock_note(note, blocking=True)
+    with suppress(Empty, OSError):
+        if results.get(timeout=DETACHED_LIMIT) and note is not None:
+            note.unlink(missing_ok=True)

@@ -24,13 +24,17 @@ from typing import ClassVar, Final, Protocol
 from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
-from islandgp.tracking.background import can_send, command_waits
+from islandgp.tracking.background import command_waits, left_run, note_of, seems_usable
 from islandgp.tracking.follow import Detach, EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
 
 PREPARATION_LIMIT: Final = 600.0  # s for importing MLflow or creating a store
 MESSAGE_DELAY: Final = 2.0  # s of waiting before the user gets a message
-GRACE: Final = 2.0  # s in which a SQLite file can fail before a command leaves its child
+QUIET_PERIOD: Final = 30.0
+"""Seconds of a run without a child, if the command does not wait for it.
+
+Loading MLflow takes the workers' cores for a second or two, also at the lowest priority.
+"""
 COMMAND: Final = (sys.executable, "-P", "-m", "islandgp.tracking")
 NICENESS: Final = 5
 """An episode's process gets three times the CPU time of the child.
@@ -235,68 +239,87 @@ class MLflow:
     def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
         """See `Tracker`."""
         waits = command_waits(settings.wait)
-        return cls(Place.of(settings, home), settings.patience, None if waits else home)
+        return cls(Place.of(settings, home), settings.patience, background=not waits)
 
     @classmethod
     def check(cls, settings: MLflowSettings, home: Path) -> None:
         """See `Tracker`. Raises TrackingError if runs can never be stored at this address."""
         check_place(Place.of(settings, home))
 
-    def __init__(self, place: Place, patience: float, background: Path | None = None) -> None:
+    def __init__(self, place: Place, patience: float, *, background: bool = False) -> None:
         """Starts nothing.
 
         Args:
             place: of the store.
             patience: s that `finish` waits without an event, >= 0. With 0, failed requests are not
                 repeated and the child is kept for the next run.
-            background: working folder of a command that does not wait for the child, if the
-                command ends with the run; None: it waits.
+            background: True: a command that ends with the run does not wait for the child.
         """
         self.place = place
         self.patience = patience
         self._background = background
         self._may_leave = False  # True: the command ends with this run
+        self._follows = True  # the child follows the run, or the run needs no following
+        self._due = 0.0  # time of the clock at which the child starts to follow the run
 
     def allow_background(self) -> None:
         """See `BackgroundTracker`."""
-        self._may_leave = self._background is not None
+        self._may_leave = self._background
 
     def start(self, folder: RunFolder) -> None:
         """See `Tracker`."""
         self._folder = folder
-        if not folder.finished():
-            # The command waits for a server's answer in any case.
-            low = self._may_leave and self.place.file is not None
-            client = shared_client(BACKGROUND_NICENESS if low else NICENESS)
-            client.put(self._request(Status.RUNNING))
+        self._follows = folder.finished()
+        # A server must have answered before the command leaves the child.
+        delays = self._may_leave and self.place.file is not None
+        self._due = monotonic() + (QUIET_PERIOD if delays else 0)
+        self.generation()
 
     def generation(self) -> None:
-        """See `Tracker`. Does nothing, as the child watches the folder."""
+        """See `Tracker`. Starts the child when it is due; it watches the folder."""
+        if not self._follows and monotonic() >= self._due:
+            self._follows = True
+            niceness = NICENESS if self.place.file is None else self._niceness()
+            shared_client(niceness).put(self._request(Status.RUNNING))
+
+    def _niceness(self) -> int:
+        return BACKGROUND_NICENESS if self._may_leave else NICENESS
 
     def finish(self, status: Status) -> str:
         """See `Tracker`."""
-        request, client, uri = self._request(status), shared_client(), self.place.uri
+        request, uri, file = self._request(status), self.place.uri, self.place.file
+        left = left_run(note_of(file)) if self._may_leave and file is not None else None
+        leaves = self._may_leave and status is Status.FINISHED and left is None
+        if file is not None:
+            leaves = leaves and seems_usable(file, self.place.experiment)
+        client = shared_client(BACKGROUND_NICENESS if leaves else NICENESS)
         client.put(request)
-        home = self._background if self._may_leave and status is Status.FINISHED else None
-        leave_after = None
-        if home is not None and can_send(home):
-            leave_after = math.inf if self.place.file is None else GRACE
+        leave_after = None if not leaves else math.inf if file is None else 0.0
         reason = client.wait([request], self.patience, uri, leave_after=leave_after)
+        hint = f"\nMLflow may lack records of {left}; {program()} sync sends them" if left else ""
         if not reason:
             line = f"MLflow: {uri}; {program()} ui shows it"
-            if home is None or client.has_sent(request.folder):
-                return line
-            client.worker.put(Detach(self.patience, str(home)))
-            _clients.remove(client)  # its worker is not stopped with this process
-            return (
-                f"{line}. A process still sends the last records; if it is stopped,"
-                f" {self._sync_command()} sends them."
-            )
+            if not leaves or client.has_sent(request.folder):
+                return line + hint
+            return f"{line}. {self._leave(client)}"
         if self.patience:
             close_client()
         return (
             f"MLflow: {uri} has not received all records ({reason}). They are safe on disk; this"
-            f" command sends them:\n  {self._sync_command()}"
+            f" command sends them:\n  {self._sync_command()}{hint}"
+        )
+
+    def _leave(self, client: SyncClient) -> str:
+        """Leave the child to its last request; return a sentence about it."""
+        note = "" if self.place.file is None else str(note_of(self.place.file))
+        if note:
+            with suppress(OSError):  # a full disk; only the hint of a later command is lost
+                Path(note).write_text(f"{self._folder.path.absolute()}\n", encoding="utf-8")
+        client.worker.put(Detach(self.patience, note))
+        _clients.remove(client)  # its worker is not stopped with this process
+        return (
+            "A process sends the last records now; if it is stopped,"
+            f" {self._sync_command()} sends them."
         )
 
     def _sync_command(self) -> str:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from queue import Queue
-from time import sleep
-from typing import Any
+from time import sleep, time
+from typing import Any, ClassVar
 
 import pytest
 
@@ -16,7 +18,7 @@ from islandgp.experiment import run
 from islandgp.records.folder import Status
 from islandgp.running.app import main
 from islandgp.tracking import background, mlflow
-from islandgp.tracking.background import can_send, command_waits, lock_sending
+from islandgp.tracking.background import command_waits, left_run, lock_note, note_of, seems_usable
 from islandgp.tracking.follow import (
     Detach,
     EventKind,
@@ -26,19 +28,19 @@ from islandgp.tracking.follow import (
     SyncRequest,
     message_of,
 )
-from islandgp.tracking.mlflow import MLflow, SyncProcess, shared_client
+from islandgp.tracking.mlflow import MLflow, SyncProcess, close_client
 from islandgp.tracking.store import Place, Store
+from islandgp.tracking.sync_state import SyncState, write_state
 from tests.running.commands import TINY, fake
 from tests.tracking import servers
 from tests.tracking.folders import begun, closed_run, finished, history, place, steps
-from tests.tracking.test_follow import worker_process
 
 posix = pytest.mark.skipif(os.name != "posix", reason="locks of folders, signals")
 
 ANSWER = SyncEvent(EventKind.PROGRESS)
 READY, LOADING = SyncEvent(EventKind.PREPARING), SyncEvent(EventKind.PREPARING, "loading MLflow")
 AWAY = SyncEvent(EventKind.TROUBLE, "connection refused", "runs/a/one")
-SENDS = "A process still sends the last records"
+SENDS = "A process sends the last records now"
 
 
 @pytest.mark.parametrize(
@@ -74,11 +76,13 @@ def test_a_command_waits_unless_it_runs_in_a_terminal(
 
 
 class Scripted:
-    """A worker with these events at its start and, after the run's end, DONE."""
+    """A worker with these events at its start."""
 
     events: tuple[SyncEvent, ...] = ()
+    workers: ClassVar[list[Scripted]] = []
 
     def __init__(self, on_event: OnEvent, niceness: int) -> None:
+        self.workers.append(self)
         self.messages: list[SyncRequest | Detach] = []
         self.niceness, self._on_event = niceness, on_event
         for event in self.events:
@@ -111,17 +115,18 @@ def ended(
         single: True: the command ends with the run.
     """
     monkeypatch.setattr(Scripted, "events", events)
+    monkeypatch.setattr(Scripted, "workers", [])
     monkeypatch.setattr(MLflow, "worker", Scripted)
     monkeypatch.setattr(mlflow, "PREPARATION_LIMIT", 0.01)
-    monkeypatch.setattr(mlflow, "GRACE", 0.001)
-    tracker = MLflow(store or place(home), 0.01, home)
+    tracker = MLflow(store or place(home), 0.01, background=True)
     if single:
         tracker.allow_background()
     folder = begun(home / "runs/a/one", home)
     tracker.start(folder)
-    worker: Any = shared_client().worker
+    tracker.generation()
     text = tracker.finish(status)
     folder.close()
+    (worker,) = Scripted.workers
     return text, worker
 
 
@@ -130,26 +135,47 @@ SERVER = Place("http://server:5000", None, "e")
 
 @posix
 @pytest.mark.parametrize(
-    ("events", "options"),
+    ("events", "store"),
     [
-        pytest.param((READY, ANSWER), {}, id="answered"),
-        pytest.param((AWAY, ANSWER), {"store": SERVER}, id="server-back-again"),
-        pytest.param((LOADING,), {}, id="busy-machine"),
+        pytest.param((), None, id="file"),
+        pytest.param((AWAY, ANSWER), SERVER, id="server-back-again"),
     ],
 )
 def test_a_command_leaves_a_process_that_sends_the_last_records(
     events: tuple[SyncEvent, ...],
-    options: dict[str, Any],
+    store: Place | None,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The process is not stopped with the command, whose last line names the remedy."""
-    text, worker = ended(tmp_path, monkeypatch, *events, **options)
+    """The process is not stopped with the command, whose last line names the remedy.
+
+    For a file it starts at the end of a short run, with the lowest priority.
+    """
+    text, worker = ended(tmp_path, monkeypatch, *events, store=store)
+    path = tmp_path / "runs/a/one"
     assert SENDS in text
-    assert f"sync {tmp_path / 'runs/a/one'}" in text
-    assert worker.messages[-1] == Detach(0.01, str(tmp_path))
-    assert worker.niceness == (5 if options else 19)
+    assert f"sync {path}" in text
+    note = note_of(tmp_path / "mlflow.db")
+    statuses = [message.status for message in worker.messages[:-1]]  # type: ignore[union-attr]
+    if store is None:
+        assert statuses == [Status.FINISHED]
+        assert worker.niceness == 19
+        assert note.read_text().strip() == str(path)
+    else:
+        assert statuses == [Status.RUNNING, Status.FINISHED]
+        assert worker.niceness == 5
+    assert worker.messages[-1] == Detach(0.01, "" if store else str(note))
     assert mlflow._clients == []
+
+
+@posix
+def test_a_long_run_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MLflow shows it while it runs, from QUIET_PERIOD on."""
+    monkeypatch.setattr(mlflow, "QUIET_PERIOD", 0)
+    _, worker = ended(tmp_path, monkeypatch, READY, ANSWER)
+    requests = [message for message in worker.messages if isinstance(message, SyncRequest)]
+    assert [request.status for request in requests] == [Status.RUNNING, Status.FINISHED]
+    assert worker.niceness == 19
 
 
 @posix
@@ -175,34 +201,78 @@ def test_a_command_waits_if_the_store_may_not_get_the_records(
     assert SENDS not in text
 
 
+@pytest.mark.parametrize(
+    ("damage", "usable"),
+    [
+        pytest.param("", True, id="sound"),
+        pytest.param("UPDATE experiments SET lifecycle_stage = 'deleted'", False, id="deleted"),
+        pytest.param("DROP TABLE experiments", False, id="no-store"),
+    ],
+)
+def test_a_store_is_tested_before_a_command_leaves(
+    damage: str, usable: bool, tmp_path: Path
+) -> None:
+    """A missing store, which is made later, is usable; one that another process locks is not."""
+    file = tmp_path / "mlflow.db"
+    assert seems_usable(file, "islandgp")
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("CREATE TABLE experiments (name TEXT, lifecycle_stage TEXT)")
+        database.execute("INSERT INTO experiments VALUES ('islandgp', 'active')")
+        database.execute(damage)
+        database.commit()
+        assert seems_usable(file, "islandgp") is usable
+        database.execute("BEGIN EXCLUSIVE")
+        assert not seems_usable(file, "islandgp")
+
+
 @posix
-def test_a_command_waits_while_another_one_still_sends(
+def test_a_run_that_a_process_left_is_named_by_the_next_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """So commands in a loop never leave more than one process behind."""
-    folder = lock_sending(tmp_path)
-    assert folder is not None
-    text, _ = ended(tmp_path, monkeypatch, READY, ANSWER)
-    assert "no answer in 0.01 s" in text
-    os.close(folder)
-    assert can_send(tmp_path)
+    """While the process may send, the command waits and says nothing; later it does both, once."""
+    note = note_of(tmp_path / "mlflow.db")
+    before = closed_run(tmp_path / "runs/a/before", tmp_path).path
+
+    def written(age: float) -> None:
+        note.write_text(f"{before}\n")
+        os.utime(note, (time() - age, time() - age))
+
+    def next_run(age: float) -> str:
+        written(age)
+        text, _ = ended(tmp_path, monkeypatch, READY)
+        assert SENDS not in text
+        close_client()
+        return text
+
+    assert "may lack" not in next_run(age=1)
+    descriptor = lock_note(note, blocking=True)
+    assert descriptor is not None
+    assert "may lack" not in next_run(age=60)
+    os.close(descriptor)
+    assert f"MLflow may lack records of {before}" in next_run(age=60)
+    assert not note.exists()
+    state = SyncState("sqlite:///x", "islandgp", "i", "r", done="FINISHED 5")
+    write_state(before, state)  # `islandgp sync` was called
+    written(age=60)
+    assert left_run(note) is None
+    assert not note.exists()
 
 
-def executed(*messages: SyncRequest | Detach) -> list[SyncEvent]:
-    """The events of a process that gets these messages; it ends by itself."""
+def executed(*messages: SyncRequest | Detach) -> tuple[bool, list[SyncEvent]]:
+    """The result and the events of a process that gets these messages; it ends by itself."""
     requests: Queue[SyncRequest | Detach | None] = Queue()
     for message in messages:
         requests.put(message_of(message.to_line()))
     events: list[SyncEvent] = []
-    Follower(events.append).run(requests)
-    return events
+    return Follower(events.append).run(requests), events
 
 
 def test_a_detached_process_ends_with_its_last_request(home: Path, store: Store) -> None:
     """The run is complete in the store."""
     folder = closed_run(home / "runs/a/one", home)
     request = SyncRequest(str(folder.path), (place(home),), Status.FINISHED)
-    events = executed(request, Detach(20, str(home)))
+    succeeded, events = executed(request, Detach(20))
+    assert succeeded
     assert events[-1] == SyncEvent(EventKind.DONE, "", str(folder.path))
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "FINISHED"
@@ -214,7 +284,8 @@ def test_a_detached_process_gives_up_after_its_patience(tmp_path: Path) -> None:
     folder = closed_run(tmp_path / "runs/a/one", tmp_path)
     with servers.refusing() as uri:
         request = SyncRequest(str(folder.path), (Place(uri, None, "e"),), Status.FINISHED)
-        events = executed(request, Detach(0, str(tmp_path)))
+        succeeded, events = executed(request, Detach(0))
+    assert not succeeded
     assert {event.kind for event in events if event.folder} == {EventKind.TROUBLE}
 
 
@@ -235,26 +306,33 @@ def test_a_process_outlives_its_command_and_its_terminal(
     home: Path, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its input ends, and a signal says that the terminal has closed."""
-    monkeypatch.setattr(MLflow, "worker", SyncProcess)
-    tracker = MLflow(place(home), 120, home)
+    processes: list[Any] = []
+
+    def start(on_event: OnEvent, niceness: int) -> SyncProcess:
+        processes.append(SyncProcess(on_event, niceness))
+        return processes[0]  # type: ignore[no-any-return]
+
+    monkeypatch.setattr(MLflow, "worker", start)
+    tracker = MLflow(place(home), 120, background=True)
     tracker.allow_background()
     folder = begun(home / "runs/a/one", home)
     tracker.start(folder)
-    process = worker_process()
     for step in steps():
         folder.append(step)
     folder.finish(finished(folder, steps()[-1].champion))
-    tracker.finish(Status.FINISHED)
+    assert SENDS in tracker.finish(Status.FINISHED)
     folder.close()
-    while can_send(home) and process.poll() is None:
-        sleep(0.001)  # the process has not read its last message
+    note, process = note_of(home / "mlflow.db"), processes[0].process
+    while note.exists() and (descriptor := lock_note(note, blocking=False)) is not None:
+        os.close(descriptor)  # the process has not read its last message
+        sleep(0.001)
     process.send_signal(signal.SIGHUP)
     process.stdin.close()
     assert process.wait(60) == 0
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "FINISHED"
     assert [step for step, _ in history(store, run.info.run_id)] == list(range(5))
-    assert can_send(home)
+    assert not note.exists()
 
 
 def test_only_a_single_run_of_a_command_may_be_left(
