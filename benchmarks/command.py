@@ -7,9 +7,11 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 WAIT = 300  # s, longest wait for one command
@@ -39,7 +41,30 @@ def start(command: Sequence[str], arguments: Sequence[str], folder: Path) -> sub
     )
 
 
-def finish(process: subprocess.Popen[str], expected: int = 0) -> None:
+def start_in_terminal(arguments: Sequence[str], folder: Path) -> subprocess.Popen[bytes]:
+    """RUN with arguments in a pseudo-terminal, as somebody types it; its output is discarded."""
+    outside, inside = os.openpty()
+    process = subprocess.Popen(
+        [sys.executable, *RUN, *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=inside,
+        stdout=inside,
+        stderr=inside,
+    )
+    os.close(inside)
+    Thread(target=_discard, args=(outside,), daemon=True).start()
+    return process
+
+
+def _discard(terminal: int) -> None:
+    """Read the output of a terminal until its last process has ended."""
+    with suppress(OSError), open(terminal, "rb", buffering=0) as output:
+        while output.read(4096):
+            pass
+
+
+def finish(process: subprocess.Popen[Any], expected: int = 0) -> None:
     """Waits for the end; raises RuntimeError where the exit code is another one."""
     try:
         code = process.wait(timeout=WAIT)

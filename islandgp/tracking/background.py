@@ -21,7 +21,7 @@ BATCH: Final = ("CI", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
 START_LIMIT: Final = 10.0  # s after which a process that sends has locked its note
 
 
-def command_waits(wait: bool | Literal["auto"]) -> bool:
+def command_waits(wait: Literal["auto", True, False]) -> bool:
     """True if a command waits at its end until MLflow has all records.
 
     Args:

@@ -71,7 +71,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
     # True: the command of a single run waits at its end until the store has all records; auto: it
     # waits unless it runs in a terminal. Folders of runs from before this setting lack it.
-    wait: bool | Literal["auto"] = "auto"
+    wait: Literal["auto", True, False] = "auto"
 
     @field_validator("uri")
     @classmethod
