@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby, pairwise
 from math import inf, isfinite
 from typing import Any, Final
@@ -77,8 +77,15 @@ def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
             x, y = xs[tick] - at_x, ys[tick] - at_y
             to_x, to_y = (round(xs[tick]) - at_x) / past, (round(ys[tick]) - at_y) / past
             if low_x <= to_x <= high_x and low_y <= to_y <= high_y:
-                low_x, high_x = max(low_x, (x - 1) / past), min(high_x, (x + 1) / past)
-                low_y, high_y = max(low_y, (y - 1) / past), min(high_y, (y + 1) / past)
+                # Comparisons are faster than calls of `min` and `max`.
+                if (slope := (x - 1) / past) > low_x:
+                    low_x = slope
+                if (slope := (x + 1) / past) < high_x:
+                    high_x = slope
+                if (slope := (y - 1) / past) > low_y:
+                    low_y = slope
+                if (slope := (y + 1) / past) < high_y:
+                    high_y = slope
                 continue
         if (end := tick - 1) > start:
             x, y = round(xs[end]), round(ys[end])
@@ -111,15 +118,16 @@ def _board(recording: Recording) -> list[dict[str, Any]]:
             "most": key.most,
             "words": key.words,
             "marks": [] if key.flag else thresholds(recording.tree, name),
-            "changes": changes(_rounded(board[place], key) for board in recording.boards),
+            "changes": changes(_rounded([board[place] for board in recording.boards], key)),
         }
         for place, (name, key) in enumerate(recording.schema.vocabulary.keys.items())
     ]
 
 
-def _rounded(value: float, key: Key) -> float | None:
+def _rounded(values: Iterable[float], key: Key) -> Iterator[float | None]:
     """Rounded to a tenth, or finer for thresholds; None for a number that is not finite."""
-    return round(value, max(1, digits([key.step]) - 1)) if isfinite(value) else None
+    decimals = max(1, digits([key.step]) - 1)
+    return (round(value, decimals) if isfinite(value) else None for value in values)
 
 
 def _paints(recording: Recording) -> dict[str, int]:

@@ -275,8 +275,7 @@ def _in_floats(track: SceneTrack) -> SceneTrack:
 
 
 def _placed(thing: Thing) -> Thing:
-    numbers = thing[1:4]
-    if all(type(number) is float for number in numbers):
+    if type(thing.x) is type(thing.y) is type(thing.size) is float:  # as nearly all are
         return thing
     return thing._replace(x=float(thing.x), y=float(thing.y), size=float(thing.size))
 
