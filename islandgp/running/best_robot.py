@@ -14,6 +14,7 @@ from islandgp.evolution.validation import (
     validate,
     validation_seeds,
 )
+from islandgp.intervals import import_early
 from islandgp.records.folder import RunFolder
 from islandgp.supervision.library import library_folder, read_tree
 
@@ -34,6 +35,7 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     if episodes < 1:
         winner = max(contenders, key=lambda c: c.merit)
     else:
+        import_early()
         used_worlds: set[int] = set()
         stage = 0
         for record in target.records():
