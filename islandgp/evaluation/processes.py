@@ -29,6 +29,7 @@ from pydantic import BaseModel, Field
 from islandgp.domain import Outcome
 from islandgp.errors import EvaluationError
 from islandgp.evaluation.base import Job, Problem, blame, simulate
+from islandgp.evaluation.forkserver import set_imports
 
 PERIOD: Final = 0.5  # s between two checks of the parent, or of the pool's thread
 PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
@@ -103,38 +104,6 @@ def _run(job: Job) -> Outcome:
     return simulate(_problem, job, _limit)
 
 
-def _set_imports(domain: str) -> None:
-    """Sets the modules that a forkserver imports when it starts: those that its workers need."""
-    if os.name == "posix":
-        modules = ["islandgp.evaluation.forked", "islandgp.evaluation.processes", domain]
-        multiprocessing.get_context("forkserver").set_forkserver_preload(modules)
-
-
-def start_forkserver(domain: str) -> None:
-    """Starts the process that forks workers, if it does not run yet.
-
-    `Processes` starts it as well, and waits for its imports. A process that has other work to do
-    first saves this time by an earlier start.
-
-    Args:
-        domain: module of the domain. Workers import another one by themselves.
-    """
-    if os.name == "posix":
-        from multiprocessing import forkserver, resource_tracker  # which other systems lack
-
-        _set_imports(domain)
-        # This process handles Ctrl-C. The server inherits the blocked signal; otherwise it
-        # would print a traceback during its imports. A resource tracker unblocks it when it starts.
-        resource_tracker.ensure_running()
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            forkserver.ensure_running()
-        except OSError:
-            pass  # `Processes` reports it
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
 class ProcessesSettings(BaseModel, frozen=True, extra="forbid"):
     """Number of processes and time limits."""
 
@@ -166,7 +135,7 @@ class Processes:
 
     def _new_pool(self) -> ProcessPoolExecutor:
         context = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
-        _set_imports(type(self.problem.domain).__module__)
+        set_imports(type(self.problem.domain).__module__)
         return ProcessPoolExecutor(
             self.workers, context, _start, (self.problem, self.episode_timeout)
         )

@@ -11,7 +11,6 @@ import atexit
 import errno
 import gc
 import os
-import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -28,9 +27,8 @@ from islandgp.config.compose import Planned, Searched, planned, searched
 from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
-from islandgp.domain_files import default_domain_module
 from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.evaluation.processes import start_forkserver
+from islandgp.evaluation.forkserver import start_for_command
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
@@ -101,9 +99,7 @@ def _must_be_somewhere() -> None:
 
 def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     """Executes the parsed command; returns the exit code."""
-    if not args.multirun and not any(map(OTHER_WORKERS.match, args.overrides)):
-        # It imports what workers need while this process composes the configuration.
-        start_forkserver(default_domain_module())
+    start_for_command(argv)
     search, jobs = _planned(args, argv)
     if key_in(job.config for job in jobs):
         args, argv = parsed_argv([NONE, *argv])
@@ -128,10 +124,6 @@ def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
         return run_sweep(jobs, command_line(argv), launch)
     _must_not_need_hydra(args.overrides)
     return _run_single(jobs[0], command_line(argv))
-
-
-OTHER_WORKERS: Final = re.compile(r"[+~]*(domain|evaluator|experiment|hydra)\b")
-"""Overrides with which a run may have another domain, or another evaluator."""
 
 
 def _planned(

@@ -23,7 +23,8 @@ from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
-from islandgp.evaluation.processes import Processes, start_forkserver
+from islandgp.evaluation.forkserver import start_forkserver
+from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray, batch_size, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum

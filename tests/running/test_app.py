@@ -16,6 +16,7 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
+from islandgp.evaluation import forkserver
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
@@ -571,6 +572,7 @@ def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
     ("arguments", "early"),
     [
         (["seed=3"], True),
+        (["--config-dir", "."], True),
         (["domain=cartpole"], False),
         (["evaluator=serial"], False),
         (["experiment=minigrid"], False),
@@ -587,7 +589,7 @@ def test_workers_are_prepared_before_the_configuration_is_composed(
     def stop(*_: object) -> None:
         raise ConfigError("Expected nothing more of this test.")
 
-    monkeypatch.setattr(app, "start_forkserver", started.append)
+    monkeypatch.setattr(forkserver, "start_forkserver", started.append)
     monkeypatch.setattr(app, "_planned", stop)
     assert main([*arguments, f"runs={cwd}"]) == (0 if "--cfg" in arguments else 2)
     assert started == ["islandgp.domains.island"] * early
