@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from contextlib import closing, suppress
 from pathlib import Path
-from time import time
+from time import sleep, time
 from typing import Final, Literal
 
 from islandgp.tracking.store import has_data
@@ -19,6 +19,7 @@ BATCH: Final = ("CI", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
 """Variables of environments that end all processes of a job when its last command ends."""
 
 START_LIMIT: Final = 10.0  # s after which a process that sends has locked its note
+LOOK_PERIOD: Final = 0.1  # s between two looks for a new store
 
 
 def command_waits(wait: Literal["auto", True, False]) -> bool:
@@ -89,25 +90,41 @@ def lock_note(note: Path, *, blocking: bool) -> int | None:
     return None
 
 
-def left_run(note: Path) -> str | None:
-    """The run of a note; removes a note whose run is complete.
-
-    Returns:
-        None if there is no note. "" if a process still sends the run: a loop of commands that do
-        not wait would start more and more of them. Otherwise the run's folder, whose process ended
-        before the store had all records.
-    """
+def is_sending(note: Path) -> bool:
+    """True if the process of a note is at work, or may be starting."""
     try:
-        folder, age = note.read_text(encoding="utf-8").strip(), time() - note.stat().st_mtime
-    except (OSError, ValueError):
-        return None
+        age = time() - note.stat().st_mtime
+    except OSError:  # there is no note
+        return False
     descriptor = lock_note(note, blocking=False)
     if descriptor is None:
-        return ""
+        return note.exists()
     os.close(descriptor)
-    if 0 <= age < START_LIMIT:
+    return 0 <= age < START_LIMIT
+
+
+def left_run(note: Path) -> str | None:
+    """The run of a note; removes a note whose process has ended.
+
+    Returns:
+        None if there is no note, or its run is complete or deleted. "" if a process still sends the
+        run: a loop of commands that do not wait would start more and more of them. Otherwise the
+        run's folder, whose process ended before the store had all records.
+    """
+    if is_sending(note):
         return ""
+    try:
+        folder = Path(note.read_text(encoding="utf-8").strip())
+    except (OSError, ValueError):
+        return None
     note.unlink(missing_ok=True)
-    state = read_state(Path(folder))
-    complete = not Path(folder).is_dir() or (state is not None and state.done != "")
-    return None if complete else folder
+    state = read_state(folder)
+    complete = not folder.is_dir() or (state is not None and state.done != "")
+    return None if complete else str(folder)
+
+
+def store_exists(file: Path) -> bool:
+    """True if there is a SQLite store; waits for a process that makes it after its command."""
+    while not file.is_file() and is_sending(note_of(file)):
+        sleep(LOOK_PERIOD)
+    return file.is_file()

@@ -18,7 +18,14 @@ from islandgp.experiment import run
 from islandgp.records.folder import Status
 from islandgp.running.app import main
 from islandgp.tracking import background, mlflow
-from islandgp.tracking.background import command_waits, left_run, lock_note, note_of, seems_usable
+from islandgp.tracking.background import (
+    command_waits,
+    left_run,
+    lock_note,
+    note_of,
+    seems_usable,
+    store_exists,
+)
 from islandgp.tracking.follow import (
     Detach,
     EventKind,
@@ -256,6 +263,18 @@ def test_a_run_that_a_process_left_is_named_by_the_next_command(
     written(age=60)
     assert left_run(note) is None
     assert not note.exists()
+
+
+@posix
+def test_a_store_that_a_command_left_to_be_made_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`islandgp ui` works at once after the first run, which makes the store after its end."""
+    file = tmp_path / "mlflow.db"
+    assert not store_exists(file)
+    note_of(file).write_text(str(tmp_path))
+    monkeypatch.setattr(background, "sleep", lambda _: file.write_bytes(b"store"))
+    assert store_exists(file)
 
 
 def executed(*messages: SyncRequest | Detach) -> tuple[bool, list[SyncEvent]]:
