@@ -42,8 +42,7 @@ def setting(*overrides: str) -> Problem:
 
 def points() -> Award:
     """The rewards of the pinned stage."""
-    value = worth(settings().rewards, settings().curriculum.multipliers(STAGE))
-    return lambda event, amount: value(event, amount)[1]
+    return worth(settings().rewards, settings().curriculum.multipliers(STAGE))
 
 
 def example(name: str) -> Node:

@@ -89,6 +89,7 @@ def _start(problem: Problem, limit: float) -> None:
     Thread(target=_end_with_parent, daemon=True).start()
     _problem, _limit = problem, limit
     gc.freeze()  # the collector need not walk over imported modules again and again
+    gc.set_threshold(10_000)  # an episode makes thousands of objects, few of them in cycles
 
 
 def _end_with_parent() -> None:

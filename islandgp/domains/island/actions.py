@@ -60,14 +60,15 @@ def seek_charger(island: State, fresh: bool) -> int:
     """Drives to the nearest charger."""
     robot, chargers, lead = island.robot, island.world.chargers, inf
     if fresh:
-        robot.charger, lead = _nearest(island, chargers)
+        robot.charger, _, lead = _nearest(island, chargers)
     return drive(island, *chargers[robot.charger], robot.station_reach, lead)
 
 
 def execute_charge(island: State, fresh: bool) -> int:
     """Charges until full; logs `charge` again only after `charge_again` percent were used."""
     robot = island.robot
-    beyond = min(_distances(island, island.world.chargers)) - robot.station_reach
+    _, gap, _ = _nearest(island, island.world.chargers)
+    beyond = gap - robot.station_reach
     island.same_for(abs(beyond))
     if beyond > 0:
         return FAILURE
@@ -92,7 +93,7 @@ def move_to_humanoid(island: State, fresh: bool) -> int:
         return FAILURE
     position = complex(robot.x, robot.y)
     if fresh:
-        island.humanoid = people.nearest_asking(island.physics.humanoid_positions(), position)
+        island.humanoid = people.nearest_asking(position)
         island.aim_end = 0
     humanoid = island.humanoid
     if humanoid < 0 or not people.asks(humanoid):
@@ -114,7 +115,7 @@ def deliver_to_clearing_point(island: State, fresh: bool) -> int:
     """Drives to the nearest clearing point and unloads; an empty robot is fined once per visit."""
     robot, points, lead = island.robot, island.world.clearing_points, inf
     if fresh:
-        robot.clearing_point, lead = _nearest(island, points)
+        robot.clearing_point, _, lead = _nearest(island, points)
     target = robot.clearing_point
     if drive(island, *points[target], robot.station_reach, lead) == RUNNING:
         return RUNNING
@@ -169,19 +170,21 @@ def drive(island: State, x: float, y: float, reach: float, lead: float = inf) ->
     return RUNNING
 
 
-def _nearest(island: State, stations: Sequence[tuple[float, float]]) -> tuple[int, float]:
-    """The nearest station, the first of equals, and how many metres farther the next one is."""
-    distances = _distances(island, stations)
-    least = min(distances)
-    nearest = distances.index(least)
-    distances[nearest] = inf
-    return nearest, min(distances) - least
-
-
-def _distances(island: State, stations: Sequence[tuple[float, float]]) -> list[float]:
-    """Metres from the robot to each station."""
+def _nearest(island: State, stations: Sequence[tuple[float, float]]) -> tuple[int, float, float]:
+    """The nearest station, the first of equals, the metres to it, and by how many it is nearer."""
     rx, ry = island.robot.x, island.robot.y
-    return [hypot(x - rx, y - ry) for x, y in stations]
+    first, least, next_one, second = -1, inf, -1, inf  # squares of distances
+    for i, (x, y) in enumerate(stations):
+        dx, dy = x - rx, y - ry
+        square = dx * dx + dy * dy
+        if square < least:
+            first, least, next_one, second = i, square, first, least
+        elif square < second:
+            next_one, second = i, square
+    gap = hypot(stations[first][0] - rx, stations[first][1] - ry)
+    if next_one < 0:
+        return first, gap, inf
+    return first, gap, hypot(stations[next_one][0] - rx, stations[next_one][1] - ry) - gap
 
 
 def _pursue(island: State, place: complex, gap: float) -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import pymunk
 
 from islandgp.domains.island import engine, layout
-from islandgp.domains.island.schedule import Schedule
+from islandgp.domains.island.schedule import Circle, Schedule
 from islandgp.domains.island.sensing import GARBAGE
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def _adds_as_chipmunk(coast: Callable[[int, float, int], None]) -> bool:
     return ends == [body.position for body in space.bodies]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _turns(schedule: Schedule) -> tuple[array[int], array[int], array[float]]:
     """Steps, humanoids and velocities of a day's turns."""
     turns = schedule.turns
@@ -131,7 +131,12 @@ def _turns(schedule: Schedule) -> tuple[array[int], array[int], array[float]]:
     return steps, humanoids, array("d", [v for turn in turns for v in turn[2:]])
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=8)
+def _rocks(obstacles: tuple[Circle, ...]) -> array[float]:
+    return array("d", chain(*obstacles))
+
+
+@lru_cache(maxsize=32)
 def _cells(places: Places) -> tuple[array[float], array[float], array[int], array[int]]:
     """Positions of items, and the items near each cell, by cell."""
     first = array("q", [0])
@@ -207,7 +212,7 @@ def _arrays(island: State, motion: array[float]) -> dict[int, Any]:
         layout.DISCOVERED: ground.discovered,
         layout.CELL_STARTS: cell_starts,
         layout.CELL_ITEMS: cell_items,
-        layout.ROCKS: array("d", chain(*island.schedule.obstacles)),
+        layout.ROCKS: _rocks(island.schedule.obstacles),
     }
 
 

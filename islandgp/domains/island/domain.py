@@ -23,7 +23,7 @@ from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import DomainError
-from islandgp.scoring.rewards import RewardTable, Worth, worth
+from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
 
@@ -120,17 +120,17 @@ class Island:
                 tree,
                 self.world,
                 seed,
-                lambda event, amount: value(event, amount)[1],
+                value,
                 actions=self.actions,
                 sensors=sensors,
             )
-            return self._outcome(episode, value)
+            return self._outcome(episode)
 
-        def award(event: IslandEvent, amount: float) -> float:
+        def award(event: IslandEvent, amount: float) -> tuple[str, float]:
             component, points = value(event, amount)
             if component:
                 observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
-            return points
+            return component, points
 
         fixed = self._fixed()
         episode = run_episode(
@@ -146,20 +146,16 @@ class Island:
             ),
             sensors=sensors,
         )
-        return self._outcome(episode, value)
+        return self._outcome(episode)
 
-    def _outcome(self, episode: Episode, value: Worth) -> Outcome:
+    def _outcome(self, episode: Episode) -> Outcome:
         counts = dict.fromkeys(IslandEvent, 0.0)
         sums = dict.fromkeys(IslandEvent, 0.0)
-        points = dict.fromkeys(self.schema.components, 0.0)
         for _, event, amount in episode.events:
             counts[event] += 1
             sums[event] += amount
-            component, worth_it = value(event, amount)
-            if component:
-                points[component] += worth_it
         return Outcome(
-            components=points,
+            components={**dict.fromkeys(self.schema.components, 0.0), **episode.points},
             counters={
                 "pickups": counts[IslandEvent.PICKUP],
                 "interactions": counts[IslandEvent.INTERACTION],

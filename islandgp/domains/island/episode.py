@@ -155,7 +155,7 @@ def run_episode(
         tree: the robot's tree.
         world: settings of the island.
         seed: of the world.
-        award: points by event.
+        award: component and points by event.
         actions: the robot's actions by name.
         stepwise: check every part in every step.
         watch: called with the index and status of every ticked node.
@@ -349,6 +349,7 @@ def _close(island: State, ending: Ending, ticks: int) -> Episode:
         steps=island.step,
         ending=ending,
         fitness=island.event_log.fitness,
+        points=island.event_log.points,
         battery=max(0, island.robot.battery) / MICRO,
         distance=island.robot.odometer * island.robot.stride,
         inactive=(island.step - island.last_action) * step,

@@ -22,18 +22,20 @@ class IslandEvent(StrEnum):
     LEFTOVER = "leftover"
 
 
-Award = Callable[[IslandEvent, float], float]  # the points of an event, by its amount
+Award = Callable[[IslandEvent, float], tuple[str, float]]
+"""(event, amount) -> (component of the fitness, or "", points)."""
 
 
 class IslandEventLog:
     """The events of an episode in order, and their total fitness."""
 
-    __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since")
+    __slots__ = ("award", "best", "best_step", "events", "fitness", "negative_since", "points")
 
     def __init__(self, award: Award) -> None:
         self.award = award
         self.events: list[tuple[int, IslandEvent, float]] = []  # (step, event, amount)
         self.fitness = 0.0
+        self.points: dict[str, float] = {}  # by component
         self.best = 0.0  # highest fitness so far
         self.best_step = 0  # step at which it was reached
         self.negative_since = -1  # step since which fitness is below 0, or -1
@@ -41,7 +43,10 @@ class IslandEventLog:
     def log(self, step: int, event: IslandEvent, amount: float) -> None:
         """Records an event and adds its points."""
         self.events.append((step, event, float(amount)))
-        self.fitness = fitness = self.fitness + self.award(event, amount)
+        component, points = self.award(event, amount)
+        if component:
+            self.points[component] = self.points.get(component, 0.0) + points
+        self.fitness = fitness = self.fitness + points
         if fitness > self.best:
             self.best = fitness
             self.best_step = step

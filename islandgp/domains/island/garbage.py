@@ -24,7 +24,7 @@ class Places:
         return self.near[(int(y // self.cell) + 1) * self.columns + int(x // self.cell) + 1]
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def _places(schedule: Schedule, side: float, cell: float) -> Places:
     """The items of a day on an island of `side` metres, in cells of `cell` metres."""
     items = (*schedule.garbage, *(complex(x, y) for _, x, y in schedule.spawns[:-1]))

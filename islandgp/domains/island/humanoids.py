@@ -66,10 +66,10 @@ class Humanoids:
         away *= self.settings.speed / (abs(away) or 1.0)
         engine.steer(self.bodies[h], (away.real, away.imag))
 
-    def nearest_asking(self, positions: list[complex], robot: complex) -> int:
+    def nearest_asking(self, robot: complex) -> int:
         """The nearest humanoid that asks, or -1 if none does."""
-        best, nearest = -1, inf
-        for h, at in enumerate(positions):
-            if self.asks(h) and abs(at - robot) < nearest:
-                best, nearest = h, abs(at - robot)
+        best, nearest, least = -1, inf, self.settings.ask_from
+        for h, items in enumerate(self.items):
+            if items >= least and (gap := abs(self.position(h) - robot)) < nearest:
+                best, nearest = h, gap
         return best

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -25,6 +26,7 @@ class Episode:
     steps: int  # simulated steps, >= 1
     ending: Ending
     fitness: float  # points of all events
+    points: Mapping[str, float]  # by component, of those that earned some
     battery: float  # % at the end
     distance: float  # m driven
     inactive: float  # s since the last non-movement action

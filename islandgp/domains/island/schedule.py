@@ -80,7 +80,7 @@ def _free_points(
     )
 
 
-@lru_cache(maxsize=16)  # more than the worlds of a validation
+@lru_cache(maxsize=32)  # more than the worlds to which the races of a run return
 def draw_schedule(world: IslandWorld, seed: int) -> Schedule:
     """The schedule of `seed`, a function of the arguments."""
     rng = np.random.default_rng(seed)

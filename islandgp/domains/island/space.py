@@ -68,15 +68,11 @@ class Space:
 
     def reset(self, world: IslandWorld, schedule: Schedule) -> None:
         """Resets the space to step 0 of a schedule with as many humanoids."""
-        self.space.remove(*(thing for mover in self._movers for thing in mover))
+        starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
+        engine.restart(self.space, self._movers, starts)
         self.contacts.begun.clear()
         self.contacts.touching.clear()
         self.contacts.flag[0] = False
-        starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
-        for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
-            body.update_position(body, 0)  # a remaining overlap no longer moves it
-            body.position, body.velocity = (x, y), (vx, vy)
-            self.space.add(body, shape)
 
     def robot_position(self) -> complex:
         """Position of the robot, x + iy in metres."""

@@ -116,7 +116,7 @@ def build_island(
     Args:
         world: settings of the island.
         seed: of the world.
-        award: points by event.
+        award: component and points by event.
         thresholds: battery levels in percent that the tree compares with.
     """
     schedule = draw_schedule(world, seed)

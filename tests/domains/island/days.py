@@ -56,8 +56,7 @@ def world(**changes: Any) -> IslandWorld:
 def points(stage: int = 0) -> Award:
     """The paper's rewards in a stage (from 0)."""
     settings = composed()
-    value = worth(settings.rewards, settings.curriculum.multipliers(stage))
-    return lambda event, amount: value(event, amount)[1]
+    return worth(settings.rewards, settings.curriculum.multipliers(stage))
 
 
 @dataclass(frozen=True)

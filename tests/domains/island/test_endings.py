@@ -110,5 +110,5 @@ def test_fitness_is_the_sum_of_the_events(lay: Lay) -> None:
     lay(garbage=[150 + 150j, 160 + 150j], humanoids=[(150, 158)])
     award = points(2)
     trace = day("selector { PickupGarbage MoveToGarbage PatrolWaypoint }", world(), stage=2)
-    total = sum(award(event, amount) for _, event, amount in trace.episode.events)
+    total = sum(award(event, amount)[1] for _, event, amount in trace.episode.events)
     assert trace.episode.fitness == pytest.approx(total)

@@ -91,6 +91,7 @@ def test_records_of_a_run_are_the_same(tmp_path: Path) -> None:
 OWN_CODE: Final = """
 import pickle
 from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Limits
 from islandgp.domains.island.actions import ACTIONS, drive
 from islandgp.domains.island.episode import run_episode
 from islandgp.errors import TimeLimitError
@@ -99,10 +100,11 @@ from islandgp.time_limit import TimeLimit
 from tests.domains.island.days import points, world
 
 def seek(island, fresh):
-    return drive(island, None, 0.0, 1.0)  # line 12
+    return drive(island, None, 0.0, 1.0)  # line 13
 
 episode = run_episode(parse("PatrolWaypoint"), world(), 0, points())
-assert pickle.loads(pickle.dumps(episode)) == episode
+kept = (episode, Limits(8, 50), parse("when lap < 2 { SeekCharger }"))
+assert pickle.loads(pickle.dumps(kept)) == kept
 actions = {**ACTIONS, "SeekCharger": seek}
 try:
     run_episode(parse("SeekCharger"), world(), 0, points(), actions=actions)
@@ -122,11 +124,11 @@ except TimeLimitError as error:
 @needs_compiled
 @pytest.mark.process
 def test_code_of_users(tmp_path: Path) -> None:
-    """Episodes can be pickled, errors name the user's line, and time limits end long ticks."""
+    """Episodes and trees are pickled, errors name the user's line, time limits end long ticks."""
     script = tmp_path / "own.py"
     script.write_text(f"import sys; sys.path.insert(0, {str(resource('conf').parent)!r}){OWN_CODE}")
     output, _ = in_python(str(script), extensions="1")
-    assert output.splitlines() == [f", in {script}, line 12", "late"]
+    assert output.splitlines() == [f", in {script}, line 13", "late"]
 
 
 @needs_compiled

@@ -8,7 +8,7 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.domain import Island
-from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.events import IslandEvent, IslandEventLog
 from islandgp.domains.island.outcome import Ending, Episode
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.rewards import worth
@@ -28,6 +28,7 @@ EPISODE = Episode(
     steps=10,
     ending=Ending.STAGNATION,
     fitness=0.0,
+    points={},
     battery=12.5,
     distance=80.0,
     inactive=0.4,
@@ -38,8 +39,12 @@ EPISODE = Episode(
 
 def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pickups, interactions, deliveries and charges are counted, items are added up."""
-    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: EPISODE)
     settings = composed()
+    log = IslandEventLog(worth(settings.rewards, settings.curriculum.multipliers(0)))
+    for event in EPISODE.events:
+        log.log(*event)
+    episode = replace(EPISODE, points=log.points)
+    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: episode)
     island = Island.make(settings.world, settings.rewards)
     outcome = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
     assert outcome.counters == {
@@ -68,7 +73,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
             "collision": -500,
         }
     )
-    assert outcome.fitness == pytest.approx(532.5)
+    assert outcome.fitness == pytest.approx(532.5) == log.fitness
     quiet = replace(EPISODE, events=())
     monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: quiet)
     assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
