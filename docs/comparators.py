@@ -125,6 +125,12 @@ WORLDS: Final[dict[str, World]] = {
         DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     ),
     "island_4000": World(("domain=island", "budget.episodes=4000"), ALL_ROUNDER, arms=("racing",)),
+    "pick_place_experiment": World(
+        ("experiment=pick_place",),
+        *(PICK_PLACE / "carry.bt", PICK_PLACE / "conf"),
+        arms=("racing",),
+        seeds=range(9040, 9060),
+    ),
     "island_best": World(
         ("experiment=best",), ALL_ROUNDER, arms=("racing",), seeds=range(9030, 9040)
     ),

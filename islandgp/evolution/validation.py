@@ -17,7 +17,7 @@ from typing import Any, Final, TypeVar
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
-from islandgp.gp.evidence import estimate
+from islandgp.gp.evidence import SHRINKAGE, estimate
 from islandgp.intervals import interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -152,6 +152,7 @@ def candidates_by_evidence(
     most: int = MAX_CANDIDATES,
     bound_width: float = 1.0,
     constraints: Constraints = NO_CONSTRAINTS,
+    shrinkage: float = SHRINKAGE,
 ) -> list[Candidate]:
     """The trees of the last stage with the highest lower bounds of their mean fitness.
 
@@ -165,6 +166,7 @@ def candidates_by_evidence(
         most: maximum number of candidates.
         bound_width: standard errors between a tree's level (`evidence.estimate`) and its bound.
         constraints: of the run.
+        shrinkage: as in `evidence.estimate`.
 
     Returns:
         Candidates, best first; `trained` is the bound.
@@ -191,16 +193,20 @@ def candidates_by_evidence(
     best = {
         c.tree: c
         for part in evaluations_by_part
-        for c in _by_bound(part, bound_width, constraints)[: most // parts]
+        for c in _by_bound(part, bound_width, constraints, shrinkage)[: most // parts]
     }
     return sorted(best.values(), key=lambda c: c.merit, reverse=True)
 
 
 def _by_bound(
-    evaluations: Mapping[str, _Evaluations], bound_width: float, constraints: Constraints
+    evaluations: Mapping[str, _Evaluations],
+    bound_width: float,
+    constraints: Constraints,
+    shrinkage: float,
 ) -> list[Candidate]:
     """All trees as candidates, those with the highest lower bounds first."""
-    levels, sd = estimate([evaluation.fitness for evaluation in evaluations.values()])
+    fitness = [evaluation.fitness for evaluation in evaluations.values()]
+    levels, sd = estimate(fitness, shrinkage)
     everyone = [
         Candidate(
             evaluation.generation,

@@ -13,15 +13,20 @@ from math import sqrt
 from statistics import fmean, pstdev
 from typing import Final
 
-SHRINKAGE: Final = 0.3  # residual variance over the variance of generations' effects
+SHRINKAGE: Final = 0.3
+"""Default of the residual variance over the variance of generations' effects."""
 ROUNDS: Final = 20  # of alternating estimates
 
 
-def estimate(fitness: Sequence[Mapping[int, float]]) -> tuple[list[float], float]:
+def estimate(
+    fitness: Sequence[Mapping[int, float]], shrinkage: float = SHRINKAGE
+) -> tuple[list[float], float]:
     """The level of each tree, and the standard deviation of a single evaluation around it.
 
     Args:
         fitness: points by generation, of each tree; at least one evaluation each.
+        shrinkage: residual variance over the variance of generations' effects, >= 0. The larger
+            it is, the nearer are the levels to plain means.
 
     Returns:
         The levels in points, and the residual standard deviation in points, pooled over trees.
@@ -39,7 +44,7 @@ def estimate(fitness: Sequence[Mapping[int, float]]) -> tuple[list[float], float
             for g, v in values.items():
                 sums[g] += v - level
                 counts[g] += 1
-        effects.update({g: sums[g] / (counts[g] + SHRINKAGE) for g in sums})
+        effects.update({g: sums[g] / (counts[g] + shrinkage) for g in sums})
     levels = [fmean(v - effects[g] for g, v in values.items()) for values in fitness]
     squares, freedom = 0.0, 0
     for values, level in zip(fitness, levels, strict=True):

@@ -14,6 +14,7 @@ from islandgp.evolution.validation import (
     validate,
     validation_seeds,
 )
+from islandgp.gp.evidence import SHRINKAGE
 from islandgp.intervals import import_early
 from islandgp.records.folder import RunFolder
 from islandgp.supervision.library import library_folder, read_tree
@@ -27,7 +28,8 @@ def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> B
     """
     records, constraints = target.records(), settings.constraints
     if settings.search.ranking == "evidence":
-        contenders = candidates_by_evidence(records, constraints=constraints)
+        shrinkage = settings.search.policy.get("shrinkage", SHRINKAGE)
+        contenders = candidates_by_evidence(records, constraints=constraints, shrinkage=shrinkage)
     else:
         contenders = candidates(records, settings.classes, constraints=constraints)
     episodes = validation_episodes(settings, target)

@@ -68,6 +68,11 @@ class RacingSettings(BreedingSettings, frozen=True):
     """Share of a generation's slots in which survivors are evaluated again."""
     library: int = Field(ge=0)  # first trees that are priority lists of the library's branches
     bound_width: FiniteFloat = Field(ge=0)  # standard errors between a tree's level and its bounds
+    shrinkage: FiniteFloat = Field(ge=0)
+    """Variance of a tree's evaluations over that of the generations' worlds.
+
+    The larger it is, the nearer are the trees' levels to plain means of their evaluations.
+    """
     milestone: FiniteFloat = Field(ge=0)  # bonus for each milestone reached
     behaviour: FiniteFloat = Field(ge=0)  # bonus for each behaviour shown
     parsimony: FiniteFloat = Field(ge=0)  # cost of each node
@@ -223,7 +228,7 @@ class Racing(BreedingSearch[RacingSettings]):
         that keep the constraints, by means over all episodes, come before all others.
         """
         settings = self.settings
-        levels, sd = estimate([dict(entry.fitness) for entry in entries])
+        levels, sd = estimate([dict(entry.fitness) for entry in entries], settings.shrinkage)
 
         def bound(k: int) -> Merit:
             entry = entries[k]
