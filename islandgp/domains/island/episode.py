@@ -43,7 +43,11 @@ def advance(island: State, end: int) -> None:
     step, turn, shaken = island.step, turns[island.turn][0], island.shaken
     run = island.compiled.run if island.compiled else None
     space, step_space = physics.handle, engine.step
-    spawn = _next_spawn(island) if ground.room > 0 else FAR
+    spawn = FAR
+    if ground.room > 0:
+        spawn = island.schedule.spawns[island.spawn][0]
+        if spawn <= step:
+            spawn = _next_spawn(island)
     if shaken:
         end = step + 1
     while step < end:
@@ -293,13 +297,17 @@ def _horizon(island: State, latest: int) -> int:
             ground.next_look = BEFORE_MOVING
         else:
             look_for_garbage(island)
-    horizon = min(latest, island.wake)
+    horizon = latest if latest < island.wake else island.wake
     if robot.driving:
-        horizon = min(horizon, robot.leg_end)
+        another = robot.leg_end
     elif not island.acted:
         second = island.limits.second
-        horizon = min(horizon, step + second - island.idle % second)
-    return max(horizon, step + 1)
+        another = step + second - island.idle % second
+    else:
+        another = FAR
+    if another < horizon:
+        horizon = another
+    return horizon if horizon > step else step + 1
 
 
 def _deadline(island: State) -> int:
@@ -309,7 +317,7 @@ def _deadline(island: State) -> int:
     end = event_log.best_step + (limits.stagnation_low_battery if low else limits.stagnation)
     if event_log.negative_since >= 0:
         end = min(end, event_log.negative_since + limits.negative)
-    return min(end, limits.length)
+    return end if end < limits.length else limits.length
 
 
 def _account(island: State, steps: int) -> None:

@@ -46,10 +46,14 @@ def sense(island: State, *, always: bool = False) -> bool:
     if not island.compiled:  # the compiled loop sets the position
         at = engine.position(robot.body)
         robot.x, robot.y = at.x, at.y
+    finds = always or step >= island.ground.next_look
+    meets = always or step >= island.humanoids.next_look
+    if not finds and not meets:
+        return island.changed
     events = len(island.event_log.events)
-    if always or step >= island.ground.next_look:
+    if finds:
         look_for_garbage(island)
-    if always or step >= island.humanoids.next_look:
+    if meets:
         asking = _look_for_humanoids(island, always)
         if asking != board[HUMANOID]:
             board[HUMANOID] = asking
@@ -102,7 +106,8 @@ def _look(island: State) -> tuple[int, int]:
     border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     # Metres until the last visible item is out of sight, a new item comes into sight, and a
     # discovered one does so again.
-    end, change, again = 0.0, min(border_x, border_y) + robot.stride, inf
+    border = border_x if border_x < border_y else border_y
+    end, change, again = 0.0, border + robot.stride, inf
     for item in places.near[(int(row) + 1) * places.columns + int(column) + 1]:
         if not present[item]:
             continue
@@ -126,7 +131,9 @@ def _look(island: State) -> tuple[int, int]:
                 again = along - half
         elif along - half < change:
             change = along - half
-    change = min(change, end if in_sight else again)
+    other = end if in_sight else again
+    if other < change:
+        change = other
     ground.next_look = island.step + steps_to(change, robot.stride) if robot.driving else FAR
     return in_sight, new
 
