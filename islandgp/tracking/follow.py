@@ -226,8 +226,14 @@ def _outlive_command(message: Detach, results: Queue[bool]) -> None:
     """Wait for the last request; the end of the terminal does not end the process."""
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     note = Path(message.note) if message.note else None
-    if note is not None:
-        lock_note(note, blocking=True)
+    if note is not None:  # in a thread, because another process may have the lock for long
+        Thread(target=_lock, args=(note,), daemon=True).start()
     with suppress(Empty, OSError):
         if results.get(timeout=DETACHED_LIMIT) and note is not None:
             note.unlink(missing_ok=True)
+
+
+def _lock(note: Path) -> None:
+    """Lock a note until the process ends. Without a lock, it still sends its run."""
+    with suppress(ImportError, OSError):
+        lock_note(note, blocking=True)

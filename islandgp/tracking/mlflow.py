@@ -24,7 +24,13 @@ from typing import ClassVar, Final, Protocol
 from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
-from islandgp.tracking.background import command_waits, left_run, note_of, seems_usable
+from islandgp.tracking.background import (
+    command_waits,
+    left_run,
+    note_of,
+    seems_usable,
+    write_note,
+)
 from islandgp.tracking.follow import Detach, EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
 
@@ -296,7 +302,9 @@ class MLflow:
         client.put(request)
         leave_after = None if not leaves else math.inf if file is None else 0.0
         reason = client.wait([request], self.patience, uri, leave_after=leave_after)
-        hint = f"\nMLflow may lack records of {left}; {program()} sync sends them" if left else ""
+        hint = (
+            f"\nMLflow may lack records of {left}; {_sync_command(left)} sends them" if left else ""
+        )
         if not reason:
             line = f"MLflow: {uri}; {program()} ui shows it"
             if not leaves or client.has_sent(request.folder):
@@ -311,10 +319,11 @@ class MLflow:
 
     def _leave(self, client: SyncClient) -> str:
         """Leave the child to its last request; return a sentence about it."""
-        note = "" if self.place.file is None else str(note_of(self.place.file))
-        if note:
-            with suppress(OSError):  # a full disk; only the hint of a later command is lost
-                Path(note).write_text(f"{self._folder.path.absolute()}\n", encoding="utf-8")
+        note = ""
+        if self.place.file is not None:
+            file = note_of(self.place.file)
+            # Without a note, e.g. on a full disk, only the hint of a later command is lost.
+            note = str(file) if write_note(file, self._folder.path) else ""
         client.worker.put(Detach(self.patience, note))
         _clients.remove(client)  # its worker is not stopped with this process
         return (
@@ -323,14 +332,20 @@ class MLflow:
         )
 
     def _sync_command(self) -> str:
-        uri, experiment = self.place.uri, shlex.quote(self.place.experiment)
+        command = _sync_command(self._folder.path)
+        if self.place.file is not None:
+            return command
         # `sync` contacts no server that only the run's folder names, so the command names it.
-        option = "" if self.place.file is not None else f" --uri {uri} --experiment {experiment}"
-        return f"{program()} sync {self._folder.path}{option}"
+        uri, experiment = shlex.quote(self.place.uri), shlex.quote(self.place.experiment)
+        return f"{command} --uri {uri} --experiment {experiment}"
 
     def _request(self, status: Status) -> SyncRequest:
         path, retry = str(self._folder.path.absolute()), self.patience > 0
         return SyncRequest(path, (self.place,), status, retry)
+
+
+def _sync_command(folder: Path | str) -> str:
+    return f"{program()} sync {shlex.quote(str(folder))}"
 
 
 def send_sweeps(folders: Sequence[Path], patience: float, places: Iterable[Place]) -> str:

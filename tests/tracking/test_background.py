@@ -6,7 +6,7 @@ import os
 import shutil
 import signal
 import sqlite3
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from queue import Queue
 from time import sleep, time
@@ -25,6 +25,7 @@ from islandgp.tracking.background import (
     note_of,
     seems_usable,
     store_exists,
+    write_note,
 )
 from islandgp.tracking.follow import (
     Detach,
@@ -253,7 +254,6 @@ def test_a_run_that_a_process_left_is_named_by_the_next_command(
 
     assert "may lack" not in next_run(age=1)
     descriptor = lock_note(note, blocking=True)
-    assert descriptor is not None
     assert "may lack" not in next_run(age=60)
     os.close(descriptor)
     assert f"MLflow may lack records of {before}" in next_run(age=60)
@@ -263,6 +263,31 @@ def test_a_run_that_a_process_left_is_named_by_the_next_command(
     written(age=60)
     assert left_run(note) is None
     assert not note.exists()
+
+
+@posix
+@pytest.mark.parametrize("kind", ["folder", "link", "lost-link", "pipe", "long", "binary", "root"])
+def test_another_file_in_place_of_a_note_is_not_used(kind: str, tmp_path: Path) -> None:
+    """A command neither fails, waits, names a run nor writes to the file that a link names."""
+    note, target = note_of(tmp_path / "mlflow.db"), tmp_path / "target"
+    long_ago = time() - 3600
+    match kind:
+        case "folder":
+            note.mkdir()
+        case "link":
+            target.write_bytes(b"\xff")
+            note.symlink_to(target)
+        case "lost-link":
+            note.symlink_to(target)
+        case "pipe":
+            os.mkfifo(note)
+        case _:
+            note.write_bytes({"long": b"/a" * 5_000, "binary": b"/\0\xff", "root": b"/"}[kind])
+    os.utime(note, (long_ago, long_ago), follow_symlinks=False)
+    assert left_run(note) is None
+    assert not store_exists(tmp_path / "mlflow.db")
+    assert write_note(note, tmp_path) is (kind != "folder")
+    assert not target.exists() or target.read_bytes() == b"\xff"
 
 
 @posix
@@ -342,9 +367,10 @@ def test_a_process_outlives_its_command_and_its_terminal(
     assert SENDS in tracker.finish(Status.FINISHED)
     folder.close()
     note, process = note_of(home / "mlflow.db"), processes[0].process
-    while note.exists() and (descriptor := lock_note(note, blocking=False)) is not None:
-        os.close(descriptor)  # the process has not read its last message
-        sleep(0.001)
+    with suppress(BlockingIOError, FileNotFoundError):
+        while True:  # the process has not read its last message
+            os.close(lock_note(note, blocking=False))
+            sleep(0.001)
     process.send_signal(signal.SIGHUP)
     process.stdin.close()
     assert process.wait(60) == 0
