@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -77,6 +78,7 @@ def test_a_signal_before_the_work_ends_the_process_with_a_line(
     """Exit code 130, before `as_ctrl_c` and after it; within it there is an exception."""
     codes: list[int] = []
     monkeypatch.setattr(startup.os, "_exit", codes.append)
+    monkeypatch.setattr(startup, "remove_sockets", lambda: None)  # other tests need them
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -127,12 +129,21 @@ STARTS = {
     ],
 )
 def test_a_signal_while_a_command_starts(name: str, start: str, module: str) -> None:
-    """A line and exit code 130 while modules are imported, in place of a traceback or -15."""
+    """A line and exit code 130 while modules are imported, in place of a traceback or -15.
+
+    No file is left, also if the forkserver was started.
+    """
     code = AT_AN_IMPORT.format(module=module, signal=name, start=STARTS[start])
-    process = subprocess.run(
-        [sys.executable, "-c", code, "--version"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    with TemporaryDirectory() as folder:  # of a short name, as the path of a socket is limited
+        process = subprocess.run(
+            [sys.executable, "-c", code, "seed=1"],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+            env={**os.environ, "TMPDIR": folder},
+        )
+        assert [*Path(folder).iterdir()] == []
     assert (process.returncode, process.stdout, process.stderr) == (130, "", "islandgp: stopped\n")
 
 
