@@ -267,8 +267,9 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
     key = f"{sys.implementation.cache_tag} {__version__} {options} {grammar}"
     name = f"grammar-{sha256(key.encode()).hexdigest()[:16]}.tables"
     tables = read_cached(__file__, name)
-    if tables is not None:  # faster than to make them
-        return Lark.load(BytesIO(tables))
+    if tables is not None:
+        with suppress(Exception):  # of a lark that was changed and has the same version
+            return Lark.load(BytesIO(tables))  # faster than to make them
     parser, file = Lark(grammar, **options), BytesIO()
     parser.save(file)
     with suppress(OSError):
