@@ -302,9 +302,10 @@ class MLflow:
         client.put(request)
         leave_after = None if not leaves else math.inf if file is None else 0.0
         reason = client.wait([request], self.patience, uri, leave_after=leave_after)
-        hint = (
-            f"\nMLflow may lack records of {left}; {_sync_command(left)} sends them" if left else ""
-        )
+        hint = ""
+        if left:
+            command = _sync_command(left)
+            hint = f"\nMLflow may lack records of a run before; this sends them:\n  {command}"
         if not reason:
             line = f"MLflow: {uri}; {program()} ui shows it"
             if not leaves or client.has_sent(request.folder):
