@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import sha256
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
@@ -48,6 +49,7 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+@lru_cache(maxsize=4096)  # a grid of thousands of trees asks for each in each generation
 def digest(tree: Node) -> str:
     """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
     return sha256(to_text(tree).encode()).hexdigest()[:12]
