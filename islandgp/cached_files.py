@@ -6,14 +6,15 @@ so an incomplete file is not read.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
-from stat import S_IWOTH
 from time import time
 from typing import Final
+
+from islandgp.atomic_files import write_atomic
+from islandgp.extension_modules import user_cache
 
 CHECKSUM: Final = 32  # bytes of SHA-256 before the content
 LEFTOVER_AGE: Final = 60.0  # s after which a temporary file is that of a killed process
@@ -40,20 +41,9 @@ def store(module: str, name: str, content: bytes) -> None:
         with suppress(OSError):
             file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             _remove_leftovers(file)
-            _write(file, sha256(content).digest() + content)
+            write_atomic(file, sha256(content).digest() + content)
             return
     raise OSError("Expected a folder for results to keep, found none that can be written")
-
-
-def _write(file: Path, data: bytes) -> None:
-    """Replaces a file, so that other processes read it complete or not at all."""
-    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(file)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 def _remove_leftovers(file: Path) -> None:
@@ -64,20 +54,7 @@ def _remove_leftovers(file: Path) -> None:
 
 
 def _places(module: str, name: str) -> Iterator[Path]:
-    """The places of a file: beside the module, or in the user's folder.
-
-    Files may hold code. So a folder of another user, or one that others may write, is no place.
-    """
+    """The places of a file: beside the module, or in the user's folder."""
     yield Path(module).parent / "__pycache__" / name
-    with suppress(RuntimeError, OSError):  # there is no home, or it cannot be read
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        if cache.is_absolute():  # the current folder is not trusted
-            folder = cache / "islandgp"
-            if not folder.exists() or _is_own(folder):
-                yield folder / name
-
-
-def _is_own(folder: Path) -> bool:
-    """True if a folder is this user's, and the others may not write to it."""
-    status = folder.stat()
-    return os.name != "posix" or (status.st_uid == os.geteuid() and not status.st_mode & S_IWOTH)
+    if folder := user_cache():
+        yield Path(folder, name)

@@ -143,7 +143,7 @@ def _moved(library: Path, name: str) -> str:
     for parent in map(Path, extension_modules.parent_folders()):
         temporary = parent / f".{name}.{os.getpid()}.tmp"
         try:
-            parent.mkdir(parents=True, exist_ok=True)
+            parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             shutil.copytree(library, temporary)
             for old in parent.glob(f"{extension_modules.PREFIX}*{extension_modules.SUFFIX}"):
                 shutil.rmtree(old, ignore_errors=True)

@@ -49,9 +49,27 @@ def folder_name(package: str = PACKAGE) -> str:
 def parent_folders() -> Iterator[str]:
     """Where that folder can be: in the package, or in the user's cache."""
     yield os.path.join(PACKAGE, "__pycache__")
+    if folder := user_cache():
+        yield folder
+
+
+def user_cache() -> str | None:
+    """The user's folder for files that hold code, which perhaps does not exist yet, or None.
+
+    A relative one, as without a home, one of another user and one that anybody may write are not
+    trusted.
+    """
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    if os.path.isabs(cache):  # it is not without a home, and the current folder is not trusted
-        yield os.path.join(cache, "islandgp")
+    folder = os.path.join(cache, "islandgp")
+    try:
+        status = os.stat(folder)
+    except FileNotFoundError:
+        is_own = True
+    except OSError:
+        is_own = False
+    else:
+        is_own = os.name != "posix" or (status.st_uid == os.geteuid() and not status.st_mode & 0o2)
+    return folder if is_own and os.path.isabs(cache) else None
 
 
 def compiled_folder() -> str | None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp import cached_files
+from islandgp import cached_files, extension_modules
 from islandgp.bt.core import language
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
@@ -364,6 +364,7 @@ def test_a_file_that_others_can_write_is_not_read(
     assert folder.stat().st_mode & 0o777 == 0o700
     folder.chmod(0o755 if trusted else 0o757)
     assert cached_files.read_cached(module, "name") == (b"content" if trusted else None)
+    assert (str(folder) in extension_modules.parent_folders()) == trusted
 
 
 def test_a_killed_process_leaves_no_file_for_long(

@@ -111,6 +111,13 @@ def test_an_added_tier_has_its_place(example: Path) -> None:
         assert tiers == [["finished", "placed_one", "two"][k] for k in order]
 
 
+@pytest.mark.usefixtures("example")
+def test_the_experiment_of_the_example_can_be_composed() -> None:
+    """It selects domain, search and budget by its name alone."""
+    settings = only_job(["experiment=pick_place"], "conf").settings
+    assert (settings.search.policy["shrinkage"], settings.budget.episodes) == (3, 3000)
+
+
 @pytest.mark.parametrize("group", ["domain", "experiment"])
 def test_a_file_without_its_package_is_one_line(
     example: Path, capsys: pytest.CaptureFixture[str], group: str

@@ -6,6 +6,7 @@ import pytest
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.errors import ConfigError
+from islandgp.gp.evidence import estimate
 from islandgp.seeding import Streams
 from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
@@ -151,3 +152,12 @@ def test_restarts_longer_than_the_run() -> None:
     """Each restart needs at least one generation after its random ones."""
     with pytest.raises(ConfigError, match="restarts"):
         search_and_plan("racing", "search.policy.restarts=5")
+
+
+def test_levels_are_nearer_to_plain_means_with_more_shrinkage() -> None:
+    """A tree that was evaluated in a rich world only is rated below its mean, or at it."""
+    fitness = [{0: 10.0, 1: 30.0}, {0: 20.0, 1: 40.0}, {1: 50.0}]
+    levels = [estimate(fitness, shrinkage)[0][2] for shrinkage in (0.0, 0.3, 3.0, 1e9)]
+    assert levels == sorted(levels)
+    assert levels[0] < 41
+    assert levels[-1] == pytest.approx(50)
