@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -20,7 +21,8 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
 from islandgp.evaluation.perturbation import recorded_perturbation
 from islandgp.evaluation.processes import Processes, cores
-from islandgp.evolution.validation import Candidate, candidates, validate, validation_seeds
+from islandgp.evolution.candidates import Candidate, CandidatesByFitness
+from islandgp.evolution.validation import validate, validation_seeds
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.classes import Classes, tiers
@@ -194,10 +196,10 @@ def _candidates(
 ) -> list[Candidate]:
     """All trees of a run's last stage, or the best robot of each run of a sweep."""
     if len(runs) == 1:
-        records = list(runs[0].records())
-        n = sum(len(record["individuals"]) for record in records)
-        trees = candidates(records, classes, most=n, top=n, tier=tier, constraints=constraints)
-        if not trees:
+        everyone = CandidatesByFitness(
+            classes, most=sys.maxsize, top=sys.maxsize, tier=tier, constraints=constraints
+        )
+        if not (trees := everyone.best_of(runs[0].records())):
             raise RunError(
                 f"Expected {tier} robots in the last stage of {runs[0].path}, found none."
             )

@@ -8,16 +8,14 @@ evaluates the others in more worlds.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from math import sqrt
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
-from islandgp.gp.evidence import SHRINKAGE, estimate
+from islandgp.evolution.candidates import Candidate
 from islandgp.intervals import interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -25,37 +23,13 @@ from islandgp.scoring.constraints import (
     Constraints,
     Merit,
     feasible_share,
-    limited,
     mean_violation,
     merit,
-    running_mean,
-    violation,
 )
 from islandgp.seeding import Stream, stream
 
-T = TypeVar("T")
-
-MAX_CANDIDATES: Final = 24  # candidates
 FINALISTS: Final = 3  # candidates of the last round
 WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all candidates
-TOP_PER_GENERATION: Final = 2  # candidates per generation
-PART: Final = 100  # least generations of a part of a long run
-
-
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """A candidate for the best robot."""
-
-    generation: int
-    id: str  # of the individual
-    tree: str  # canonical text
-    trained: float  # points, its fitness in its own generation
-    violation: float = 0.0  # of the constraints in training, >= 0
-
-    @property
-    def merit(self) -> Merit:
-        """Sort key before the first round: fewer constraint violations first, then fitness."""
-        return merit(self.trained, self.violation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,170 +56,6 @@ class Best:
     generation: int
     record: Mapping[str, Any]  # the individual's, as plain values
     validation: Validation | None  # None: it was not validated
-
-
-def candidates(
-    records: Iterable[Mapping[str, Any]],
-    classes: Classes,
-    *,
-    most: int = MAX_CANDIDATES,
-    top: int = TOP_PER_GENERATION,
-    tier: str = "",
-    constraints: Constraints = NO_CONSTRAINTS,
-) -> list[Candidate]:
-    """The most promising distinct trees of the last stage.
-
-    These are the best individuals of each generation and of each tier, class and behaviour.
-    Individuals that keep the constraints come first, then the fittest.
-
-    Args:
-        records: generation records as plain values, oldest first; they are iterated once.
-        classes: with the tiers, classes and behaviours.
-        most: maximum number of candidates.
-        top: number of candidates per generation.
-        tier: in training, of all candidates; "": any.
-        constraints: of the run.
-
-    Returns:
-        At most `most` candidates.
-    """
-
-    def keep(generation: int, i: Mapping[str, Any]) -> _Shown:
-        counters = i["counters"]
-        behaviours = {name for name, counter in classes.behaviours.items() if counters[counter] > 0}
-        tree = sys.intern(i["tree"])  # elites are copies
-        excess = violation(counters, constraints)
-        candidate = Candidate(generation, i["id"], tree, i["fitness"], excess)
-        return candidate, frozenset((*i["tiers"], i["specialist"], *behaviours))
-
-    last = [pair for pair in _of_last_stage(records, keep) if not tier or tier in pair[1]]
-    by_tree: dict[str, Candidate] = {}
-    for candidate in _ordered(last, classes, top):
-        by_tree.setdefault(candidate.tree, candidate)
-    return list(by_tree.values())[:most]
-
-
-_Shown = tuple["Candidate", frozenset[str]]
-"""A candidate with its class, tiers and behaviours."""
-
-
-def _of_last_stage(
-    records: Iterable[Mapping[str, Any]], keep: Callable[[int, Mapping[str, Any]], T]
-) -> list[T]:
-    """`keep(generation, individual)` of all individuals of the last stage.
-
-    Only these values are kept, as long runs have tens of thousands of individuals.
-    """
-    stage: int | None = None
-    last: list[T] = []
-    for record in records:
-        now = record["snapshot"]
-        if now["stage"] != stage:
-            stage, last = now["stage"], []
-        last += [keep(now["generation"], individual) for individual in record["individuals"]]
-    return last
-
-
-def candidates_by_evidence(
-    records: Iterable[Mapping[str, Any]],
-    *,
-    most: int = MAX_CANDIDATES,
-    bound_width: float = 1.0,
-    constraints: Constraints = NO_CONSTRAINTS,
-    shrinkage: float = SHRINKAGE,
-) -> list[Candidate]:
-    """The trees of the last stage with the highest lower bounds of their mean fitness.
-
-    Trees that keep the constraints, by the means of their counters over all evaluations, come
-    first. A run of at least 2 * PART generations is divided into parts with equal numbers of
-    candidates: trees of distant generations did not meet the same worlds, so their levels cannot
-    be compared.
-
-    Args:
-        records: generation records as plain values, oldest first; they are read once.
-        most: maximum number of candidates.
-        bound_width: standard errors between a tree's level (`evidence.estimate`) and its bound.
-        constraints: of the run.
-        shrinkage: as in `evidence.estimate`.
-
-    Returns:
-        Candidates, best first; `trained` is the bound.
-    """
-    last = _of_last_stage(
-        records,
-        lambda generation, i: (
-            *(generation, i["id"], sys.intern(i["tree"]), i["fitness"]),
-            limited(i["counters"], constraints),
-        ),
-    )
-    first, end = last[0][0], last[-1][0] + 1
-    parts = min(most, max(1, (end - first) // PART))
-    evaluations_by_part: list[dict[str, _Evaluations]] = [{} for _ in range(parts)]
-    for generation, name, tree, fitness, counters in last:
-        part = evaluations_by_part[(generation - first) * parts // (end - first)]
-        evaluations = part.setdefault(tree, _Evaluations())
-        evaluations.generation, evaluations.id = generation, name
-        evaluations.fitness[generation] = fitness
-        evaluations.count += 1
-        evaluations.counters = running_mean(
-            evaluations.counters or counters, counters, evaluations.count
-        )
-    best = {
-        c.tree: c
-        for part in evaluations_by_part
-        for c in _by_bound(part, bound_width, constraints, shrinkage)[: most // parts]
-    }
-    return sorted(best.values(), key=lambda c: c.merit, reverse=True)
-
-
-def _by_bound(
-    evaluations: Mapping[str, _Evaluations],
-    bound_width: float,
-    constraints: Constraints,
-    shrinkage: float,
-) -> list[Candidate]:
-    """All trees as candidates, those with the highest lower bounds first."""
-    fitness = [evaluation.fitness for evaluation in evaluations.values()]
-    levels, sd = estimate(fitness, shrinkage)
-    everyone = [
-        Candidate(
-            evaluation.generation,
-            evaluation.id,
-            tree,
-            level - bound_width * sd / sqrt(len(evaluation.fitness)),
-            violation(evaluation.counters, constraints),
-        )
-        for (tree, evaluation), level in zip(evaluations.items(), levels, strict=True)
-    ]
-    return sorted(everyone, key=lambda c: c.merit, reverse=True)
-
-
-@dataclass(slots=True)
-class _Evaluations:
-    """The evaluations of a tree in the records."""
-
-    generation: int = 0  # its last
-    id: str = ""  # of its last individual
-    fitness: dict[int, float] = field(default_factory=dict)  # points by generation
-    counters: dict[str, float] = field(default_factory=dict)  # with limits, means
-    count: int = 0  # of evaluations
-
-
-def _ordered(last: Sequence[_Shown], classes: Classes, top: int) -> Iterator[Candidate]:
-    """Individuals in the order in which they become candidates."""
-    by_merit = sorted(last, key=lambda pair: pair[0].merit, reverse=True)
-    by_generation: dict[int, list[Candidate]] = {}
-    for candidate, _ in by_merit:
-        by_generation.setdefault(candidate.generation, []).append(candidate)
-    newest = [by_generation[generation] for generation in sorted(by_generation, reverse=True)]
-    for rank in range(top):
-        for ranked in newest:
-            yield from ranked[rank : rank + 1]
-        if rank == 0:
-            for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours):
-                yield from [candidate for candidate, behaviours in by_merit if name in behaviours][
-                    :1
-                ]
 
 
 def validation_seeds(

@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from io import StringIO
 from itertools import islice
 from operator import itemgetter
 from pathlib import Path
@@ -166,10 +167,12 @@ def pretty(value: dict[str, Any]) -> bytes:
     return (json.dumps(value, indent=1) + "\n").encode()
 
 
-def answers(records: Iterable[Mapping[str, Any]]) -> dict[str, int]:
-    """The numbers of decisions: total, by the fallback, and `in_part` by the fallback."""
-    guidance = [r["guidance"] for r in records if r["guidance"] is not None]
-    sources = Counter(g["source"] for g in guidance if g["asked_at"] is not None)
+def answers(decisions: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    """The numbers of decisions: total, by the fallback, and `in_part` by the fallback.
+
+    `decisions`: the `source` and `asked_at` of each guidance.
+    """
+    sources = Counter(d["source"] for d in decisions if d["asked_at"] is not None)
     fallback = sum(n for source, n in sources.items() if "fallback" in source)
     return {
         "total": sources.total(),
@@ -232,12 +235,21 @@ LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist"
 """The columns of lineage.csv after the generation."""
 
 
-def write_lineage(path: Path, records: Iterable[Mapping[str, Any]]) -> None:
-    """Writes lineage.csv from the records; lists are separated by spaces."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        out = csv.writer(file)
-        out.writerow(("generation", *LINEAGE))
-        for record in records:
-            for i in record["individuals"]:
-                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
-                out.writerow([record["snapshot"]["generation"], *(row[name] for name in LINEAGE)])
+class LineageTable:
+    """The text of lineage.csv, generation by generation; lists are separated by spaces."""
+
+    def __init__(self) -> None:
+        self._text = StringIO(newline="")
+        self._rows = csv.writer(self._text)
+        self._rows.writerow(("generation", *LINEAGE))
+
+    def add(self, record: Mapping[str, Any]) -> None:
+        """Add a generation, given its record as plain values."""
+        generation = record["snapshot"]["generation"]
+        for i in record["individuals"]:
+            row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
+            self._rows.writerow([generation, *(row[name] for name in LINEAGE)])
+
+    def write(self, path: Path) -> None:
+        """Writes the table so far to a file."""
+        path.write_text(self._text.getvalue(), encoding="utf-8", newline="")

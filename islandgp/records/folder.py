@@ -67,6 +67,7 @@ class RunFolder:
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records so far
         self._stamp: Stamp = None  # of generations.jsonl, after the last generation
+        self._lineage = files.LineageTable()  # of the records so far
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Locks the folder for this process and writes about.json and config.yaml (YAML text).
@@ -213,6 +214,9 @@ class RunFolder:
             if lines.read_digests(self._sums) != sums:
                 lines.write_digests(self._sums, sums)
             self._stamp = stamp(self._generations.path)
+            self._lineage = files.LineageTable()
+            for record in self._generations.read():
+                self._lineage.add(record)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -225,7 +229,10 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                files.write_lineage(lineage, self.records())
+                table = files.LineageTable()
+                for record in self.records():
+                    table.add(record)
+                table.write(lineage)
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -238,22 +245,30 @@ class RunFolder:
         if not best.exists() or best.read_bytes() != text:
             write_atomic(best, text)
 
-    def append(self, step: Step) -> None:
-        """Records a generation, then the checkpoint. Raises RunError as `usable`."""
+    def append(self, step: Step) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Records a generation, then the checkpoint. Raises RunError as `usable`.
+
+        Returns:
+            The record and the costs of the generation, as plain values.
+        """
+        record = record_values(step.record)
+        cost = {**asdict(step.cost), "at": int(1000 * time())}
         with usable(self.path):
             if stamp(self._generations.path) != self._stamp:
                 self.must_be_as_left()
-            line = self._generations.append(record_values(step.record))
+            line = self._generations.append(record)
             self._stamp = stamp(self._generations.path)
             self._digest = chained(self._digest, line)
             lines.append_digest(self._sums, step.record.snapshot.generation, self._digest)
-            self._costs.append({**asdict(step.cost), "at": int(1000 * time())})
+            self._lineage.add(record)
+            self._costs.append(cost)
             if step.champion.generation == step.record.snapshot.generation:
                 self._restore_best(step.champion.record.tree)
             if step.state is not None:
                 save_state(
                     self._checkpoint, step.state, records=self._digest, previous=self._previous
                 )
+        return record, cost
 
     def must_be_as_left(self) -> None:
         """Raises RunError if another program has changed the records while the run was active."""
@@ -285,7 +300,7 @@ class RunFolder:
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
-            files.write_lineage(self.path / "lineage.csv", self.records())
+            self._lineage.write(self.path / "lineage.csv")
             end = pretty({**summary, "records": self._digest, "manifest": True})
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)

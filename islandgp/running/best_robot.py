@@ -5,11 +5,14 @@ from __future__ import annotations
 from islandgp.bt.core.language import parse, to_text
 from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Evaluator
+from islandgp.evolution.candidates import (
+    Candidates,
+    CandidatesByEvidence,
+    CandidatesByFitness,
+)
 from islandgp.evolution.validation import (
     Best,
     Validation,
-    candidates,
-    candidates_by_evidence,
     entrants,
     validate,
     validation_seeds,
@@ -17,55 +20,56 @@ from islandgp.evolution.validation import (
 from islandgp.gp.evidence import SHRINKAGE
 from islandgp.intervals import import_early
 from islandgp.records.folder import RunFolder
+from islandgp.running.totals import RunTotals
 from islandgp.supervision.library import library_folder, read_tree
 
 
-def best_robot(settings: Settings, target: RunFolder, evaluator: Evaluator) -> Best:
+def candidates_of(settings: Settings) -> Candidates:
+    """Collects the candidates for a run's best robot, by evidence or by the paper's fitness."""
+    if settings.search.ranking == "evidence":
+        shrinkage = settings.search.policy.get("shrinkage", SHRINKAGE)
+        return CandidatesByEvidence(constraints=settings.constraints, shrinkage=shrinkage)
+    return CandidatesByFitness(settings.classes, constraints=settings.constraints)
+
+
+def best_robot(
+    settings: Settings, target: RunFolder, totals: RunTotals, evaluator: Evaluator
+) -> Best:
     """The run's best robot, by successive halving in validation worlds (held-out seeds).
 
     With gp.validation=0, or if the budget leaves no episode, it is the best individual of the last
     stage. The number of candidates depends on the number of episodes.
     """
-    records, constraints = target.records(), settings.constraints
-    if settings.search.ranking == "evidence":
-        shrinkage = settings.search.policy.get("shrinkage", SHRINKAGE)
-        contenders = candidates_by_evidence(records, constraints=constraints, shrinkage=shrinkage)
-    else:
-        contenders = candidates(records, settings.classes, constraints=constraints)
-    episodes = validation_episodes(settings, target)
+    assert totals.candidates is not None
+    contenders = totals.candidates.best()
+    episodes = validation_episodes(settings, totals)
     verdict: Validation | None = None
     if episodes < 1:
         winner = max(contenders, key=lambda c: c.merit)
     else:
         import_early()
-        used_worlds: set[int] = set()
-        stage = 0
-        for record in target.records():
-            used_worlds.update(record["worlds"])
-            stage = record["snapshot"]["stage"]
         winner, verdict = validate(
             entrants(contenders, episodes),
-            validation_seeds(settings.seed, frozenset(used_worlds), episodes),
+            validation_seeds(settings.seed, frozenset(totals.worlds), episodes),
             evaluator,
-            stage,
+            totals.stage,
             settings.classes,
             episodes=episodes,
             reference_tree=_reference_tree(settings),
-            constraints=constraints,
+            constraints=settings.constraints,
         )[0]
     born = next(target.records(winner.generation))
     champion = next(i for i in born["individuals"] if i["id"] == winner.id)
     return Best(winner.generation, champion, verdict)
 
 
-def validation_episodes(settings: Settings, target: RunFolder) -> int:
+def validation_episodes(settings: Settings, totals: RunTotals) -> int:
     """Number of validation episodes; with a budget, all that remain."""
     if settings.gp.validation == 0:
         return 0
     if settings.budget.episodes is None:
         return max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
-    spent = sum(int(cost["episodes"]) for cost in target.costs())
-    return settings.budget.episodes - spent
+    return settings.budget.episodes - totals.episodes
 
 
 def _reference_tree(settings: Settings) -> tuple[str, str] | None:

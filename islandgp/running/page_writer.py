@@ -12,6 +12,7 @@ from islandgp.errors import RunError, brief
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
+from islandgp.viewer.history import RunCurves
 from islandgp.viewer.run_page import NAME_OF_PAGE, run_page
 
 PERIOD: Final = 5.0  # least s between two pages of an unfinished run
@@ -22,6 +23,7 @@ class PageWriter:
     """Writes the page of one run. Errors do not stop the run; the first one is printed."""
 
     def __init__(self, folder: RunFolder) -> None:
+        self.curves: RunCurves | None = None  # None: they are read from the folder
         self._folder = folder
         self._due = monotonic()
         self._warned = False
@@ -42,19 +44,22 @@ class PageWriter:
 
     def _try(self, status: Status) -> None:
         try:
-            write_page(self._folder, status)
+            write_page(self._folder, status, self.curves)
         except RunError as error:
             if not self._warned:
                 self._warned = True
                 print(f"islandgp: no new {NAME_OF_PAGE}: {error}", file=sys.stderr)
 
 
-def write_page(folder: RunFolder, status: Status) -> Path:
-    """Writes the page of a run from its folder; returns its path. Raises RunError."""
+def write_page(folder: RunFolder, status: Status, curves: RunCurves | None = None) -> Path:
+    """Writes the page of a run from its folder; returns its path. Raises RunError.
+
+    `curves`: of the run, as in `run_page`.
+    """
     path = folder.path / NAME_OF_PAGE
     with usable(folder.path), reading("the records of a run", folder.path):
         replay = _replay(folder) if status is Status.FINISHED else ""
-        text = run_page(folder, status, replay=replay, now=int(1000 * time()))
+        text = run_page(folder, status, curves, replay=replay, now=int(1000 * time()))
         write_atomic(path, text.encode())
         if status is Status.FINISHED:
             add_to_manifest(folder.path, path.name)

@@ -12,6 +12,7 @@ from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
+from islandgp.running.totals import RunTotals
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import in_points, title
 
@@ -23,7 +24,7 @@ MOSTLY_FALLBACK: Final = (
 
 
 def summary(
-    target: RunFolder,
+    totals: RunTotals,
     fittest: Champion,
     best: Best,
     milestones: Sequence[str],
@@ -34,17 +35,15 @@ def summary(
     """The content of summary.json.
 
     Args:
-        target: folder of the run.
+        totals: of the run.
         fittest: the individual with the highest fitness in training.
         best: the best robot.
         milestones: tiers whose first robots are reported.
         most_fallback: largest accepted share of the fallback's answers; None: any.
         constraints: of the run.
     """
-    sources = answers(target.records())
+    sources, snapshots = answers(totals.decisions), totals.snapshots
     limits = {} if not constraints else {"constraints": in_words(constraints)}
-    snapshots = [record["snapshot"] for record in target.records()]
-    seconds = (c["evaluation"] + c["supervision"] + c["operators"] for c in target.costs())
     first = {
         tier: next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
         for tier in milestones
@@ -64,7 +63,7 @@ def summary(
         "generations": len(snapshots),
         "answers": sources,
         "mostly_fallback": most_fallback is not None and fallback_share(sources) > most_fallback,
-        "seconds": round(sum(seconds), 3),
+        "seconds": round(totals.curves.seconds, 3),
     }
 
 

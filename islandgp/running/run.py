@@ -27,12 +27,13 @@ from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
-from islandgp.running.best_robot import best_robot
+from islandgp.running.best_robot import best_robot, candidates_of
 from islandgp.running.page_writer import PageWriter
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose
 from islandgp.running.start import start_trees
+from islandgp.running.totals import RunTotals, totals_of
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import (
     GenerationListener,
@@ -343,19 +344,21 @@ def _evolve(run: _OpenRun, page: PageWriter) -> None:
         keep=run.keep_display,
     )
 
+    totals = totals_of(target, candidates_of(settings))
+    page.curves = totals.curves
+
     def write(step: Step) -> None:
-        target.append(step)
+        totals.add(*target.append(step))
         run.tracker.generation()
         page.generation()
 
     try:
         last = _keep(steps, write, progress, run.judge)
-        target.must_be_as_left()
-        best = best_robot(settings, target, evaluator)
+        best = best_robot(settings, target, totals, evaluator)
     finally:
         steps.close()  # not only when the interpreter ends
         evaluator.close()
-    _finish(settings, plan, target, last, best)
+    _finish(settings, plan, target, totals, last, best)
 
 
 def _keep(
@@ -378,13 +381,15 @@ def _keep(
     return step
 
 
-def _finish(settings: Settings, plan: Plan, target: RunFolder, last: Step, best: Best) -> None:
+def _finish(
+    settings: Settings, plan: Plan, target: RunFolder, totals: RunTotals, last: Step, best: Best
+) -> None:
     """Writes the archive and the summary of a run at its end."""
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(last.archive, axes, floor=floor)
     archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)
     end = summary(
-        target,
+        totals,
         last.champion,
         best,
         settings.classes.milestones,

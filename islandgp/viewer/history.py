@@ -37,6 +37,11 @@ class RunCurves:
     seconds: float = 0.0  # spent in its generations
     constraints: Constraints = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, folder: RunFolder) -> RunCurves:
+        """Curves of a run, without any generation yet. Raises RunError."""
+        return cls(constraints=recorded_constraints(folder.configuration()))
+
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
         """Add a generation."""
         snapshot, everyone = record["snapshot"], record["individuals"]
@@ -71,7 +76,7 @@ class RunCurves:
 
 def read_history(folder: RunFolder) -> RunCurves:
     """Read the generations in a run's folder. Raises RunError."""
-    curves = RunCurves(constraints=recorded_constraints(folder.configuration()))
+    curves = RunCurves.of(folder)
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
         curves.add(record, cost)
     return curves

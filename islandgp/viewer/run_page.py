@@ -26,7 +26,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
 from islandgp.text import title
 from islandgp.viewer.champion import first_episode
-from islandgp.viewer.history import read_history, thinned
+from islandgp.viewer.history import RunCurves, read_history, thinned
 from islandgp.viewer.lineage_section import lineage_section
 from islandgp.viewer.page import filled, part, script_data
 from islandgp.viewer.recording import digits
@@ -37,19 +37,27 @@ RELOAD: Final = 5  # s between two reloads of an active run's page
 REPLAY_BYTES: Final = 700_000  # largest replay that is embedded in the page
 
 
-def run_page(folder: RunFolder, status: Status, *, replay: str = "", now: int = 0) -> str:
+def run_page(
+    folder: RunFolder,
+    status: Status,
+    curves: RunCurves | None = None,
+    *,
+    replay: str = "",
+    now: int = 0,
+) -> str:
     """The page of a run, from the present content of its folder.
 
     Args:
         folder: of the run; it must have a configuration.
         status: of the run; the page of a RUNNING one reloads itself.
+        curves: of the generations in the folder; None: they are read from it.
         replay: a replay page of the best robot; "" for none.
         now: ms since 1970.
 
     Raises:
         RunError: a file of the folder is damaged.
     """
-    history = read_history(folder)
+    history = read_history(folder) if curves is None else curves
     champion, validation = history.fittest, None
     if status is Status.FINISHED:
         best = folder.summary()["champion"]

@@ -14,6 +14,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
 from islandgp.results import load
 from islandgp.running.report import report, summary
+from islandgp.running.totals import totals_of
 from islandgp.study.select import find, read
 from tests.composed import composed
 from tests.evolution.fake import Fake
@@ -37,7 +38,7 @@ def _validated_once(path: Path, home: Path) -> RunFolder:
         reference_tree=("good", champion.record.tree),
     )
     best = Best(champion.generation, asdict(champion.record), validation)
-    folder.finish(summary(folder, champion, best, MILESTONES))
+    folder.finish(summary(totals_of(folder), champion, best, MILESTONES))
     folder.close()
     return folder
 

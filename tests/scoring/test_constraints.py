@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -13,7 +14,8 @@ from islandgp.config.settings import read_settings
 from islandgp.domain import Outcome
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
-from islandgp.evolution.validation import Candidate, candidates, candidates_by_evidence, validate
+from islandgp.evolution.candidates import Candidate, CandidatesByEvidence, CandidatesByFitness
+from islandgp.evolution.validation import validate
 from islandgp.gp.plan import Stop
 from islandgp.scoring.constraints import (
     Bound,
@@ -156,13 +158,14 @@ def test_candidates_come_feasible_first() -> None:
         record(0, ("fit", 90, 8), ("good", 50, 0), ("odd", 70, 3)),
         record(1, ("fit", 95, 8), ("good", 40, 1), ("odd", 70, 0)),
     ]
-    feasible_first = candidates(records, CLASSES, top=1, most=2, constraints=NO_PICKUPS)
+    by_fitness = partial(CandidatesByFitness, CLASSES, top=1)
+    feasible_first = by_fitness(most=2, constraints=NO_PICKUPS).best_of(records)
     assert [c.tree for c in feasible_first] == ["odd", "good"]
-    free = candidates(records, CLASSES, top=1, most=1)
+    free = by_fitness(most=1).best_of(records)
     assert [c.tree for c in free] == ["fit"]
-    by_evidence = candidates_by_evidence(records, constraints=NO_PICKUPS)
+    by_evidence = CandidatesByEvidence(constraints=NO_PICKUPS).best_of(records)
     assert [c.tree for c in by_evidence] == ["good", "odd", "fit"]  # odd has 1.5 on average
-    assert next(c.tree for c in candidates_by_evidence(records)) == "fit"
+    assert next(c.tree for c in CandidatesByEvidence().best_of(records)) == "fit"
 
 
 def test_a_search_remembers_means() -> None:

@@ -15,6 +15,7 @@ from islandgp.gp.record import Champion, Step
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import summary
+from islandgp.running.totals import totals_of
 from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.composed import composed, composed_plan, plain
@@ -80,7 +81,7 @@ def finished(
 ) -> dict[str, Any]:
     """The summary of a run; without a validation it chose its champion in no other worlds."""
     best = Best(champion.generation, asdict(champion.record), validation)
-    return summary(folder, champion, best, MILESTONES)
+    return summary(totals_of(folder), champion, best, MILESTONES)
 
 
 def place(home: Path, experiment: str = "islandgp") -> Place:

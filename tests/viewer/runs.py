@@ -18,6 +18,7 @@ from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import summary
+from islandgp.running.totals import totals_of
 from tests.composed import plain
 from tests.evolution.runs import SMALL, Constant, plan, run
 from tests.samples import CLASSES
@@ -77,7 +78,7 @@ def closed_run(
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
         archive = ArchiveFile.of("island", axes, 0, elites, record)
-        folder.finish(summary(folder, champion, best, CLASSES.milestones), archive)
+        folder.finish(summary(totals_of(folder), champion, best, CLASSES.milestones), archive)
     folder.close()
     return folder
 
