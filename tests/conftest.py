@@ -13,9 +13,9 @@ from typing import Final
 import hypothesis
 import pytest
 
-from islandgp.running import page_writer
 from islandgp.tracking import artifacts, mlflow
 from islandgp.tracking.follow import Detach, Follower, OnEvent, SyncRequest
+from islandgp.viewer import last_page
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
@@ -67,7 +67,7 @@ def pytest_collection_finish() -> None:
 def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Skips the replay of the best robot's episode, which takes longer than a small run."""
     if request.node.get_closest_marker("replay") is None:
-        monkeypatch.setattr(page_writer, "champion_replay", lambda _: "")
+        monkeypatch.setattr(last_page, "champion_replay", lambda _: "")
         monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 

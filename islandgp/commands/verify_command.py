@@ -15,6 +15,7 @@ from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.lines import Lines, digests, generation_lines, read_digests, wrong_record
 from islandgp.records.manifest import Damage, DamagedFile, damaged_files, read_manifest
 from islandgp.trust import must_have_no_links
+from islandgp.viewer.last_page import wait_for_page
 
 
 class Soundness(StrEnum):
@@ -50,6 +51,7 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
 def _check_files(folder: RunFolder) -> None:
     """Raises RunError if a file is a link, or is not as the run wrote it."""
     must_have_no_links(folder.path)
+    wait_for_page(folder.path)
     if folder.finished() and (wrong := damaged_files(folder.path)):
         raise RunError("; ".join(f"{file}{_first_change(folder, file)}" for file in wrong))
     folder.configuration()

@@ -47,7 +47,7 @@ def _page(path: Path) -> Path:
     """
     from islandgp.records.folder import RunFolder, Status
     from islandgp.records.manifest import is_as_written
-    from islandgp.running.page_writer import write_page
+    from islandgp.viewer.last_page import wait_for_page, write_page
     from islandgp.viewer.run_page import NAME_OF_PAGE
 
     folder = RunFolder(path)
@@ -62,6 +62,7 @@ def _page(path: Path) -> Path:
     status, page = folder.status(), path / NAME_OF_PAGE
     if status is Status.FINISHED:
         folder.must_be_sound(page=False)
+        wait_for_page(path)
     sound = status is not Status.FINISHED or is_as_written(path, NAME_OF_PAGE)
     if sound and page.exists() and (status is Status.RUNNING or _status_of(page) == status):
         return page

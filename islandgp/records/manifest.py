@@ -144,7 +144,7 @@ def must_be_as_written(folder: Path, name: str) -> None:
 
 
 def is_as_written(folder: Path, name: str) -> bool:
-    """True if a file exists. Raises RunError if it differs from its entry in the manifest."""
+    """True if a file exists and has not changed. Raises RunError: the manifest is damaged."""
     manifest = read_manifest(folder)
     return (folder / name).exists() and not (manifest and manifest.damage(folder / name))
 

@@ -44,6 +44,8 @@ from islandgp.supervision.base import (
 from islandgp.supervision.library import Library, library_folder, read_library
 from islandgp.tracking.base import BackgroundTracker, Tracker
 from islandgp.trust import names_in, trust
+from islandgp.viewer.last_page import wait_for_page
+from islandgp.waiting import command_waits
 
 
 class Pruned(Exception):
@@ -241,17 +243,24 @@ def run(
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost)
     plan.budget.check_library(cost.episodes, plan.gp)
+    page = PageWriter(target, leaves=ends_command and not _waits(settings))
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.safe_dump(config, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
         where = _evolve_tracked(
-            _OpenRun(settings, plan, cost, target, supervisor, tracker, keep_display, judge)
+            _OpenRun(settings, plan, cost, target, supervisor, tracker, page, keep_display, judge)
         )
     finally:
         target.close()
     return _end(target, where)
+
+
+def _waits(settings: Settings) -> bool:
+    """True if a command waits at its end until all is written and sent."""
+    wait = settings.tracking.policy.get("wait")
+    return command_waits(wait if isinstance(wait, bool) else "auto")
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,16 +273,17 @@ class _OpenRun:
     target: RunFolder
     supervisor: Supervisor
     tracker: Tracker
+    page: PageWriter
     keep_display: bool
     judge: Judge | None
 
 
 def _evolve_tracked(run: _OpenRun) -> str:
     """Evolves, with the run's tracker and page; returns the tracker's last line."""
-    status, page = Status.FAILED, PageWriter(run.target)
+    status = Status.FAILED
     run.tracker.start(run.target)
     try:
-        _evolve(run, page)
+        _evolve(run)
         status = Status.FINISHED
     except (KeyboardInterrupt, Pruned):
         status = Status.KILLED
@@ -283,7 +293,7 @@ def _evolve_tracked(run: _OpenRun) -> str:
         raise
     finally:
         try:
-            page.end(status)
+            run.page.end(status)
         finally:
             where = run.tracker.finish(status)
     return where
@@ -302,6 +312,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     """
     target.must_be_sound(page=False)
     target.restore()
+    wait_for_page(target.path)
     if not is_as_written(target.path, PAGE):
         PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
@@ -310,7 +321,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     return _end(target, note, where)
 
 
-def _evolve(run: _OpenRun, page: PageWriter) -> None:
+def _evolve(run: _OpenRun) -> None:
     settings, plan, target, supervisor = run.settings, run.plan, run.target, run.supervisor
     if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
@@ -345,12 +356,12 @@ def _evolve(run: _OpenRun, page: PageWriter) -> None:
     )
 
     totals = totals_of(target, candidates_of(settings))
-    page.curves = totals.curves
+    run.page.curves = totals.curves
 
     def write(step: Step) -> None:
         totals.add(*target.append(step))
         run.tracker.generation()
-        page.generation()
+        run.page.generation()
 
     try:
         last = _keep(steps, write, progress, run.judge)

@@ -10,35 +10,16 @@ import os
 from contextlib import closing, suppress
 from pathlib import Path
 from time import sleep, time
-from typing import Final, Literal
+from typing import Final
 
 from islandgp.errors import UntrustedError
 from islandgp.tracking.store import has_data
 from islandgp.tracking.sync_state import read_state
 from islandgp.trust import must_have_no_links
 
-BATCH: Final = ("CI", "SLURM_JOB_ID", "PBS_JOBID", "LSB_JOBID")
-"""Variables of environments that end all processes of a job when its last command ends."""
-
 START_LIMIT: Final = 10.0  # s after which a process that sends has locked its note
 LOOK_PERIOD: Final = 0.1  # s between two looks for a new store
 MAX_NOTE: Final = 10_000  # bytes; longer than any path
-
-
-def command_waits(wait: Literal["auto", True, False]) -> bool:
-    """True if a command waits at its end until MLflow has all records.
-
-    Args:
-        wait: the setting. With "auto" it does not wait in a terminal, where somebody reads its
-            output and types the next command. It waits if a process that it leaves behind could be
-            ended: in a container whose first process it is, in a job of a batch system or of
-            continuous integration, and on Windows.
-    """
-    if wait != "auto":
-        return wait
-    in_terminal = os.isatty(0) and os.isatty(1)
-    ends_with_command = os.name != "posix" or os.getpid() == 1 or any(map(os.environ.get, BATCH))
-    return ends_with_command or not in_terminal
 
 
 def seems_usable(file: Path, experiment: str) -> bool:

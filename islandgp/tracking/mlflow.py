@@ -25,7 +25,6 @@ from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
 from islandgp.tracking.background import (
-    command_waits,
     left_run,
     note_of,
     seems_usable,
@@ -33,6 +32,7 @@ from islandgp.tracking.background import (
 )
 from islandgp.tracking.follow import Detach, EventKind, OnEvent, SyncEvent, SyncRequest
 from islandgp.tracking.store import MLflowSettings, Place, check_place
+from islandgp.waiting import command_waits
 
 PREPARATION_LIMIT: Final = 600.0  # s for importing MLflow or creating a store
 MESSAGE_DELAY: Final = 2.0  # s of waiting before the user gets a message

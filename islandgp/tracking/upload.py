@@ -11,6 +11,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -20,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 from filelock import FileLock
 
 from islandgp.atomic_files import remove_leftovers
-from islandgp.errors import TrackingError
+from islandgp.errors import RunError, TrackingError
 from islandgp.evaluation.base import check_version, must_trust_domain
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
@@ -32,6 +33,7 @@ from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.store import ARM, POINTS, Store, points
 from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
+from islandgp.viewer.last_page import complete_page
 from islandgp.viewer.run_page import NAME_OF_PAGE
 
 if TYPE_CHECKING:
@@ -198,6 +200,9 @@ class RunUploader:
         if state.done == done:
             return state
         _must_be_trusted(self.folder)
+        if status is Status.FINISHED:
+            with suppress(RunError):  # the records are sent without it
+                complete_page(self.folder)
         client, end_time = self.store.client, self._end_time()
         # First, so that it is not RUNNING if anything below fails.
         client.set_terminated(state.run, status, end_time)

@@ -26,6 +26,7 @@ LAYERS: list[tuple[str, ...]] = [
         "redaction",
         "time_limit",
         "trust",
+        "waiting",
         "text",
         "text_files",
         "atomic_files",

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.records.folder import Status
-from islandgp.running import page_writer
 from islandgp.running.page_writer import PageWriter
+from islandgp.viewer import last_page
 from tests.tracking.folders import closed_run
 
 
@@ -22,7 +22,7 @@ def test_a_page_that_cannot_be_written_is_reported_once(
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(page_writer, "write_atomic", full)
+    monkeypatch.setattr(last_page, "write_atomic", full)
     folder = closed_run(tmp_path / ("a" * 200) / "one", tmp_path)
     writer = PageWriter(folder)
     writer.end(Status.KILLED)

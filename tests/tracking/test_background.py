@@ -19,7 +19,6 @@ from islandgp.records.folder import Status
 from islandgp.running.app import main
 from islandgp.tracking import background, mlflow
 from islandgp.tracking.background import (
-    command_waits,
     left_run,
     lock_note,
     note_of,
@@ -49,38 +48,6 @@ ANSWER = SyncEvent(EventKind.PROGRESS)
 READY, LOADING = SyncEvent(EventKind.PREPARING), SyncEvent(EventKind.PREPARING, "loading MLflow")
 AWAY = SyncEvent(EventKind.TROUBLE, "connection refused", "runs/a/one")
 SENDS = "A process sends the last records now"
-
-
-@pytest.mark.parametrize(
-    ("wait", "terminals", "pid", "variables", "waits"),
-    [
-        pytest.param("auto", (0, 1, 2), 7, {}, False, id="terminal"),
-        pytest.param("auto", (0, 1), 7, {}, False, id="errors-in-a-file"),
-        pytest.param("auto", (0, 2), 7, {}, True, id="output-in-a-pipe"),
-        pytest.param("auto", (1, 2), 7, {}, True, id="no-input"),
-        pytest.param("auto", (0, 1, 2), 1, {}, True, id="container"),
-        pytest.param("auto", (0, 1, 2), 7, {"SLURM_JOB_ID": "3"}, True, id="batch-job"),
-        pytest.param(True, (0, 1, 2), 7, {}, True, id="true"),
-        pytest.param(False, (), 1, {"CI": "true"}, False, id="false"),
-    ],
-)
-@posix
-def test_a_command_waits_unless_it_runs_in_a_terminal(
-    wait: Any,
-    terminals: tuple[int, ...],
-    pid: int,
-    variables: dict[str, str],
-    waits: bool,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A setting of true or false applies everywhere."""
-    for name in background.BATCH:
-        monkeypatch.delenv(name, raising=False)
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    monkeypatch.setattr(os, "isatty", lambda fd: fd in terminals)
-    monkeypatch.setattr(os, "getpid", lambda: pid)
-    assert command_waits(wait) is waits
 
 
 class Scripted:

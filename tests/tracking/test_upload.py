@@ -112,6 +112,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "lineage.csv",
         "manifest.json",
         "replay.html",
+        "run.html",
         "summary.json",
     }
 
