@@ -1,4 +1,7 @@
-"""What a run spends on anything but episodes: operators, supervisor, tracking, checkpoints."""
+"""What a run spends on anything but episodes: operators, supervisor, tracking, checkpoints.
+
+The run's last page is complete after the command, so it is in none of the shares.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ from benchmarks.command import WAIT, empty_folder, finish, start_in_terminal
 from benchmarks.figure import Effort, Figure, Goal, at_most
 from islandgp.records.folder import RunFolder
 from islandgp.tracking.sync_state import read_state
+from islandgp.viewer.last_page import wait_for_page
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 2}  # of pairs with MLflow and without
 PAPER_S: Final = 36_000  # a run of the paper: ten hours
@@ -31,11 +35,12 @@ class Run(NamedTuple):
     operators: float  # selection, variation and book-keeping in the loop
     supervision: float  # waiting for advice
     command: float  # from the start of the process to its end
+    page: float  # from the end of the process until the run's last page is complete
     mlflow: float  # from the end of the process until MLflow has all records; 0 without MLflow
 
     @property
     def rest(self) -> float:
-        """Records, checkpoints, tracking, and the end of the process."""
+        """Records, checkpoints, tracking, and the end of the process, without the last page."""
         return self.total - self.episodes - self.operators - self.supervision
 
 
@@ -106,6 +111,12 @@ def measure(effort: Effort) -> list[Figure]:
             "s",
             "from the end of that command until MLflow's process has sent all records",
         ),
+        Figure(
+            "page_ends_s",
+            median(pair[0].page for pair in pairs),
+            "s",
+            "from the end of the command without tracking until the run's last page is complete",
+        ),
         Figure("paper_ratio", PAPER_S / off.total, "", "the paper's 36,000 s a run / run_s_off"),
     ]
 
@@ -133,6 +144,8 @@ def _run(home: Path, *overrides: str, fixed: tuple[str, ...] = EPISODES) -> Run:
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)
+    wait_for_page(folder.path)
+    complete = time()
     if tracked := "tracking=mlflow" in overrides:
         _wait_for_mlflow(folder.path)
     sent = time()
@@ -144,6 +157,7 @@ def _run(home: Path, *overrides: str, fixed: tuple[str, ...] = EPISODES) -> Run:
         operators=sum(cost["operators"] for cost in costs),
         supervision=sum(cost["supervision"] for cost in costs),
         command=ended - began,
+        page=complete - ended,
         mlflow=sent - ended if tracked else 0.0,
     )
 
