@@ -20,7 +20,6 @@ from islandgp.plugin import path_of
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten, identity_config, runtime_keys
-from islandgp.running.start import start_digest
 
 REPEAT_MARK: Final = "~"
 """Precedes the number in the folder name of a repeated run; no other name contains it."""
@@ -59,10 +58,19 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     return folder
 
 
+def _start_digest(settings: Settings) -> str:
+    """The digest of the content of `start`; "" without one. Raises as `start.start_digest`."""
+    if settings.start is None:
+        return ""
+    from islandgp.running.start import start_digest  # only with `start`
+
+    return start_digest(settings.start)
+
+
 def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """True if the content of `start` has changed since the run began. Raises as `start_digest`."""
+    """True if the content of `start` has changed since the run began. Raises as `_start_digest`."""
     try:
-        return start_digest(settings.start) != before
+        return _start_digest(settings) != before
     except IslandError:
         if finished:  # a finished run does not need it
             return False
@@ -91,7 +99,7 @@ def about_run(
 ) -> RunMetadata:
     """The metadata of a run; a resumed run keeps its id and start."""
     before = target.about()
-    shaping, start = identity_config(config), start_digest(settings.start)
+    shaping, start = identity_config(config), _start_digest(settings)
     if start:
         shaping["start"] = start  # in place of the archive's path
     alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}

@@ -32,7 +32,6 @@ from islandgp.running.page_writer import PageWriter
 from islandgp.running.progress import Progress
 from islandgp.running.report import is_mostly_fallback, report, summary
 from islandgp.running.resume import about_run, choose
-from islandgp.running.start import start_trees
 from islandgp.running.totals import RunTotals, totals_of
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import (
@@ -118,14 +117,24 @@ def make_library(settings: Settings, domain: Domain) -> Library:
     return read_library(library, folder, vocabulary, settings.classes)
 
 
-def plan_of(settings: Settings, domain: Domain, cost: LibraryCost | None = None) -> Plan:
+def plan_of(
+    settings: Settings,
+    domain: Domain,
+    cost: LibraryCost | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Plan:
     """The plan of a run, with the first trees of its population from a library or an archive.
+
+    `warn` is called with one line if trees of an archive are left out.
 
     Raises ConfigError, RunError or TreeError if these cannot be loaded.
     """
     plan = settings.plan(domain)
     if settings.start is not None:
-        trees = start_trees(settings.start, plan.vocabulary, plan.gp.limits, plan.gp.population)
+        from islandgp.running.start import start_trees  # only with `start`
+
+        limits, most = plan.gp.limits, plan.gp.population
+        trees = start_trees(settings.start, plan.vocabulary, limits, most, warn)
         return replace(plan, founders=trees)
     if not settings.gp.founders:
         return plan
@@ -241,7 +250,7 @@ def run(
         tracker.allow_background()
     cost = LibraryCost()
     supervisor = make_supervisor(settings, target.path, cost)
-    plan = plan_of(settings, settings.make_domain(), cost)
+    plan = plan_of(settings, settings.make_domain(), cost, _warn)
     plan.budget.check_library(cost.episodes, plan.gp)
     page = PageWriter(target, leaves=ends_command and not _waits(settings))
     about = about_run(settings, config, target, home, command)
@@ -328,7 +337,7 @@ def _evolve(run: _OpenRun) -> None:
             line = supervisor.start()
         if line:
             print(line, file=sys.stderr)
-    start = target.resume(lambda line: print(f"islandgp: {line}", file=sys.stderr))
+    start = target.resume(_warn)
     done = 0 if start is None else start.generation
     if run.judge is not None:
         for record in islice(target.records(), done):
@@ -370,6 +379,10 @@ def _evolve(run: _OpenRun) -> None:
         steps.close()  # not only when the interpreter ends
         evaluator.close()
     _finish(settings, plan, target, totals, last, best)
+
+
+def _warn(line: str) -> None:
+    print(f"islandgp: {line}", file=sys.stderr)
 
 
 def _keep(

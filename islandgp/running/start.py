@@ -6,6 +6,7 @@ They are texts, parsed with the vocabulary of this run's domain; no code of the 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +20,13 @@ from islandgp.text_files import read_text_file
 TREE_FILE: Final = ".bt"
 
 
-def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -> tuple[Node, ...]:
+def start_trees(
+    start: str,
+    vocabulary: Vocabulary,
+    limits: Limits,
+    most: int,
+    warn: Callable[[str], None] = lambda _: None,
+) -> tuple[Node, ...]:
     """Read the tree of a file, or the best usable trees of an archive.
 
     Args:
@@ -27,6 +34,7 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         vocabulary: of this run's domain.
         limits: of this run's trees.
         most: maximum number of trees, >= 1.
+        warn: called with one line if trees are left out.
 
     Returns:
         The trees, best first, at most `most`; unusable ones are left out.
@@ -58,20 +66,23 @@ def start_trees(start: str, vocabulary: Vocabulary, limits: Limits, most: int) -
         if within(tree, limits):
             trees.append(tree)
         else:
-            reasons.append("it breaks gp.max_depth or gp.max_nodes")
+            reasons.append("it exceeds gp.max_depth or gp.max_nodes")
     if not trees:
         reason = f" ({reasons[0]})" if reasons else ""
         raise ConfigError(
             f"start={start}: expected trees that this run can use, found none{reason}; give another"
             " run, or raise the limits."
         )
+    if reasons:
+        warn(
+            f"start={start}: {len(reasons)} of {len(reasons) + len(trees)} trees are left out, the"
+            f" first because {reasons[0]}"
+        )
     return tuple(trees)
 
 
-def start_digest(start: str | None) -> str:
-    """A digest of the content of `start`; "" for None. Raises as `start_trees`."""
-    if start is None:
-        return ""
+def start_digest(start: str) -> str:
+    """A digest of the content of `start`. Raises as `start_trees`."""
     if start.endswith(TREE_FILE):
         return hashlib.sha256(to_text(_tree_of(start)).encode()).hexdigest()[:12]
     return read_archive(Path(start))[1]

@@ -48,7 +48,7 @@ def seems_usable(file: Path, experiment: str) -> bool:
 
 def note_of(file: Path) -> Path:
     """The note beside a SQLite store."""
-    return file.with_name(f".{file.stem}.sending")
+    return file.with_name(f".{file.name}.sending")
 
 
 def write_note(note: Path, folder: Path) -> bool:

@@ -1,7 +1,8 @@
-"""The first trees of generation 0 that `start=FILE.bt` gives."""
+"""The first trees of generation 0 with `start=FILE.bt` and `start=RUN`."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,8 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import ConfigError, IslandError, TreeError
+from islandgp.gp.archive import Elite
+from islandgp.records.archive_file import ArchiveFile
 from islandgp.running.start import start_digest, start_trees
 
 
@@ -45,4 +48,19 @@ def test_the_digest_of_a_start_covers_included_files(tmp_path: Path) -> None:
     library.write_text("subtree go = PatrolWaypoint # a comment", encoding="utf-8")
     assert start_digest(str(file)) == first
     library.write_text("subtree go = ExecuteCharge", encoding="utf-8")
-    assert start_digest(str(file)) not in {first, start_digest(None)}
+    assert start_digest(str(file)) not in {first, ""}
+
+
+def test_trees_of_an_archive_that_are_too_large_are_left_out(tmp_path: Path) -> None:
+    """One line has their number and a reason; without such trees there is none."""
+    trees = ("PatrolWaypoint", "selector { PatrolWaypoint ExecuteCharge }")
+    elites = tuple(Elite((k,), f"0.{k}", tree, 0, 1, 9.0, 1) for k, tree in enumerate(trees))
+    archive = ArchiveFile("island", {"pickups": (1.0, 2.0)}, 0.0, 1.0, 18.0, elites)
+    (tmp_path / "archive.json").write_bytes(archive.to_bytes())
+    lines: list[str] = []
+    start = partial(start_trees, str(tmp_path), VOCABULARY, most=5, warn=lines.append)
+    assert start(limits=Limits(9, 1)) == (parse("PatrolWaypoint"),)
+    (line,) = lines
+    assert "1 of 2 trees are left out, the first because it exceeds gp.max_depth" in line
+    assert len(start(limits=Limits(9, 9))) == 2
+    assert len(lines) == 1
