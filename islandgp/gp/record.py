@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PlainSerializer
 
-from islandgp.bt.core.node import depth, size
+from islandgp.bt.core.node import size_and_depth
 from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
@@ -43,14 +43,15 @@ class IndividualRecord:
 def to_record(e: Evaluated, text: str) -> IndividualRecord:
     """The record of an individual; `text` is its tree's canonical text."""
     i, o = e.individual, e.outcome
+    nodes, levels = size_and_depth(i.tree)
     return IndividualRecord(
         id=i.id,
         origin=i.origin,
         parents=i.parents,
         mutation=i.mutation,
         tree=text,
-        nodes=size(i.tree),
-        depth=depth(i.tree),
+        nodes=nodes,
+        depth=levels,
         fitness=e.fitness,
         components=dict(o.components),
         specialist=e.labels.specialist,

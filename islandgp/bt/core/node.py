@@ -192,9 +192,11 @@ def comments_of(node: Node) -> tuple[tuple[str, ...], ...]:
 
 def walk(node: Node) -> Iterator[Node]:
     """Iterates over the nodes of a tree in document order (parents before their children)."""
-    yield node
-    for child in node.children:
-        yield from walk(child)
+    pending = [node]  # the next node is the last
+    while pending:
+        node = pending.pop()
+        yield node
+        pending += node.children[::-1]
 
 
 def keys_in(tree: Node) -> tuple[str, ...]:
@@ -224,12 +226,25 @@ def compares_keys(tree: Node, key: str) -> bool:
 
 def size(node: Node) -> int:
     """Number of nodes, >= 1."""
-    return 1 + sum(map(size, node.children))
+    nodes = [node]
+    for each in nodes:  # the list grows while it is iterated
+        nodes += each.children
+    return len(nodes)
 
 
 def depth(node: Node) -> int:
     """Number of levels, >= 1: a single action has depth 1."""
-    return 1 + max(map(depth, node.children), default=0)
+    return size_and_depth(node)[1]
+
+
+def size_and_depth(node: Node) -> tuple[int, int]:
+    """Number of nodes and number of levels, in one pass."""
+    nodes, levels, below = 1, 1, node.children
+    while below:
+        nodes += len(below)
+        levels += 1
+        below = tuple([child for each in below for child in each.children])
+    return nodes, levels
 
 
 def levels(tree: Node, level: int = 1) -> list[int]:
@@ -272,7 +287,8 @@ class Limits:
 
 def within(node: Node, limits: Limits) -> bool:
     """True if a tree is within its limits."""
-    return depth(node) <= limits.max_depth and size(node) <= limits.max_nodes
+    nodes, levels = size_and_depth(node)
+    return levels <= limits.max_depth and nodes <= limits.max_nodes
 
 
 def check_limits(node: Node, limits: Limits) -> None:
