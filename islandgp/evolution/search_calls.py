@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from islandgp.bt.core.node import Node, depth, keys_in, size, walk, within
+from islandgp.bt.core.node import Node, names_in, size_and_depth
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import RunError
 from islandgp.gp.plan import Plan
@@ -59,17 +59,15 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
         raise TypeError(f"expected a tree (Node) in {name}, found {type(tree).__name__}")
     if value.id != name:
         raise ValueError(f"expected the id {name!r}, GENERATION.SLOT, found {value.id!r}")
-    if not within(tree, plan.gp.limits):
+    nodes, levels = size_and_depth(tree)
+    if nodes > plan.gp.max_nodes or levels > plan.gp.max_depth:
         raise ValueError(
             f"expected at most gp.max_nodes={plan.gp.max_nodes} nodes and"
             f" gp.max_depth={plan.gp.max_depth} levels in {name},"
-            f" found {size(tree)} and {depth(tree)}"
+            f" found {nodes} and {levels}"
         )
-    actions = {node.action for node in walk(tree) if node.action}
-    for used, declared in (
-        (actions, plan.vocabulary.actions),
-        ({*keys_in(tree)}, plan.vocabulary.keys),
-    ):
+    actions, keys = names_in(tree)
+    for used, declared in ((actions, plan.vocabulary.actions), (keys, plan.vocabulary.keys)):
         if strange := sorted(used - declared.keys()):
             raise ValueError(
                 f"expected actions and keys of the domain in {name}, found {strange[0]!r}"

@@ -204,6 +204,20 @@ def keys_in(tree: Node) -> tuple[str, ...]:
     return tuple(dict.fromkeys(key for term in asked_in(tree) for key in term.keys))
 
 
+def names_in(tree: Node) -> tuple[set[str], set[str]]:
+    """The actions of a tree's leaves, and the keys that its guards read."""
+    actions: set[str] = set()
+    keys: set[str] = set()
+    for node in walk(tree):
+        args = node.args
+        if isinstance(args, ActionArgs):
+            actions.add(args.name)
+        elif isinstance(args, GuardArgs):
+            for term in terms(args.condition):
+                keys.update(term.keys)
+    return actions, keys
+
+
 def asked_in(tree: Node) -> Iterator[Condition]:
     """The single conditions of a tree's guards, in document order."""
     for node in walk(tree):
