@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import islice
 from typing import Any, Final, Protocol, Self, runtime_checkable
 
 from islandgp.bt.core.language import parse, to_text
@@ -276,6 +277,7 @@ class Cached:
 
     def __init__(self, inner: Evaluator) -> None:
         self.inner = inner
+        self._early = inner if isinstance(inner, EarlyEvaluator) else None
         self._known: dict[Job, Outcome] = {}
 
     @property
@@ -285,16 +287,17 @@ class Cached:
 
     def start(self, job: Job) -> None:
         """See `EarlyEvaluator`."""
-        if job not in self._known and isinstance(self.inner, EarlyEvaluator):
-            self.inner.start(job)
+        if self._early is not None and job not in self._known:
+            self._early.start(job)
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         new = [job for job in dict.fromkeys(jobs) if job not in self._known]
-        for job, outcome in zip(new, self.inner.evaluate(new), strict=True):
-            self._known[replace(job, node=None)] = outcome
+        keys = [Job(job.tree, job.stage, job.seed) for job in new]  # without the nodes
+        self._known.update(zip(keys, self.inner.evaluate(new), strict=True))
         outcomes = [self._known[job] for job in jobs]
-        for job in [*self._known][: -max(MAX_CACHED, len(new))]:
+        excess = len(self._known) - max(MAX_CACHED, len(new))
+        for job in [*islice(self._known, max(0, excess))]:
             del self._known[job]
         return outcomes
 

@@ -168,13 +168,14 @@ def newcomers(
     individuals: list[Individual] = []
     texts: list[str] = []
     started = inf
+    early = evaluator if isinstance(evaluator, EarlyEvaluator) else None
     for slot, individual in enumerate(asked_of(parts.search, state, parts.streams, plan)):
         individuals.append(individual)
         texts.append(to_text(individual.tree))
-        if isinstance(evaluator, EarlyEvaluator):
+        if early is not None:
             started = min(started, perf_counter())
             for job in jobs_of(plan, g, slot, individual, texts[-1], worlds):
-                evaluator.start(job)
+                early.start(job)
     return individuals, texts, min(started, perf_counter())
 
 
