@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import lru_cache
 from queue import SimpleQueue
 from threading import Thread
 from typing import Annotated, Final
@@ -87,11 +88,16 @@ def ask(
         raise _wrong(f"{path}.advise", expected, repr(target))
     if tree is not None and vocabulary is not None:
         try:
-            guidance = replace(guidance, tree=parse(to_text(tree), vocabulary))
+            guidance = replace(guidance, tree=_parsed(to_text(tree), vocabulary))
         except TreeError:
             expected = f"a Guidance whose tree is of the domain {vocabulary.domain}"
             raise _wrong(f"{path}.advise", expected, repr(to_text(tree)[:60])) from None
     return guidance
+
+
+@lru_cache(maxsize=64)  # supervisors return the same trees repeatedly
+def _parsed(text: str, vocabulary: Vocabulary) -> Node:
+    return parse(text, vocabulary)
 
 
 def _first_wrong(error: ValidationError) -> str:
