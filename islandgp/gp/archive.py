@@ -107,7 +107,7 @@ with an outcome per world."""
 
 def cell_of(counters: Mapping[str, float], axes: Mapping[str, Sequence[float]]) -> tuple[int, ...]:
     """The cell of these counters; a value below the first edge is in the first cell."""
-    return tuple(max(0, bisect_right(edges, counters[name]) - 1) for name, edges in axes.items())
+    return tuple([max(0, bisect_right(edges, counters[name]) - 1) for name, edges in axes.items()])
 
 
 def archive_record(

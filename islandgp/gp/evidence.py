@@ -7,7 +7,7 @@ jointly, with shrinkage of the effects as in random-effects models (Henderson 19
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import sqrt
 from statistics import fmean, pstdev
@@ -34,21 +34,21 @@ def estimate(
     """
     if not fitness:
         return [], 0.0
-    repeated = [values for values in fitness if len(values) > 1]
-    effects: dict[int, float] = defaultdict(float)
+    points = [list(values.items()) for values in fitness]
+    repeated = [values for values in points if len(values) > 1]
+    counts = Counter(g for values in repeated for g, _ in values)
+    effects = {g: 0.0 for values in points for g, _ in values}
     for _ in range(ROUNDS if repeated else 0):
-        sums: dict[int, float] = defaultdict(float)
-        counts: dict[int, int] = defaultdict(int)
+        sums = dict.fromkeys(counts, 0.0)
         for values in repeated:
-            level = fmean(v - effects[g] for g, v in values.items())
-            for g, v in values.items():
+            level = fmean([v - effects[g] for g, v in values])
+            for g, v in values:
                 sums[g] += v - level
-                counts[g] += 1
         effects.update({g: sums[g] / (counts[g] + shrinkage) for g in sums})
-    levels = [fmean(v - effects[g] for g, v in values.items()) for values in fitness]
+    levels = [fmean([v - effects[g] for g, v in values]) for values in points]
     squares, freedom = 0.0, 0
-    for values, level in zip(fitness, levels, strict=True):
-        squares += sum((v - effects[g] - level) ** 2 for g, v in values.items())
+    for values, level in zip(points, levels, strict=True):
+        squares += sum((v - effects[g] - level) ** 2 for g, v in values)
         freedom += len(values) - 1
     if not freedom:
         return levels, pstdev(levels)

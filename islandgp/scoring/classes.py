@@ -55,9 +55,10 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
 
     def values_hold(self, o: Outcome) -> bool:
         """True if an outcome meets the conditions of this row."""
-        return all(o.measure(name) >= v for name, v in self.at_least.items()) and all(
-            o.measure(name) > v for name, v in self.above.items()
-        )
+        for name, least in self.at_least.items():
+            if not o.measure(name) >= least:
+                return False
+        return all(o.measure(name) > v for name, v in self.above.items())
 
 
 class Classes(BaseModel, frozen=True, extra="forbid"):
@@ -143,7 +144,7 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
 
     def behaviours_of(self, counters: Mapping[str, float]) -> tuple[str, ...]:
         """The behaviours of an individual: those whose counter is above 0."""
-        return tuple(name for name, counter in self.behaviours.items() if counters[counter] > 0)
+        return tuple([name for name, counter in self.behaviours.items() if counters[counter] > 0])
 
     def tier_title(self, tier: str) -> str:
         """The title of a tier's individuals: "Full Service Robot" for `full_service`."""
@@ -180,7 +181,7 @@ class BehaviourLabels:
 def specialist(o: Outcome, classes: Classes) -> str:
     """The exclusive class of an individual (section 2.3.3)."""
     s = classes.specialists
-    counts = sorted(((o.counters[classes.behaviours[name]], name) for name in s.of), reverse=True)
+    counts = sorted([(o.counters[classes.behaviours[name]], name) for name in s.of], reverse=True)
     highest, name = counts[0]
     if highest <= 0:
         return s.idle
@@ -190,17 +191,17 @@ def specialist(o: Outcome, classes: Classes) -> str:
 
 def tiers(o: Outcome, classes: Classes) -> tuple[str, ...]:
     """The tiers an individual reaches, best first."""
-    reached = {name for name, tier in classes.tiers.items() if tier.values_hold(o)}
-    return tuple(name for name in classes.tiers if reached.issuperset(classes.needed(name)))
+    reached = [name for name, tier in classes.tiers.items() if tier.values_hold(o)]
+    return tuple([name for name in reached if all(n in reached for n in classes.needed(name))])
 
 
 def classify(o: Outcome, classes: Classes) -> BehaviourLabels:
     """The class, tiers and behaviours of an individual, by its outcome."""
     kind, done = specialist(o, classes), classes.behaviours_of(o.counters)
-    names = {kind, *(name for name in done if name not in classes.specialists.of)}
+    names = {kind, *[name for name in done if name not in classes.specialists.of]}
     return BehaviourLabels(
         specialist=kind,
         tiers=tiers(o, classes),
-        behaviours=tuple(name for name in classes.elite_behaviours if name in names),
+        behaviours=tuple([name for name in classes.elite_behaviours if name in names]),
         working=kind != classes.specialists.idle,
     )

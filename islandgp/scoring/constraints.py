@@ -55,6 +55,8 @@ Merit: TypeAlias = tuple[float, float]
 
 def violation(counters: Mapping[str, float], constraints: Constraints) -> float:
     """The sum of the violations of all limits, >= 0; 0 if all are kept."""
+    if not constraints:
+        return 0.0
     return float(total(bound.violation(counters[name]) for name, bound in constraints.items()))
 
 

@@ -68,11 +68,14 @@ def generation_stats(
 ) -> GenerationStats:
     """Line 5 of Algorithm 1: the statistics of an evaluated population, created with `rate`."""
     specialists = [label.specialist for label in labels]
-    tier_counts = Counter(tier for label in labels for tier in label.tiers)
+    tier_counts = Counter([tier for label in labels for tier in label.tiers])
     fitness = [o.fitness for o in outcomes]
-    merits = (merit(o.fitness, violation(o.counters, constraints)) for o in outcomes)
+    merits = [
+        merit(points, violation(o.counters, constraints))
+        for points, o in zip(fitness, outcomes, strict=True)
+    ]
     counts = Counter(specialists)
-    individuals = Counter(name for o in outcomes for name in classes.behaviours_of(o.counters))
+    individuals = Counter([name for o in outcomes for name in classes.behaviours_of(o.counters)])
     behaviours = {name: individuals[name] for name in classes.behaviours}
     return GenerationStats(
         generation=generation,
@@ -87,7 +90,9 @@ def generation_stats(
         specialists={name: counts[name] for name in classes.specialist_names},
         behaviour_counts=behaviours,
         tiers={name: tier_counts[name] for name in classes.tiers},
-        counters={name: fmean(o.counters[name] for o in outcomes) for name in outcomes[0].counters},
+        counters={
+            name: fmean([o.counters[name] for o in outcomes]) for name in outcomes[0].counters
+        },
         size=fmean(sizes),
         rate=rate,
     )
