@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
@@ -184,11 +184,23 @@ class EarlyEvaluator(Protocol):
 
 
 def evaluated(
-    evaluator: Evaluator, trees: Sequence[str | Node], stage: int, worlds: Sequence[int]
+    evaluator: Evaluator,
+    trees: Sequence[str | Node],
+    stage: int,
+    worlds: Sequence[int],
+    *,
+    meanwhile: Callable[[], object] | None = None,
 ) -> list[list[Outcome]]:
-    """The outcomes of each tree (a node or canonical text) in each world, as nested lists."""
+    """The outcomes of each tree (a node or canonical text) in each world, as nested lists.
+
+    `meanwhile` is called while the episodes run, if the evaluator can start them early.
+    """
     forms = [(t, None) if isinstance(t, str) else (to_text(t), t) for t in trees]
     jobs = [Job(text, stage, world, node) for text, node in forms for world in worlds]
+    if meanwhile is not None and isinstance(evaluator, EarlyEvaluator):
+        for job in jobs:
+            evaluator.start(job)
+        meanwhile()
     outcomes, n = evaluator.evaluate(jobs), len(worlds)
     return [outcomes[i * n : (i + 1) * n] for i in range(len(trees))]
 

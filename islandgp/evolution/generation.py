@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import size
 from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import EarlyEvaluator, Evaluator, Job, evaluated
 from islandgp.evolution.edit_trials import compare_with_parents
@@ -47,7 +47,7 @@ class EvaluatedGeneration:
     archive: ArchiveUpdate
     trials: tuple[EditTrial, ...]  # edited trees against the trees before
     episodes: int  # of the population, the archive and the trials
-    seconds: float  # in which episodes ran
+    seconds: float  # from the start of the first episode to the end of the last
 
 
 def evaluate_generation(
@@ -68,7 +68,8 @@ def evaluate_generation(
     worlds = training_seeds(plan, parts.streams.seed, g)
     individuals, texts, started = newcomers(parts, search_state, worlds)
     population = evaluate(plan, g, individuals, texts, worlds, parts.evaluator)
-    archive = archived(parts, state.archive, population, texts, worlds, g)
+    summary = cache(lambda: summarized(plan, g, state.advice.rate, population, texts))
+    archive = archived(parts, state.archive, population, texts, worlds, g, meanwhile=summary)
     trials, of_trials = compare_with_parents(
         plan,
         population,
@@ -79,26 +80,39 @@ def evaluate_generation(
         stage=plan.curriculum.stage(g),
     )
     seconds = perf_counter() - started
-    stats = generation_stats(
-        [e.outcome for e in population],
-        [e.labels for e in population],
-        [size(e.individual.tree) for e in population],
-        plan.classes,
-        plan.curriculum,
-        generation=g,
-        rate=state.advice.rate,
-        constraints=plan.constraints,
-    )
+    stats, records = summary()
     return EvaluatedGeneration(
         worlds,
         population,
-        tuple(to_record(e, text) for e, text in zip(population, texts, strict=True)),
+        records,
         stats,
         archive,
         trials,
         len(population) * plan.gp.episodes + archive.episodes + of_trials,
         seconds,
     )
+
+
+def summarized(
+    plan: Plan,
+    generation: int,
+    rate: float,
+    population: Sequence[Evaluated],
+    texts: Sequence[str],
+) -> tuple[GenerationStats, tuple[IndividualRecord, ...]]:
+    """The statistics of a generation that was created with `rate`, and its individuals' records."""
+    records = tuple([to_record(e, text) for e, text in zip(population, texts, strict=True)])
+    stats = generation_stats(
+        [e.outcome for e in population],
+        [e.labels for e in population],
+        [record.nodes for record in records],
+        plan.classes,
+        plan.curriculum,
+        generation=generation,
+        rate=rate,
+        constraints=plan.constraints,
+    )
+    return stats, records
 
 
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -186,8 +200,13 @@ def archived(
     texts: Sequence[str],
     worlds: Sequence[int],
     generation: int,
+    *,
+    meanwhile: Callable[[], object],
 ) -> ArchiveUpdate:
-    """The archive after a generation; elites are re-evaluated in worlds of a separate stream."""
+    """The archive after a generation; elites are re-evaluated in worlds of a separate stream.
+
+    `meanwhile` is called while these episodes run, if the evaluator can start them early.
+    """
     plan, seed = parts.plan, parts.streams.seed
     stage, n = plan.curriculum.stage(generation), plan.gp.episodes
     worlds_of_elites = [
@@ -205,7 +224,11 @@ def archived(
         stage=stage,
         episodes=n,
         reevaluate=lambda trees: evaluated(
-            parts.evaluator, [nodes.get(text, text) for text in trees], stage, worlds_of_elites
+            parts.evaluator,
+            [nodes.get(text, text) for text in trees],
+            stage,
+            worlds_of_elites,
+            meanwhile=meanwhile,
         ),
         constraints=plan.constraints,
     )

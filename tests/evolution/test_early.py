@@ -35,19 +35,28 @@ def hill(kind: type[Hill]) -> Hill:
     return kind(search.settings, search_plan)
 
 
-def steps(evaluator: Fake, kind: type[Hill] = Hill) -> list[Step]:
+def steps(evaluator: Fake, kind: type[Hill] = Hill, *overrides: str) -> list[Step]:
     """Three generations of 12 individuals, two episodes each."""
-    early_plan = plan("gp.generations=3", "gp.episodes=2")
+    early_plan = plan("gp.generations=3", "gp.episodes=2", *overrides)
     return list(evolve(early_plan, 1, Constant(), evaluator, search=hill(kind)))
 
 
 def test_every_job_of_a_generation_starts_early_and_records_are_the_same() -> None:
-    """The jobs of `evaluate` start in their order; the archive's are not known early."""
+    """The jobs of `evaluate` start in their order."""
     early, plain = Early(), Fake()
     assert list(lines(steps(early))) == list(lines(steps(plain)))
     jobs = [job for batch in early.batches if len(batch) == 24 for job in batch]
     assert early.started == jobs
     assert len(jobs) == 3 * 24
+
+
+def test_the_further_episodes_of_elites_start_early() -> None:
+    """They run while the generation is summarized, and records are the same."""
+    early, plain = Early(), Fake()
+    further = "archive.reevaluations=1"
+    assert list(lines(steps(early, Hill, further))) == list(lines(steps(plain, Hill, further)))
+    assert early.started == [job for batch in early.batches for job in batch]
+    assert len(early.batches) > 3
 
 
 def test_an_episode_starts_before_the_next_individual_is_made() -> None:
