@@ -11,6 +11,7 @@ import signal
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from types import FrameType
 from typing import Final
 
@@ -56,7 +57,7 @@ def measure(effort: Effort) -> list[Figure]:
         raise Missing("this system has no timer of processor time")
     count = BATCH[effort]
     plan = settings().plan(settings().make_domain())
-    population = first_population(plan, Streams(SEED))[:count]
+    population = islice(first_population(plan, Streams(SEED)), count)
     figures = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
     return figures + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])
 

@@ -8,7 +8,7 @@ afterwards by the search.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from islandgp.bt.core.node import Node
@@ -117,31 +117,38 @@ def next_population(
     archive: BehaviourArchive,
     diversity: float,
     edited: Sequence[EditedTree] = (),
-) -> tuple[Individual, ...]:
-    """The population of `generation`, before mutation, of the same size as the last one.
+) -> Iterator[Individual]:
+    """Yields the population of `generation`, before mutation, of the same size as the last one.
 
     Edited trees replace tournament children.
     """
-    n, gp, allocation = len(population), plan.gp, plan.allocation
-    select, cross = selection(gp.selection), crossover(gp.crossover)
+    n, allocation = len(population), plan.allocation
     survivors = elites(population, allocation, archive, plan.classes.elite_behaviours)[
         : n - 2 - len(edited)
     ]
-    new = [
-        Individual(f"{generation}.{slot}", s.tree, s.origin, (s.parent,))
-        for slot, s in enumerate(survivors)
-    ]
-    for i in range(diversity_slots(allocation, n, len(new) + len(edited), diversity)):
-        slot = len(new)
-        if i == 0 and injected is not None:
-            new.append(Individual(f"{generation}.{slot}", injected, Origin.INJECTED))
+    for slot, s in enumerate(survivors):
+        yield Individual(f"{generation}.{slot}", s.tree, s.origin, (s.parent,))
+    first = len(survivors)  # diversity slot
+    end = first + diversity_slots(allocation, n, first + len(edited), diversity)
+    for slot in range(first, end):
+        if slot == first and injected is not None:
+            yield Individual(f"{generation}.{slot}", injected, Origin.INJECTED)
             continue
         rng = streams(Stream.DIVERSITY, generation=generation, slot=slot)
-        new.append(Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM))
-    new += edited_individuals(edited, generation, len(new))
+        yield Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM)
+    yield from edited_individuals(edited, generation, end)
+    yield from _children(plan, population, streams, generation, end + len(edited))
+
+
+def _children(
+    plan: Plan, population: Sequence[Evaluated], streams: Streams, generation: int, first: int
+) -> Iterator[Individual]:
+    """Yields the tournament children in the slots from `first` on."""
+    n, gp = len(population), plan.gp
+    select, cross = selection(gp.selection), crossover(gp.crossover)
     supplied: Counter[str] = Counter()
-    limit = allocation.niche_share * (n - len(new)) * (1 + gp.crossover_rate)
-    for slot in range(len(new), n):
+    limit = plan.allocation.niche_share * (n - first) * (1 + gp.crossover_rate)
+    for slot in range(first, n):
         rng = streams(Stream.SELECTION, generation=generation, slot=slot)
         parents = []
         for _ in range(2 if rng.random() < gp.crossover_rate else 1):
@@ -155,5 +162,4 @@ def next_population(
             rng = streams(Stream.CROSSOVER, generation=generation, slot=slot)
             tree, origin = cross(rng, tree, parents[1].tree, gp.limits), Origin.CROSSOVER
         ids = tuple(parent.id for parent in parents)
-        new.append(Individual(f"{generation}.{slot}", tree, origin, ids))
-    return tuple(new)
+        yield Individual(f"{generation}.{slot}", tree, origin, ids)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final
 
@@ -51,6 +51,10 @@ class Paper:
         return SearchState(0)
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+        """See `Search`."""
+        return tuple(self.ask_each(state, streams))
+
+    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """Line 2 of Algorithm 1 for generation 0, lines 8 to 15 for the others."""
         if state.memory is None:
             return first_population(self.plan, streams)
@@ -80,27 +84,23 @@ class Paper:
         return SearchState(state.generation + 1, Parents(tuple(evaluated), archive), advice)
 
 
-def first_population(plan: Plan, streams: Streams) -> tuple[Individual, ...]:
-    """The plan's founders, then random trees, each drawn from the stream of its slot."""
+def first_population(plan: Plan, streams: Streams) -> Iterator[Individual]:
+    """Yields the plan's founders, then random trees, each drawn from the stream of its slot."""
     founders = plan.founders[: plan.gp.population]
-    injected = [Individual(f"0.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)]
-    random = [
-        Individual(
-            f"0.{slot}", random_tree(streams(Stream.INITIAL, slot=slot), plan.space), Origin.RANDOM
-        )
-        for slot in range(len(founders), plan.gp.population)
-    ]
-    return (*injected, *random)
+    for slot, tree in enumerate(founders):
+        yield Individual(f"0.{slot}", tree, Origin.INJECTED)
+    for slot in range(len(founders), plan.gp.population):
+        tree = random_tree(streams(Stream.INITIAL, slot=slot), plan.space)
+        yield Individual(f"0.{slot}", tree, Origin.RANDOM)
 
 
 def mutated(
-    plan: Plan, population: Sequence[Individual], streams: Streams, generation: int, rate: float
-) -> tuple[Individual, ...]:
+    plan: Plan, population: Iterable[Individual], streams: Streams, generation: int, rate: float
+) -> Iterator[Individual]:
     """Line 15: mutation of the constructed population; elites if `gp.mutate_elites` (2.4.3).
 
     Edited trees are not mutated here; see `supervisor.mutate_advice`.
     """
-    new = []
     for slot, i in enumerate(population):
         spared = () if plan.gp.mutate_elites else UNMUTATED
         if i.origin not in (*spared, Origin.EDITED):
@@ -109,5 +109,4 @@ def mutated(
                 rng, i.tree, rate=rate, space=plan.space, settings=plan.gp.mutation
             )
             i = replace(i, tree=tree, mutation=operator)
-        new.append(i)
-    return tuple(new)
+        yield i

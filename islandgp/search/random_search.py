@@ -7,7 +7,7 @@ Programming.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import NoneType
 from typing import Any, ClassVar
 
@@ -52,19 +52,18 @@ class RandomSearch:
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
         """See `Search`. The first population is that of `search=paper`."""
+        return tuple(self.ask_each(state, streams))
+
+    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+        """See `StreamingSearch`."""
         g, n = state.generation, self.plan.gp.population
         founders = self.plan.founders[:n] if g == 0 else ()
-        injected = [
-            Individual(f"{g}.{k}", tree, Origin.INJECTED) for k, tree in enumerate(founders)
-        ]
+        for slot, tree in enumerate(founders):
+            yield Individual(f"{g}.{slot}", tree, Origin.INJECTED)
         purpose = Stream.DIVERSITY if g else Stream.INITIAL  # the streams of `search=paper`
-        random = [
-            Individual(
-                f"{g}.{slot}", self._tree(streams(purpose, generation=g, slot=slot)), Origin.RANDOM
-            )
-            for slot in range(len(injected), n)
-        ]
-        return (*injected, *random)
+        for slot in range(len(founders), n):
+            tree = self._tree(streams(purpose, generation=g, slot=slot))
+            yield Individual(f"{g}.{slot}", tree, Origin.RANDOM)
 
     def _tree(self, rng: np.random.Generator) -> Node:
         if self.settings.lists and rng.random() < self.settings.lists:

@@ -82,16 +82,18 @@ def built(
 ) -> tuple[Individual, ...]:
     """The population of generation 5."""
     plan = composed_plan()
-    return next_population(
-        replace(plan, allocation=allocation or plan.allocation),
-        population,
-        streams=Streams(seed),
-        generation=5,
-        injected=injected,
-        archive=update_behaviour_archive({}, population, BEHAVIOURS, 0)
-        if archive is None
-        else archive,
-        diversity=diversity([e.labels.specialist for e in population]),
+    if archive is None:
+        archive = update_behaviour_archive({}, population, BEHAVIOURS, 0)
+    return tuple(
+        next_population(
+            replace(plan, allocation=allocation or plan.allocation),
+            population,
+            streams=Streams(seed),
+            generation=5,
+            injected=injected,
+            archive=archive,
+            diversity=diversity([e.labels.specialist for e in population]),
+        )
     )
 
 
