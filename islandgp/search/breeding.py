@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from hashlib import sha256
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
@@ -49,10 +49,23 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
-@lru_cache(maxsize=4096)  # a grid of thousands of trees asks for each in each generation
+MAX_KEPT: Final = 4096  # a grid of thousands of trees asks for each in each generation
+_kept: OrderedDict[int, tuple[Node, str]] = OrderedDict()
+"""The last trees with their digests, by `id`, which no other object has as long as they are kept.
+
+Looking up a tree itself would compute the hash of all its nodes.
+"""
+
+
 def digest(tree: Node) -> str:
     """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
-    return sha256(to_text(tree).encode()).hexdigest()[:12]
+    if (kept := _kept.get(id(tree))) is not None:
+        return kept[1]
+    text_digest = sha256(to_text(tree).encode()).hexdigest()[:12]
+    _kept[id(tree)] = tree, text_digest
+    if len(_kept) > MAX_KEPT:
+        _kept.popitem(last=False)
+    return text_digest
 
 
 def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> Node:
@@ -138,7 +151,7 @@ class GenerationPlan:
     pick: Pick | None = None  # draws the parents of children; None: random trees, no children
     reevaluated: Sequence[Parent] = ()  # evaluated again, the most important first
     initial_trees: Sequence[Node] = ()  # evaluated unchanged, such as the founders of generation 0
-    known_digests: Collection[str] = ()  # of evaluated trees, which new trees should not repeat
+    known_digests: Iterable[str] = ()  # of evaluated trees, which new trees should not repeat
 
 
 def new_generation(

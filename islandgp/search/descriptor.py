@@ -72,9 +72,9 @@ def repeated(path: str, names: Sequence[str]) -> Iterator[str]:
 
 def point(dimensions: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...]:
     """The descriptor of an outcome: a scaled value for each dimension."""
-    return tuple(d.scaled(outcome.counters[d.counter]) for d in dimensions)
+    return tuple([d.scaled(outcome.counters[d.counter]) for d in dimensions])
 
 
 def cell(descriptor: Sequence[float], bins: int) -> tuple[int, ...]:
     """The cell of a descriptor: bin 0 has the value 0 only, and the bins end at +-`bins`."""
-    return tuple(int(copysign(min(bins, ceil(abs(x))), x)) for x in descriptor)
+    return tuple([int(copysign(min(bins, ceil(abs(x))), x)) if x else 0 for x in descriptor])

@@ -80,7 +80,10 @@ class MapElites(BreedingSearch[MapElitesSettings]):
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
         occupants: tuple[Occupant, ...] = state.memory.occupants
-        elites = [cell[0] for cell in self.cells(occupants).values()]
+        by_cell: dict[tuple[int, ...], Occupant] = {}
+        for occupant in occupants:  # the best of a cell first
+            by_cell.setdefault(cell(occupant.descriptor, self.settings.bins), occupant)
+        elites = list(by_cell.values())
         parents = [elite.parent for elite in elites]
         mothers = [elite.parent for elite in elites if not self._violation(elite)] or parents
         slots = round(self.settings.reevaluated * self.plan.gp.population)
@@ -90,7 +93,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         return GenerationPlan(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
             reevaluated=[elite.parent for elite in least_evaluated[:slots]],
-            known_digests={digest(o.parent.tree) for o in occupants},
+            known_digests=(digest(o.parent.tree) for o in occupants),
         )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:
