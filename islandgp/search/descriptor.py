@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import ceil, copysign, isfinite, log2
 from typing import Annotated, Final
 
@@ -75,6 +76,7 @@ def point(dimensions: Sequence[Dimension], outcome: Outcome) -> tuple[float, ...
     return tuple([d.scaled(outcome.counters[d.counter]) for d in dimensions])
 
 
-def cell(descriptor: Sequence[float], bins: int) -> tuple[int, ...]:
+@lru_cache(maxsize=4096)  # a grid asks for the cell of each tree in each generation
+def cell(descriptor: tuple[float, ...], bins: int) -> tuple[int, ...]:
     """The cell of a descriptor: bin 0 has the value 0 only, and the bins end at +-`bins`."""
     return tuple([int(copysign(min(bins, ceil(abs(x))), x)) if x else 0 for x in descriptor])

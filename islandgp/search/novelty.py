@@ -102,9 +102,12 @@ def novelty(places: Places, archive: Places, neighbours: int) -> list[float]:
         A mean distance for each of `places`, >= 0.
     """
     pool = np.array([*places, *archive])
+    count = min(neighbours, len(pool) - 1)
     novelties = []
     for k in range(len(places)):
-        distances = np.delete(np.linalg.norm(pool - pool[k], axis=1), k)
-        nearest = np.sort(distances)[:neighbours]
-        novelties.append(float(nearest.mean()) if len(nearest) else 0.0)
+        squares = (pool - pool[k]) ** 2
+        distances = np.sqrt(squares.sum(axis=1))
+        distances[k] = np.inf  # it is not its own neighbour
+        distances.sort()
+        novelties.append(float(distances[:count].mean()) if count else 0.0)
     return novelties

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from pydantic import Field
@@ -32,6 +32,8 @@ from islandgp.search.breeding import (
 )
 from islandgp.search.descriptor import repeated
 
+BLOCK: Final = 256  # rows that are compared with all others at once, which takes memory
+
 Points = np.ndarray[Any, np.dtype[np.float64]]
 """A row for each individual, a column for each objective; more is better."""
 
@@ -48,7 +50,8 @@ def crowded_order(points: Points, violations: Sequence[float] | None = None) -> 
     for r in range(int(rank.max()) + 1):
         front = np.flatnonzero(rank == r)
         distance[front] = crowding(points[front])
-    return sorted(range(len(points)), key=lambda k: (rank[k], -distance[k]))
+    keys = list(zip(rank.tolist(), (-distance).tolist(), strict=True))
+    return sorted(range(len(points)), key=keys.__getitem__)
 
 
 def ranks(
@@ -60,19 +63,22 @@ def ranks(
     """
     excess = np.zeros(len(points)) if violations is None else np.array(violations)
 
-    def dominated(k: int) -> Any:
-        better = (points[k] >= points).all(axis=1) & (points[k] > points).any(axis=1)
-        return (excess[k] < excess) | ((excess[k] == excess) & better)
+    def dominators(rows: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
+        """The number of these rows that dominate each row."""
+        numbers = np.zeros(len(points), dtype=np.int64)
+        for start in range(0, len(rows), BLOCK):
+            some = rows[start : start + BLOCK]
+            own, own_excess = points[some, None], excess[some, None]
+            better = (own >= points).all(axis=2) & (own > points).any(axis=2)
+            numbers += ((own_excess < excess) | ((own_excess == excess) & better)).sum(axis=0)
+        return numbers
 
-    by = np.zeros(len(points), dtype=np.int64)  # number of unranked rows that dominate each row
-    for k in range(len(points)):
-        by += dominated(k)
+    by = dominators(np.arange(len(points)))  # number of unranked rows that dominate each row
     rank = np.full(len(points), -1)
     r = 0
     while len(front := np.flatnonzero((by == 0) & (rank < 0))):
         rank[front] = r
-        for k in front.tolist():
-            by -= dominated(k)
+        by -= dominators(front)
         r += 1
     return rank
 

@@ -30,7 +30,7 @@ TREES = ("PatrolWaypoint", "SeekCharger", "MoveToGarbage", "PickupGarbage", "Mov
 def test_bins(text: str, values: tuple[float, ...], bins: tuple[int, ...]) -> None:
     """Bin 0 holds 0 alone; then each is twice as wide as before, or as its number."""
     axis = dimension(text)
-    assert tuple(cell([axis.scaled(value)], 5)[0] for value in values) == bins
+    assert tuple(cell((axis.scaled(value),), 5)[0] for value in values) == bins
 
 
 @given(value=st.floats(-1e12, 1e12), width=st.none() | st.floats(1e-3, 1e6))
@@ -39,7 +39,7 @@ def test_places_keep_order_and_sign(value: float, width: float | None) -> None:
     axis = Dimension("x", width)
     assert axis.scaled(-value) == -axis.scaled(value)
     assert axis.scaled(value + abs(value) / 2 + 1) > axis.scaled(value)
-    assert abs(cell([axis.scaled(value)], 7)[0]) <= 7
+    assert abs(cell((axis.scaled(value),), 7)[0]) <= 7
 
 
 def test_behaviours_are_the_descriptor_by_default() -> None:
