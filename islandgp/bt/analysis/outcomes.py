@@ -11,30 +11,32 @@ from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArg
 Ends: TypeAlias = frozenset[int]  # of SUCCESS and FAILURE
 
 _FAILS: Final[Ends] = frozenset({FAILURE})
+_ANY: Final[Ends] = frozenset({FAILURE, SUCCESS})
 
 
 def ends(node: Node, context: NodeContext) -> Ends:
     """The statuses with which a node can end; a superset where it is not known exactly."""
     if node.action:
-        return context.vocabulary.action(node.action).statuses & {FAILURE, SUCCESS}
-    if node.guard and never(node.guard, context):
+        return context.vocabulary.action(node.action).statuses & _ANY
+    guard = node.guard
+    if guard and never(guard, context):
         return _FAILS
     kind = kind_of(node)
     if kind.opaque:
-        return frozenset({FAILURE, SUCCESS})
-    each = [child_ends(node, context, index) for index in range(len(node.children))]
+        return _ANY
+    each = (child_ends(node, context, index) for index in range(len(node.children)))
     if kind.decorates:
-        statuses = frozenset(kind.ends[end] for end in each[0])
-        return statuses | _FAILS if node.guard or kind.may_fail else statuses
+        statuses = frozenset([kind.ends[end] for end in next(each)])
+        return statuses | _FAILS if guard or kind.may_fail else statuses
     if isinstance(node.args, ParallelArgs):
-        return _parallel(node.args, each)
+        return _parallel(node.args, list(each))
     advance = advance_status(node)
-    reached: Ends = frozenset({advance})
+    reached: Ends = frozenset()  # without `advance`
     for child in each:
-        if advance not in reached:
-            break
-        reached = (reached - {advance}) | child
-    return reached
+        reached |= child - {advance}
+        if advance not in child:
+            return reached
+    return reached | {advance}
 
 
 def child_ends(node: Node, context: NodeContext, index: int) -> Ends:
@@ -42,6 +44,14 @@ def child_ends(node: Node, context: NodeContext, index: int) -> Ends:
     child = node.children[index]
     # What a leaf returns does not depend on its place, whose context takes time to make.
     return ends(child, context if child.action else child_context(node, context, index))
+
+
+def child_may_end(node: Node, context: NodeContext, index: int, status: int) -> bool:
+    """True if `child_ends` has this status; `context` is the parent's."""
+    child = node.children[index]
+    if status == FAILURE and (child.guard or kind_of(child).may_fail):
+        return True  # whatever is below it
+    return status in child_ends(node, context, index)
 
 
 def advance_status(node: Node) -> int:
@@ -58,7 +68,7 @@ def dead_end(node: Node, context: NodeContext) -> int | None:
     """
     advance = advance_status(node)
     for index in range(len(node.children) - 1):
-        if advance not in child_ends(node, context, index):
+        if not child_may_end(node, context, index, advance):
             return index
     return None
 
@@ -77,12 +87,10 @@ def idle(node: Node, context: NodeContext) -> int | None:
     if not kind.decorates or kind.opaque:
         return None
     if node.guard:
-        if may_interrupt(node.guard, context):
+        # If the guarded child never starts, its guards are never observed.
+        if not never(node.guard, context) and child_idle(node, context, 0) != FAILURE:
             return None
-        if never(node.guard, context):
-            # The guarded child never starts, so its guards are never observed.
-            return FAILURE
-        return FAILURE if child_idle(node, context, 0) == FAILURE else None
+        return None if may_interrupt(node.guard, context) else FAILURE
     end = child_idle(node, context, 0)
     if end is None or end == kind.counts or kind.delayed or (kind.may_fail and end != FAILURE):
         return None
