@@ -208,7 +208,9 @@ def names_in(tree: Node) -> tuple[set[str], set[str]]:
     """The actions of a tree's leaves, and the keys that its guards read."""
     actions: set[str] = set()
     keys: set[str] = set()
-    for node in walk(tree):
+    nodes = [tree]
+    for node in nodes:  # the list grows while it is iterated
+        nodes += node.children
         args = node.args
         if isinstance(args, ActionArgs):
             actions.add(args.name)

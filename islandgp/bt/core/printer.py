@@ -5,7 +5,7 @@ Equal trees have equal texts, and parsing a text returns an equal tree.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from decimal import Decimal
 from functools import lru_cache
 from typing import Any, Self
@@ -108,18 +108,24 @@ def use_text(name: str, arguments: Sequence[str]) -> str:
 
 def head(node: Node) -> str:
     """The text of a node before its brace, e.g. `when charge < 25`; of a leaf, all of it."""
-    if isinstance(node.args, ActionArgs):
-        return call_text(*node.args)
-    if isinstance(node.args, UseArgs):
-        return f"use {use_text(*node.args)}"
-    pairs = zip(KINDS[node.kind].arguments, node.args, strict=True)
-    return " ".join([node.kind, *(t for arg, value in pairs if (t := _argument(arg, value)))])
+    args = node.args
+    if isinstance(args, ActionArgs):
+        return call_text(*args)
+    if isinstance(args, UseArgs):
+        return f"use {use_text(*args)}"
+    arguments = KINDS[node.kind].arguments
+    if not arguments and not args:
+        return node.kind
+    pairs = zip(arguments, args, strict=True)
+    return " ".join([node.kind, *filter(None, [_argument(arg, value) for arg, value in pairs])])
 
 
 def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
     """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
-    arguments = (f"{name}: {_value_text(value)}" for name, value in values)
-    return f"{action}({', '.join(arguments)})" if values else action
+    if not values:
+        return action
+    arguments = [f"{name}: {_value_text(value)}" for name, value in values]
+    return f"{action}({', '.join(arguments)})"
 
 
 def _value_text(value: Value) -> str:
@@ -156,18 +162,19 @@ def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
     return f"{expr.key} {expr.operator} {expr.other or number_text(expr.number)}"
 
 
-def _lines(node: Node, indent: str, lead: str = "", *, comments: bool = False) -> Iterator[str]:
+def _lines(node: Node, indent: str, lead: str = "", *, comments: bool = False) -> list[str]:
     """The lines of a node; `lead` is the text before its head, `comments`: with those above it."""
-    if comments:
-        yield from (f"{indent}# {text}" for lines in comments_of(node) for text in lines)
+    above = comments_of(node) if comments else ()
+    lines = [f"{indent}# {text}" for texts in above for text in texts]
     line = None if comments and _has_comments_below(node) else inline(node, INLINE_LEVELS)
     if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
-        yield f"{indent}{lead}{line}"
-        return
-    yield f"{indent}{lead}{head(node)} {{"
+        lines.append(f"{indent}{lead}{line}")
+        return lines
+    lines.append(f"{indent}{lead}{head(node)} {{")
     for child in node.children:
-        yield from _lines(child, indent + INDENT, comments=comments)
-    yield f"{indent}}}"
+        lines += _lines(child, indent + INDENT, comments=comments)
+    lines.append(f"{indent}}}")
+    return lines
 
 
 def _has_comments_below(node: Node) -> bool:
@@ -178,9 +185,12 @@ def inline(node: Node, levels: int) -> str | None:
     """The node as one line of any length; None if it is nested too deeply for one line."""
     if not node.children:
         return head(node)
-    if levels == 1 or (len(node.children) > 1 and any(c.children for c in node.children)):
+    if levels == 1:
         return None
-    inside = [inline(child, levels - 1) for child in node.children]
-    if None in inside:
-        return None
-    return f"{head(node)} {{ {' '.join(map(str, inside))} }}"
+    if len(node.children) == 1:
+        inside = inline(node.children[0], levels - 1)
+    elif any(child.children for child in node.children):
+        inside = None
+    else:
+        inside = " ".join([head(child) for child in node.children])
+    return None if inside is None else f"{head(node)} {{ {inside} }}"
