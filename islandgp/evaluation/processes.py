@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -156,6 +156,7 @@ class Processes:
         except BrokenProcessPool:  # a worker died between two calls
             return self._one_by_one(jobs, {})
         done: dict[Job, Outcome] = {}
+        wait_for(futures, PERIOD, FIRST_EXCEPTION)  # one wait for all costs less than one for each
         try:
             return [self._result(job, f, done) for job, f in zip(jobs, futures, strict=True)]
         except BrokenProcessPool:
@@ -206,7 +207,7 @@ class Processes:
         """
         limit = self.episode_timeout + GRACE if self.episode_timeout else inf  # s
         waited = 0.0  # s
-        while not wait_for([future], PERIOD).done:
+        while not (future.done() or wait_for([future], PERIOD).done):
             if not _manages(self._pool) and not future.done():
                 raise EvaluationError(POOL_ENDED)
             waited += PERIOD
