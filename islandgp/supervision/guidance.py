@@ -134,6 +134,8 @@ class SupervisorQueue:
             vocabulary: of the domain, as for `ask`.
         """
         self.supervisor = supervisor
+        self._listener = supervisor if isinstance(supervisor, GenerationListener) else None
+        self._lifecycle = supervisor if isinstance(supervisor, SupervisorLifecycle) else None
         self.vocabulary = vocabulary
         self.seed = seed
         self.lag = lag
@@ -145,9 +147,9 @@ class SupervisorQueue:
 
     def recall(self, view: GenerationView) -> None:
         """Passes a recorded generation to the supervisor; before the first `ask`."""
-        if isinstance(self.supervisor, GenerationListener):
+        if self._listener is not None:
             with plugin_errors(path_of(type(self.supervisor))):
-                self.supervisor.on_generation(view)
+                self._listener.on_generation(view)
 
     def ask(self, state: PopulationState, view: GenerationView | None = None) -> None:
         """Requests guidance for a generation's state; `view` is the generation as recorded."""
@@ -169,11 +171,11 @@ class SupervisorQueue:
         Raises:
             SupervisionError: they are not finite numbers by name.
         """
-        if not isinstance(self.supervisor, SupervisorLifecycle):
+        if self._lifecycle is None:
             return {}
         path = path_of(type(self.supervisor))
         with plugin_errors(path):
-            costs = self.supervisor.spent()
+            costs = self._lifecycle.spent()
         try:
             COSTS.validate_python(costs)
         except ValidationError as error:
@@ -186,9 +188,9 @@ class SupervisorQueue:
         for answer in self._answers.values():
             answer.cancel()
         self._waiting.put(None)
-        if isinstance(self.supervisor, SupervisorLifecycle):
+        if self._lifecycle is not None:
             with plugin_errors(path_of(type(self.supervisor))):
-                self.supervisor.close()
+                self._lifecycle.close()
 
     def _advise(self, state: PopulationState, view: GenerationView | None) -> Guidance:
         if view is not None:
