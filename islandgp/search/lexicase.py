@@ -107,7 +107,7 @@ def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """
     if not violations.min():
         return np.flatnonzero(violations == 0)
-    epsilon = np.median(np.abs(violations - np.median(violations)))
+    epsilon = _deviation(violations)
     return np.flatnonzero(violations <= violations.min() + epsilon)
 
 
@@ -141,6 +141,19 @@ def passing(points: np.ndarray[Any, Any], order: Sequence[int]) -> np.ndarray[An
         if len(remaining) == 1:
             break
         values = points[remaining, case]
-        epsilon = np.median(np.abs(values - np.median(values)))
+        epsilon = _deviation(values)
         remaining = remaining[values >= values.max() - epsilon]
     return remaining
+
+
+def _deviation(values: np.ndarray[Any, Any]) -> float:
+    """The median absolute deviation of finite values."""
+    return _median(np.abs(values - _median(values)))
+
+
+def _median(values: np.ndarray[Any, Any]) -> float:
+    """The median, in a fraction of the time of NumPy's for the few individuals of a generation."""
+    ordered, middle = np.sort(values), len(values) // 2
+    if len(values) % 2:
+        return float(ordered[middle])
+    return float((ordered[middle - 1] + ordered[middle]) / 2)
