@@ -102,6 +102,8 @@ def excludes(premises: Conditions, expr: ConditionExpr) -> bool:
 
 def shortened(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
     """A shorter condition with the same value wherever all of `premises` hold, or else `expr`."""
+    if isinstance(expr, Condition):
+        return expr
     condition, related = to_nnf(expr), _related(premises, expr)
     while (reduced := _without_redundant(condition, related)) != condition:
         condition = reduced
