@@ -50,7 +50,7 @@ def child_may_end(node: Node, context: NodeContext, index: int, status: int) -> 
     """True if `child_ends` has this status; `context` is the parent's."""
     child = node.children[index]
     if status == FAILURE and (child.guard or kind_of(child).may_fail):
-        return True  # whatever is below it
+        return True  # independent of the nodes below it
     return status in child_ends(node, context, index)
 
 
