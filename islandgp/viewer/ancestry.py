@@ -12,14 +12,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 from statistics import fmean
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import generation_lines
+
+if TYPE_CHECKING:
+    from islandgp.bt.analysis.compare import Mark
 
 MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
 MAX_NODES: Final = 300  # most nodes of trees that are compared
@@ -95,6 +97,8 @@ def _tree(text: str) -> Node:
 
 def tree_changes(old: str, new: str) -> list[TreeChange]:
     """The differences between two trees, given as texts, node by node."""
+    from islandgp.bt.analysis.compare import Mark, compare  # only for a tree with a parent
+
     changes = []
     for line in compare(_tree(old), _tree(new)):
         if line.mark is not Mark.SAME:
