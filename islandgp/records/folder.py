@@ -23,7 +23,7 @@ from filelock import FileLock
 from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_values
-from islandgp.plain import from_plain, validate_json
+from islandgp.plain import from_plain, read_json, validate_json
 from islandgp.records import files, lines, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
@@ -68,6 +68,7 @@ class RunFolder:
         self._digest = ""  # of the records so far
         self._stamp: Stamp = None  # of generations.jsonl, after the last generation
         self._lineage = files.LineageTable()  # of the records so far
+        self._summary: bytes | None = None  # as this process has written it
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Locks the folder for this process and writes about.json and config.yaml (YAML text).
@@ -304,6 +305,7 @@ class RunFolder:
             end = pretty({**summary, "records": self._digest, "manifest": True})
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
+            self._summary = end
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
 
@@ -339,7 +341,12 @@ class RunFolder:
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
-        """The content of summary.json. Raises RunError if it is missing or damaged."""
+        """The content of summary.json. Raises RunError if it is missing or damaged.
+
+        The process that has written the file does not read it again.
+        """
+        if self._summary is not None:
+            return dict(read_json(self._summary))
         file = self._as_written("summary.json")
         with reading("a finished run's summary", file):
             return dict(validate_json(RunSummary, file.read_bytes()))

@@ -74,8 +74,8 @@ def _plain(validation: Validation) -> dict[str, Any]:
     return {name: value for name, value in plain.items() if name not in without}
 
 
-def report(target: RunFolder) -> str:
-    """A finished run in a few lines of text."""
+def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
+    """A finished run in a few lines of text; `costs` are those of its generations."""
     s, agent = target.summary(), target.agent
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
@@ -92,8 +92,8 @@ def report(target: RunFolder) -> str:
             f"Highest fitness in training: {in_points(s['fittest']['record']['fitness'])} in"
             f" generation {s['fittest']['generation']}",
             first[:1].upper() + first[1:],
-            *_known_episodes(target),
-            *_supervision(target, s.get("answers", {})),
+            *_known_episodes(costs),
+            *_supervision(costs[-1]["llm"] if costs else {}, s.get("answers", {})),
             f"Results: {target.path}",
             "",
             best["tree"].rstrip(),
@@ -107,21 +107,17 @@ def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     return bool(summary.get("mostly_fallback"))  # runs of older versions lack it
 
 
-def _known_episodes(target: RunFolder) -> Iterator[str]:
+def _known_episodes(costs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """A line on the episodes that were not simulated because their outcomes were known."""
-    costs = [*target.costs()]
     asked_episodes = sum(cost["episodes"] - cost.get("elsewhere", 0) for cost in costs)
     if cached := asked_episodes - sum(cost["simulated"] for cost in costs):
         yield f"Episodes in training: {asked_episodes:,}, {cached:,} of them from the cache"
 
 
-def _supervision(target: RunFolder, sources: Mapping[str, int]) -> Iterator[str]:
-    """Lines on the sources of the guidance and the costs of a language model."""
+def _supervision(spent: Mapping[str, float], sources: Mapping[str, int]) -> Iterator[str]:
+    """Lines on the sources of the guidance and what a language model has `spent`."""
     if share := fallback_words([{"answers": sources}]):
         yield f"Answers of the fallback: {share}"
-    spent: Mapping[str, float] = {}
-    for cost in target.costs():
-        spent = cost["llm"]
     if spent.get("requests"):
         tokens = f"{spent['input_tokens']:,.0f} tokens in, {spent['output_tokens']:,.0f} out"
         yield (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -261,12 +261,11 @@ def run(
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
-        where = _evolve_tracked(
+        return _evolve_tracked(
             _OpenRun(settings, plan, cost, target, supervisor, tracker, page, keep_display, judge)
         )
     finally:
         target.close()
-    return _end(target, where)
 
 
 def _waits(settings: Settings) -> bool:
@@ -290,12 +289,12 @@ class _OpenRun:
     judge: Judge | None
 
 
-def _evolve_tracked(run: _OpenRun) -> str:
-    """Evolves, with the run's tracker and page; returns the tracker's last line."""
+def _evolve_tracked(run: _OpenRun) -> RunResult:
+    """Evolves, with the run's tracker and page."""
     status = Status.FAILED
     run.tracker.start(run.target)
     try:
-        _evolve(run)
+        totals = _evolve(run)
         status = Status.FINISHED
     except (KeyboardInterrupt, Pruned):
         status = Status.KILLED
@@ -308,11 +307,11 @@ def _evolve_tracked(run: _OpenRun) -> str:
             run.page.end(status)
         finally:
             where = run.tracker.finish(status)
-    return where
+    return _end(run.target, totals.costs, where)
 
 
-def _end(target: RunFolder, *notes: str) -> RunResult:
-    text = "\n".join((report(target), *notes)).rstrip()
+def _end(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
+    text = "\n".join((report(target, costs), *notes)).rstrip()
     return RunResult(text, is_mostly_fallback(target.summary()))
 
 
@@ -330,10 +329,10 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     note = "This run was complete already; resume=never runs it again."
-    return _end(target, note, where)
+    return _end(target, list(target.costs()), note, where)
 
 
-def _evolve(run: _OpenRun) -> None:
+def _evolve(run: _OpenRun) -> RunTotals:
     settings, plan, target, supervisor = run.settings, run.plan, run.target, run.supervisor
     if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
@@ -382,6 +381,7 @@ def _evolve(run: _OpenRun) -> None:
         steps.close()  # not only when the interpreter ends
         evaluator.close()
     _finish(settings, plan, target, totals, last, best)
+    return totals
 
 
 def _warn(line: str) -> None:

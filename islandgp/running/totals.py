@@ -22,6 +22,7 @@ class RunTotals:
     candidates: Candidates | None = None  # for the best robot; None: they are not needed
     worlds: set[int] = field(default_factory=set)  # seeds
     snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
+    costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
     decisions: list[Mapping[str, Any]] = field(default_factory=list)  # source and asked_at
 
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
@@ -29,6 +30,7 @@ class RunTotals:
         self.curves.add(record, cost)
         self.worlds.update(record["worlds"])
         self.snapshots.append(record["snapshot"])
+        self.costs.append(cost)
         if (guidance := record["guidance"]) is not None:
             self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
         if self.candidates is not None:

@@ -59,7 +59,7 @@ def test_the_best_robot_is_feasible_before_fit(folder: RunFolder) -> None:
     assert summary["champion"]["validation"]["violation"] == 0
     assert summary["champion"]["validation"]["feasible"] > 0
     assert "(distance at most 200, interactions at most 0): kept on average, and in" in report(
-        folder
+        folder, list(folder.costs())
     )
 
 

@@ -134,14 +134,10 @@ class Finished:
             "first": {"complete": 0, "excellent": 0},
         }
 
-    def costs(self) -> list[dict[str, Any]]:
-        """None is read."""
-        return []
-
 
 def test_the_report_of_a_run_is_the_page_s() -> None:
     """The example is what the program prints for its numbers."""
-    text = report(cast("RunFolder", Finished()))
+    text = report(cast("RunFolder", Finished()), [])
     assert f"```text\n{text.partition(chr(10) * 2)[0]}\n```" in TEXT
 
 

@@ -6,8 +6,6 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-import pytest
-
 from islandgp.evolution.validation import Best, Candidate, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
@@ -60,22 +58,21 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
 
 def test_the_report_of_such_a_run_gives_the_reason(tmp_path: Path) -> None:
     """No interval is shown, and the reason is."""
-    lines = report(_validated_once(tmp_path / "run", tmp_path)).splitlines()
+    lines = report(_validated_once(tmp_path / "run", tmp_path), []).splitlines()
     assert lines[0].endswith("points (no interval: one world) in 1 validation world")
     (line,) = (line for line in lines if line.startswith("Against the tree good"))
     assert line.endswith("+0 points (no interval: one world)")
 
 
-def test_the_end_of_a_run_has_its_known_episodes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_end_of_a_run_has_its_known_episodes(tmp_path: Path) -> None:
     """Episodes of the training that were not simulated again; no line where there are none."""
     folder = _validated_once(tmp_path / "run", tmp_path)
-    assert "from the cache" not in report(folder)
+    assert "from the cache" not in report(folder, list(folder.costs()))
     costs = [{**cost, "episodes": 30, "simulated": 28, "elsewhere": 0} for cost in folder.costs()]
-    monkeypatch.setattr(RunFolder, "costs", lambda _: iter(costs))
     n = len(costs)
-    assert f"Episodes in training: {30 * n}, {2 * n} of them from the cache" in report(folder)
+    assert f"Episodes in training: {30 * n}, {2 * n} of them from the cache" in report(
+        folder, costs
+    )
 
 
 def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:
@@ -87,4 +84,4 @@ def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:
         text = text.replace(f'{end}": null', f'{end}": 5.0')
     file.write_text(text, encoding="utf-8")
     add_to_manifest(folder.path, file.name)
-    assert "no interval: one world" in report(folder)
+    assert "no interval: one world" in report(RunFolder(folder.path), [])
