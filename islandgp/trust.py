@@ -66,11 +66,21 @@ def code_in(config: Any, key: str = "") -> Iterator[str]:
         yield config
 
 
-def must_trust_code(config: Any) -> None:
-    """Raises UntrustedError if a run's configuration names code that is not trusted."""
+def is_own_code(config: Mapping[str, Any]) -> bool:
+    """True if a run's configuration names code of this package only."""
+    return all(name.startswith("islandgp.") for name in _code_of(config))
+
+
+def _code_of(config: Any) -> Iterator[str]:
+    """The code that a run's configuration names."""
     if isinstance(config, Mapping):
         config = {key: value for key, value in config.items() if key not in PLAIN}
-    for name in code_in(config):
+    return code_in(config)
+
+
+def must_trust_code(config: Any) -> None:
+    """Raises UntrustedError if a run's configuration names code that is not trusted."""
+    for name in _code_of(config):
         if not is_trusted(name):
             raise UntrustedError(
                 f"Expected code that your own configuration names, found {name!r}, which only the"

@@ -18,11 +18,12 @@ def command_waits(wait: Literal["auto", True, False]) -> bool:
     Args:
         wait: the setting. With "auto" it does not wait in a terminal, where somebody reads its
             output and types the next command. It waits if a process that it leaves behind could be
-            ended: in a container whose first process it is, in a job of a batch system or of
-            continuous integration, and on Windows.
+            ended: as the first process of a container or its child, in a job of a batch system or
+            of continuous integration, and on Windows.
     """
     if wait != "auto":
         return wait
     in_terminal = os.isatty(0) and os.isatty(1)
-    ends_with_command = os.name != "posix" or os.getpid() == 1 or any(map(os.environ.get, BATCH))
+    first = 1 in (os.getpid(), os.getppid())
+    ends_with_command = os.name != "posix" or first or any(map(os.environ.get, BATCH))
     return ends_with_command or not in_terminal

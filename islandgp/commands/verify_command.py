@@ -51,7 +51,7 @@ def verify(folder: RunFolder) -> tuple[Soundness, str]:
 def _check_files(folder: RunFolder) -> None:
     """Raises RunError if a file is a link, or is not as the run wrote it."""
     must_have_no_links(folder.path)
-    wait_for_page(folder.path)
+    wait_for_page(folder)
     if folder.finished() and (wrong := damaged_files(folder.path)):
         raise RunError("; ".join(f"{file}{_first_change(folder, file)}" for file in wrong))
     folder.configuration()

@@ -46,8 +46,7 @@ def _page(path: Path) -> Path:
         RunError: there is no run in the folder, or it is damaged.
     """
     from islandgp.records.folder import RunFolder, Status
-    from islandgp.records.manifest import is_as_written
-    from islandgp.viewer.last_page import wait_for_page, write_page
+    from islandgp.viewer.last_page import complete_page, replay_or_message, write_page
     from islandgp.viewer.run_page import NAME_OF_PAGE
 
     folder = RunFolder(path)
@@ -62,11 +61,11 @@ def _page(path: Path) -> Path:
     status, page = folder.status(), path / NAME_OF_PAGE
     if status is Status.FINISHED:
         folder.must_be_sound(page=False)
-        wait_for_page(path)
-    sound = status is not Status.FINISHED or is_as_written(path, NAME_OF_PAGE)
-    if sound and page.exists() and (status is Status.RUNNING or _status_of(page) == status):
-        return page
-    return write_page(folder, status)
+        complete_page(folder)
+    if not page.exists() or (status is not Status.RUNNING and _status_of(page) != status):
+        replay = replay_or_message(folder) if status is Status.FINISHED else ""
+        write_page(folder, status, replay=replay)
+    return page
 
 
 def _status_of(page: Path) -> str:

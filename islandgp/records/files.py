@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
-from io import StringIO
 from itertools import islice
 from operator import itemgetter
 from pathlib import Path
@@ -94,6 +95,7 @@ RUN_FILES: Final = (
     "checkpoint.json",
     "best.bt",
     "archive.json",
+    "lineage.csv",
     PAGE,
     "summary.json",
     "manifest.json",
@@ -236,20 +238,37 @@ LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist"
 
 
 class LineageTable:
-    """The text of lineage.csv, generation by generation; lists are separated by spaces."""
+    """Writes lineage.csv generation by generation, in a hidden file until the run has ended.
 
-    def __init__(self) -> None:
-        self._text = StringIO(newline="")
-        self._rows = csv.writer(self._text)
-        self._rows.writerow(("generation", *LINEAGE))
+    Lists in its columns are separated by spaces.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Writes nothing yet; `path` is that of lineage.csv."""
+        self._path = path
+        self._unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+
+    def begin(self, records: Iterable[Mapping[str, Any]]) -> None:
+        """Begins the table with these generations, given their records as plain values."""
+        with self._unfinished.open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow(("generation", *LINEAGE))
+        for record in records:
+            self.add(record)
 
     def add(self, record: Mapping[str, Any]) -> None:
-        """Add a generation, given its record as plain values."""
+        """Adds a generation."""
         generation = record["snapshot"]["generation"]
-        for i in record["individuals"]:
-            row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
-            self._rows.writerow([generation, *(row[name] for name in LINEAGE)])
+        with self._unfinished.open("a", newline="", encoding="utf-8") as file:
+            rows = csv.writer(file)
+            for i in record["individuals"]:
+                row = {**i, "parents": " ".join(i["parents"]), "tiers": " ".join(i["tiers"])}
+                rows.writerow([generation, *(row[name] for name in LINEAGE)])
 
-    def write(self, path: Path) -> None:
-        """Writes the table so far to a file."""
-        path.write_text(self._text.getvalue(), encoding="utf-8", newline="")
+    def write(self) -> None:
+        """Gives the table its name."""
+        self._unfinished.replace(self._path)
+
+    def discard(self) -> None:
+        """Removes a table that was not written."""
+        with suppress(OSError):  # there is none, or the folder cannot be used
+            self._unfinished.unlink()

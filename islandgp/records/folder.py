@@ -8,7 +8,7 @@ from __future__ import annotations
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from copy import deepcopy
 from dataclasses import asdict, replace
 from enum import StrEnum
@@ -18,7 +18,7 @@ from time import time
 from typing import Any, Final
 
 import yaml
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
@@ -33,6 +33,8 @@ from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stam
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import with_present_names, without_credentials
 from islandgp.trust import must_have_no_links
+
+LOCK_LIMIT: Final = 60.0  # s of waiting for another process that writes a finished run's page
 
 
 class Status(StrEnum):
@@ -67,7 +69,7 @@ class RunFolder:
         self._previous = path / "checkpoint.previous.json"
         self._digest = ""  # of the records so far
         self._stamp: Stamp = None  # of generations.jsonl, after the last generation
-        self._lineage = files.LineageTable()  # of the records so far
+        self._lineage = files.LineageTable(path / "lineage.csv")  # of the records so far
         self._summary: bytes | None = None  # as this process has written it
 
     def open(self, config: str, about: RunMetadata) -> None:
@@ -98,6 +100,26 @@ class RunFolder:
     def close(self) -> None:
         """Unlocks the folder."""
         self._lock.release()
+        self._lineage.discard()
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """A context in which no other process writes to the folder of a finished run.
+
+        Raises:
+            BusyError: another process writes to it for LOCK_LIMIT.
+            RunError: the run is not finished.
+        """
+        if not self.finished():
+            raise RunError(f"Expected a finished run in {self.path}, found none.")
+        try:
+            with self._lock.acquire(timeout=LOCK_LIMIT, poll_interval=0.02):
+                yield
+        except Timeout:
+            raise BusyError(
+                f"Expected to write to {self.path}, found that another process does so for"
+                f" {LOCK_LIMIT:g} s; end it."
+            ) from None
 
     def fail(self, error: Exception) -> None:
         """Writes error.txt, the message and the traceback, unless the disk is full."""
@@ -215,9 +237,7 @@ class RunFolder:
             if lines.read_digests(self._sums) != sums:
                 lines.write_digests(self._sums, sums)
             self._stamp = stamp(self._generations.path)
-            self._lineage = files.LineageTable()
-            for record in self._generations.read():
-                self._lineage.add(record)
+            self._lineage.begin(self._generations.read())
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -230,10 +250,8 @@ class RunFolder:
                 self._restore_best(self.summary()["champion"]["record"]["tree"])
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
-                table = files.LineageTable()
-                for record in self.records():
-                    table.add(record)
-                table.write(lineage)
+                self._lineage.begin(self.records())
+                self._lineage.write()
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -301,7 +319,7 @@ class RunFolder:
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
-            self._lineage.write(self.path / "lineage.csv")
+            self._lineage.write()
             end = pretty({**summary, "records": self._digest, "manifest": True})
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)

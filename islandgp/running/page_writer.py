@@ -10,7 +10,7 @@ from islandgp.errors import RunError
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.viewer.history import RunCurves
-from islandgp.viewer.last_page import start_page, write_page
+from islandgp.viewer.last_page import complete_page, start_page, write_page
 
 PERIOD: Final = 5.0  # least s between two pages of an unfinished run
 SHARE: Final = 0.02  # largest share of a run's time for writing pages
@@ -45,7 +45,10 @@ class PageWriter:
 
     def _try(self, status: Status) -> None:
         try:
-            write_page(self._folder, status, self.curves)
+            if status is Status.FINISHED:
+                complete_page(self._folder, self.curves)
+            else:
+                write_page(self._folder, status, self.curves)
         except RunError as error:
             if not self._warned:
                 self._warned = True

@@ -23,9 +23,7 @@ from islandgp.gp.plan import Plan
 from islandgp.gp.record import Step
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.manifest import is_as_written
 from islandgp.records.parameters import redacted
 from islandgp.running.best_robot import best_robot, candidates_of
 from islandgp.running.page_writer import PageWriter
@@ -42,8 +40,7 @@ from islandgp.supervision.base import (
 )
 from islandgp.supervision.library import Library, library_folder, read_library
 from islandgp.tracking.base import BackgroundTracker, Tracker
-from islandgp.trust import names_in, trust
-from islandgp.viewer.last_page import wait_for_page
+from islandgp.trust import is_own_code, names_in, trust
 from islandgp.waiting import command_waits
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -255,7 +252,9 @@ def run(
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost, _warn)
     plan.budget.check_library(cost.episodes, plan.gp)
-    page = PageWriter(target, leaves=ends_command and not _waits(settings))
+    # Code of the user may take any time to record an episode, or print messages.
+    leaves = ends_command and not _waits(settings) and is_own_code(config)
+    page = PageWriter(target, leaves=leaves)
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
@@ -323,9 +322,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     """
     target.must_be_sound(page=False)
     target.restore()
-    wait_for_page(target.path)
-    if not is_as_written(target.path, PAGE):
-        PageWriter(target).end(Status.FINISHED)
+    PageWriter(target).end(Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     note = "This run was complete already; resume=never runs it again."
