@@ -144,7 +144,7 @@ def _run(home: Path, *overrides: str, fixed: tuple[str, ...] = EPISODES) -> Run:
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)
-    wait_for_page(folder.path)
+    wait_for_page(folder)
     complete = time()
     if tracked := "tracking=mlflow" in overrides:
         _wait_for_mlflow(folder.path)
