@@ -2,7 +2,7 @@
 
 import sys
 
-from islandgp.startup import Imports, stop_before_work
+from islandgp.startup import Imports, leave, stop_before_work
 
 
 def script() -> None:
@@ -10,7 +10,10 @@ def script() -> None:
     stop_before_work("SIGTERM", "SIGHUP")
     with Imports():
         from islandgp.cli import main
-    main()
+    try:
+        main()
+    except SystemExit as end:
+        leave(end.code)
 
 
 def start_workers() -> None:
@@ -41,4 +44,4 @@ if __name__ == "__main__":
             raise
         print(f"islandgp: {reason}", file=sys.stderr)
         sys.exit(2)
-    sys.exit(main())
+    leave(main())

@@ -10,6 +10,7 @@ import sys
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from types import FrameType, TracebackType
+    from typing import NoReturn
 
 
 def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
@@ -19,6 +20,24 @@ def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 
         remove_sockets()
     finally:
         os._exit(130)
+
+
+EXIT_LIMIT = 5.0  # s for threads to end after Ctrl-C
+
+
+def leave(code: object) -> NoReturn:
+    """Ends the process with an exit code, as `sys.exit`.
+
+    After Ctrl-C, a thread may wait for a lock that was never released. The process does not wait
+    for it longer than EXIT_LIMIT.
+    """
+    if code == 130:
+        import threading
+
+        watchdog = threading.Timer(EXIT_LIMIT, os._exit, (130,))
+        watchdog.daemon = True
+        watchdog.start()
+    sys.exit(code)  # type: ignore[arg-type]
 
 
 def remove_sockets() -> None:

@@ -13,7 +13,7 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor
 from concurrent.futures import wait as wait_for
 from concurrent.futures.process import BrokenProcessPool
@@ -132,6 +132,7 @@ class Processes:
         self.episode_timeout = episode_timeout
         self.simulated = 0
         self._early_results: dict[Job, Future[Outcome]] = {}  # started before `evaluate` is called
+        self._submitted_futures: list[Future[Outcome]] = []  # of the jobs that may not have ended
         self._pool = self._new_pool()
 
     def _new_pool(self) -> ProcessPoolExecutor:
@@ -156,6 +157,7 @@ class Processes:
         except BrokenProcessPool:  # a worker died between two calls
             return self._one_by_one(jobs, {})
         done: dict[Job, Outcome] = {}
+        self._submitted_futures = futures
         wait_for(futures, PERIOD, FIRST_EXCEPTION)  # one wait for all costs less than one for each
         try:
             return [self._result(job, f, done) for job, f in zip(jobs, futures, strict=True)]
@@ -165,10 +167,11 @@ class Processes:
     def _submitted(self, job: Job) -> Future[Outcome]:
         """Submits a job. Raises BrokenProcessPool, also if workers cannot be started."""
         try:
-            return self._pool.submit(_run, job)
+            self._submitted_futures.append(future := self._pool.submit(_run, job))
         except (EOFError, OSError) as error:  # the forkserver was killed or cannot be reached
             _kill_fork_server()
             raise BrokenProcessPool(str(error)) from error
+        return future
 
     def _result(self, job: Job, future: Future[Outcome], done: dict[Job, Outcome]) -> Outcome:
         """Waits for a job. All jobs before it have ended, so it runs at the latest from now on.
@@ -230,11 +233,12 @@ class Processes:
         return [done[job] for job in jobs]
 
     def _renew(self) -> None:
-        _end(self._pool)
+        self.close()
         self._pool = self._new_pool()
 
     def close(self) -> None:
         """See `Evaluator`."""
+        _release(self._submitted_futures)
         _end(self._pool)
 
 
@@ -266,6 +270,18 @@ def _end(pool: ProcessPoolExecutor) -> None:
     if closing.is_alive():
         _kill_fork_server()
         closing.join(ENDING)
+
+
+def _release(futures: Iterable[Future[Outcome]]) -> None:
+    """Releases the locks of futures that this thread still has.
+
+    Ctrl-C in the moment between taking such a lock and entering its context leaves it locked. The
+    pool's thread, which ends the futures, would then wait for ever, and so would the interpreter.
+    """
+    for future in futures:
+        with suppress(RuntimeError):  # this thread does not have it
+            while True:
+                future._condition.release()
 
 
 def _kill_fork_server() -> None:

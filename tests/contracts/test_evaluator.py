@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -22,6 +22,7 @@ import pytest
 from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
+from islandgp.evaluation import processes
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.forkserver import start_forkserver
 from islandgp.evaluation.processes import Processes
@@ -526,3 +527,23 @@ def test_an_error_names_the_line_of_the_user_s_code() -> None:
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):
         simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))
+
+
+@pytest.mark.parametrize("place", [0, -1])
+def test_a_lock_that_ctrl_c_left_does_not_stop_the_end(
+    place: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C may come when a future's lock is taken and its context is not entered."""
+    pool = Processes(setting(), 2)
+    pool.start(JOBS[0])
+
+    def interrupted(futures: list[Future[Outcome]], *_: object) -> None:
+        futures[place]._condition.acquire()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(processes, "wait_for", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        pool.evaluate(JOBS)
+    manager = pool._pool._executor_manager_thread
+    pool.close()
+    assert not manager.is_alive()

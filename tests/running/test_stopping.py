@@ -238,3 +238,23 @@ def test_imports_start_no_threads_for_linear_algebra(number: str | None, more: b
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     ).stdout
     assert (int(threads) > 1) is more
+
+
+@pytest.mark.parametrize(("code", "ends"), [(130, True), (0, False)])
+def test_a_thread_that_never_ends_is_given_up_after_ctrl_c(code: int, ends: bool) -> None:
+    """Its lock was taken when Ctrl-C came, and is never released."""
+    program = (
+        "import threading; from islandgp import startup\n"
+        "startup.EXIT_LIMIT = 0.1\n"
+        "lock = threading.Lock(); lock.acquire()\n"
+        "threading.Thread(target=lock.acquire).start()\n"
+        f"startup.leave({code})"
+    )
+    process = subprocess.Popen([sys.executable, "-c", program], cwd=ROOT)
+    try:
+        assert process.wait(timeout=60 if ends else 0.5) == code
+    except subprocess.TimeoutExpired:
+        assert not ends
+    finally:
+        process.kill()
+        process.wait()
