@@ -18,7 +18,7 @@ from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
-from islandgp.running.run import make_supervisor
+from islandgp.running.parts import make_supervisor
 
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 3}
 DOUBLINGS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 4}

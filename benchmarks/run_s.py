@@ -14,7 +14,7 @@ from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Cached, Job, Problem
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
-from islandgp.running.run import make_supervisor
+from islandgp.running.parts import make_supervisor
 
 WORKERS: Final = (1, 2, 4)
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 2}

@@ -11,7 +11,7 @@ from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Cached, Job, Problem, simulate
 from islandgp.evolution.loop import evolve
-from islandgp.running.run import make_supervisor
+from islandgp.running.parts import make_supervisor
 
 
 class _Timed:

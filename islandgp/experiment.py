@@ -49,7 +49,7 @@ class Experiment:
 
     def __iter__(self) -> Iterator[Step]:
         """Runs the evolution in this process and yields each generation; writes no files."""
-        from islandgp.running.run import make_supervisor
+        from islandgp.running.parts import make_supervisor
 
         supervisor = make_supervisor(self.settings, None)
         evaluator, seed = Serial(self.settings.problem()), self.settings.seed
@@ -58,7 +58,7 @@ class Experiment:
     @cached_property
     def plan(self) -> Plan:
         """The plan of the run: tree limits, settings of the operators, behaviour classes."""
-        from islandgp.running.run import plan_of
+        from islandgp.running.parts import plan_of
 
         return plan_of(self.settings, self.domain)
 
@@ -72,7 +72,7 @@ class Experiment:
         Raises:
             ConfigError: the search does not support these settings.
         """
-        from islandgp.running.run import make_search
+        from islandgp.running.parts import make_search
 
         return make_search(self.settings, self.plan)
 

@@ -231,7 +231,7 @@ def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[st
 def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
     """The trees of the library's folder, or the stored ones of an earlier search."""
     from islandgp.running.automatic_library import kept_library, library_file
-    from islandgp.running.run import make_library
+    from islandgp.running.parts import make_library
 
     if settings.library.folder is not None:
         yield from make_library(settings, domain).trees.values()

@@ -89,7 +89,7 @@ def _jobs(overrides: Sequence[str]) -> tuple[list[Job], int]:
     """The jobs that ask a model, and the number of those that do not."""
     from islandgp.config.compose import planned
     from islandgp.running.app import parsed_argv
-    from islandgp.running.run import run_context
+    from islandgp.running.parts import run_context
 
     args, argv = parsed_argv(overrides)
     jobs, free = [], 0

@@ -168,7 +168,7 @@ def _outcomes(
     from rich.progress import Progress
 
     from islandgp.evaluation.base import TREE_INTRODUCTION, Job
-    from islandgp.running.run import make_evaluator
+    from islandgp.running.parts import make_evaluator
 
     jobs = [Job(to_text(tree), stage, seed) for tree in trees for seed in range(seeds)]
     if seeds < 4:  # faster than starting processes

@@ -117,7 +117,7 @@ def _episodes(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
     from islandgp.evaluation.base import evaluated
-    from islandgp.running.run import make_evaluator
+    from islandgp.running.parts import make_evaluator
 
     console = Console(stderr=True)
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("episodes"))

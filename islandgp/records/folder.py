@@ -116,10 +116,8 @@ class RunFolder:
             with self._lock.acquire(timeout=LOCK_LIMIT, poll_interval=0.02):
                 yield
         except Timeout:
-            raise BusyError(
-                f"Expected to write to {self.path}, found that another process does so for"
-                f" {LOCK_LIMIT:g} s; end it."
-            ) from None
+            found = f"that another process does so for {LOCK_LIMIT:g} s; end it."
+            raise BusyError(f"Expected to write to {self.path}, found {found}") from None
 
     def fail(self, error: Exception) -> None:
         """Writes error.txt, the message and the traceback, unless the disk is full."""
@@ -359,11 +357,8 @@ class RunFolder:
         return self._costs.read(first)
 
     def summary(self) -> dict[str, Any]:
-        """The content of summary.json. Raises RunError if it is missing or damaged.
-
-        The process that has written the file does not read it again.
-        """
-        if self._summary is not None:
+        """The content of summary.json. Raises RunError if it is missing or damaged."""
+        if self._summary is not None:  # it need not be read again
             return dict(read_json(self._summary))
         file = self._as_written("summary.json")
         with reading("a finished run's summary", file):

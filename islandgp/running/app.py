@@ -32,10 +32,11 @@ from islandgp.evaluation.forkserver import start_for_command
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
+from islandgp.running.parts import check_parts
 from islandgp.running.printing import checked_stdout, echo, tolerant_stderr
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
-from islandgp.running.run import check_parts, run
+from islandgp.running.run import run
 from islandgp.running.stopping import as_ctrl_c
 
 if TYPE_CHECKING:

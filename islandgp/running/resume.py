@@ -160,16 +160,10 @@ def _commit(checkout: Path) -> str:
     """
     if not (checkout / ".git").exists():
         return ""
-    commit = _git(checkout, "rev-parse", "--short=12", "HEAD")
-    changes = _git(checkout, "status", "--porcelain", "--untracked-files=no")
-    return f"{commit}-dirty" if commit and changes else commit
-
-
-def _git(checkout: Path, *arguments: str) -> str:
-    """The output of a git command; "" if it fails."""
+    status = "status --porcelain=v2 --branch --untracked-files=no"
     try:
         process = subprocess.run(
-            ["git", "--no-optional-locks", *arguments],
+            ["git", "--no-optional-locks", *status.split()],
             cwd=checkout,
             capture_output=True,
             text=True,
@@ -178,4 +172,8 @@ def _git(checkout: Path, *arguments: str) -> str:
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return "" if process.returncode else process.stdout.strip()
+    lines = process.stdout.splitlines()  # of the branch, with a #, and of changed files
+    commit = next((line[13:25] for line in lines if line.startswith("# branch.oid ")), "")
+    if not commit.isalnum():  # git failed, or there is no commit yet
+        return ""
+    return commit if lines[-1].startswith("#") else f"{commit}-dirty"

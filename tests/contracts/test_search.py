@@ -29,7 +29,7 @@ from islandgp.plain import to_json
 from islandgp.plugin import imported
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.resources import resource
-from islandgp.running.run import make_search, plan_of
+from islandgp.running.parts import make_search, plan_of
 from islandgp.scoring.constraints import violation
 from islandgp.search.base import USES, Search, SearchContext
 from islandgp.supervision.base import GenerationView, Supervisor

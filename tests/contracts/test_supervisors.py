@@ -19,7 +19,7 @@ from islandgp.bt.core.node import within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.records.lines import dump
 from islandgp.resources import resource
-from islandgp.running.run import make_supervisor, run_context
+from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, SupervisorLifecycle
 from islandgp.supervision.distilled import Answer, Distilled, Policy, Question

@@ -28,7 +28,7 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.experiment import compose, run
 from islandgp.gp.record import Step
-from islandgp.running.run import make_search, make_supervisor
+from islandgp.running.parts import make_search, make_supervisor
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
 from tests.profiles import sweep

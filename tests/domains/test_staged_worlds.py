@@ -9,7 +9,7 @@ import pytest
 from islandgp.config.settings import read_settings
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Job, simulate
-from islandgp.running.run import run_context
+from islandgp.running.parts import run_context
 from tests.composed import plain
 
 EARLY = {"episode": {"length": 10}}

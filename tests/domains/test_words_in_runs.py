@@ -17,7 +17,7 @@ from islandgp.gp.edits import Edit, edited
 from islandgp.gp.record import RunState, Step
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.records.folder import RunFolder
-from islandgp.running.run import make_evaluator, make_search
+from islandgp.running.parts import make_evaluator, make_search
 from islandgp.viewer.champion import champion_replay
 from tests.domains.courier import SCHEMA
 from tests.evolution.runs import Constant, lines

@@ -11,7 +11,7 @@ from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import Step
 from islandgp.records.lines import dump
-from islandgp.running.run import make_evaluator, make_search, make_supervisor
+from islandgp.running.parts import make_evaluator, make_search, make_supervisor
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of
 from tests.profiles import sweep

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from islandgp.running.run import run_context
+from islandgp.running.parts import run_context
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream

@@ -19,7 +19,7 @@ from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import IndividualRecord
 from islandgp.records.folder import RunFolder
-from islandgp.running.run import make_supervisor, run_context
+from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_episode, spans

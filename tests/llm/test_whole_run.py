@@ -21,7 +21,7 @@ from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.lines import dump
-from islandgp.running.run import make_supervisor, run_context
+from islandgp.running.parts import make_supervisor, run_context
 from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.llm.questions import Questions

@@ -10,7 +10,7 @@ from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin
 from islandgp.resources import resource
-from islandgp.running.run import make_search, plan_of
+from islandgp.running.parts import make_search, plan_of
 from islandgp.scoring.classes import classify
 from islandgp.search.base import SearchState
 from islandgp.seeding import Streams

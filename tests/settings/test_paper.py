@@ -11,7 +11,7 @@ import pytest
 
 from islandgp.bt.core.node import size
 from islandgp.gp.random_trees import random_tree
-from islandgp.running.run import make_library
+from islandgp.running.parts import make_library
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.expert import Expert, early_targets
 from tests.composed import composed, plain

@@ -16,7 +16,7 @@ from islandgp.gp.record import record_values
 from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.running.app import main
-from islandgp.running.run import make_supervisor
+from islandgp.running.parts import make_supervisor
 from islandgp.supervision.expert import Expert, early_targets
 from islandgp.supervision.untargeted import Untargeted
 from islandgp.supervision.yoked import Yoked, YokedSettings

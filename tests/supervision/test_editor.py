@@ -15,7 +15,7 @@ from islandgp.errors import SupervisionError
 from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.gp.record import IndividualRecord, record_values
 from islandgp.records.lines import dump
-from islandgp.running.run import make_supervisor
+from islandgp.running.parts import make_supervisor
 from islandgp.supervision.base import GenerationView
 from islandgp.supervision.editor import Editor, requirements
 from islandgp.supervision.editor_controls import EditorYoked

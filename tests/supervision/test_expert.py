@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from islandgp.bt.core.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
-from islandgp.running.run import run_context
+from islandgp.running.parts import run_context
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Pattern, Phase, RunContext, check_ranges

@@ -12,7 +12,7 @@ import pytest
 from islandgp.bt.core.language import parse, to_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import ConfigError, DomainError, IslandError, UnknownNameError
-from islandgp.running.run import make_library
+from islandgp.running.parts import make_library
 from islandgp.supervision.library import (
     Library,
     LibrarySettings,

@@ -7,7 +7,6 @@ from typing import Any, Final, TypeAlias
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.unknown_names import unknown_key, unknown_word
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError
 
@@ -68,6 +67,8 @@ class _ConditionBuilder:
             self._check_other(name, key, word)
             return Condition(name.text, str(operator), 0.0, word.text)
         if key is not None and key.words:
+            from islandgp.bt.core.unknown_names import unknown_word  # only for this error
+
             raise unknown_word(word, name.text, key, self._comparable(name.text))
         value = self._scope.number(right)
         if key is not None and key.whole and value != int(value):
@@ -101,6 +102,8 @@ class _ConditionBuilder:
                 + f", or a key of the same kind: {', '.join(alike)}" * bool(alike),
             )
         if key.words:
+            from islandgp.bt.core.unknown_names import unknown_word  # only for this error
+
             raise unknown_word(right, name.text, key, alike)
         raise self._scope.unknown_number(right, alike)
 
@@ -123,6 +126,8 @@ class _ConditionBuilder:
             return None
         key = vocabulary.keys.get(name.text)
         if key is None:
+            from islandgp.bt.core.unknown_names import unknown_key  # only for this error
+
             raise unknown_key(name, vocabulary, self._scope.values)
         if key.flag and right is not None:
             is_number = right.type != "NAME"

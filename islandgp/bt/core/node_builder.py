@@ -13,7 +13,6 @@ from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import Quoted, head, number_text
 from islandgp.bt.core.scope import Scope
 from islandgp.bt.core.source import closest, shown
-from islandgp.bt.core.unknown_names import unknown_argument, unknown_node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import UnknownNameError
 
@@ -62,6 +61,8 @@ def built_leaf(
     """A leaf from the names and values of its arguments. Raises as `built_head`."""
     values: dict[str, Value] = {}
     if vocabulary is not None and name not in vocabulary.actions:
+        from islandgp.bt.core.unknown_names import unknown_node  # only for this error
+
         raise unknown_node(scope.word(name), subtrees, vocabulary, scope.values)
     for key, value in arguments:
         if key in values:
@@ -106,6 +107,8 @@ def _value(
         return Quoted(word.text) if quoted else word.text
     parameters = vocabulary.actions[action].arguments
     if key not in parameters:
+        from islandgp.bt.core.unknown_names import unknown_argument  # only for this error
+
         raise unknown_argument(scope.source, key, action, parameters)
     parameter = parameters[key]
     if word.open:

@@ -19,7 +19,6 @@ from islandgp.bt.core.kinds import COUNTED, TIMED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import Source, shown
-from islandgp.bt.core.unknown_names import unknown_key, unknown_node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
@@ -163,8 +162,12 @@ def check_name(
     if any(known.values()):
         raise _unfit(word, fitting, vocabulary)
     if fitting == KEY and vocabulary is not None:
+        from islandgp.bt.core.unknown_names import unknown_key  # only for this error
+
         raise unknown_key(word, vocabulary)
     if fitting == NODE and vocabulary is not None:
+        from islandgp.bt.core.unknown_names import unknown_node  # only for this error
+
         raise unknown_node(word, subtrees, vocabulary)
     raise scope.unknown_number(word)
 

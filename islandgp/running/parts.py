@@ -1,0 +1,162 @@
+"""The parts of a run, made from its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from islandgp.bt.core.node import Node, within
+from islandgp.config.settings import Settings
+from islandgp.domain import Domain
+from islandgp.evaluation.base import Cached, Evaluator
+from islandgp.gp.plan import Plan
+from islandgp.plugin import path_of, plugin_errors
+from islandgp.search.base import Search, SearchContext
+from islandgp.supervision.base import RunContext, Supervisor
+from islandgp.supervision.library import Library, library_folder, read_library
+
+
+@dataclass(slots=True)
+class LibraryCost:
+    """Episodes of the search for a run's library; 0 until the run loads it."""
+
+    episodes: int = 0
+
+    def of(self, library: Library) -> Library:
+        """Stores the cost of a library and returns the library."""
+        self.episodes = library.episodes
+        return library
+
+
+def run_context(
+    settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
+) -> RunContext:
+    """The arguments of a supervisor's `make`; parts that the search does not use are off."""
+    cost, uses = cost or LibraryCost(), settings.search.factory.uses
+    problem, curriculum = settings.problem(), settings.curriculum
+    domain = problem.domain
+    return RunContext(
+        seed=settings.seed,
+        generations=settings.gp.generations,
+        limits=settings.gp.limits,
+        folder=folder,
+        schema=domain.schema,
+        domain=domain,
+        domain_in=lambda generation: problem.at(curriculum.stage(generation)),
+        rewards=settings.rewards,
+        classes=settings.classes,
+        library=lambda: cost.of(make_library(settings, domain)),
+        crisis=settings.gp.crisis,
+        gp=settings.gp,
+        curriculum=curriculum,
+        adapt_mutation=settings.supervisor.adapt_mutation and "rate" in uses,
+        inject=settings.supervisor.inject and "tree" in uses,
+        edits=settings.supervisor.edits if "edits" in uses else 0,
+        constraints=settings.constraints,
+    )
+
+
+def make_library(settings: Settings, domain: Domain) -> Library:
+    """Loads the library of trees to inject. Raises ConfigError or TreeError.
+
+    Without a folder a search finds a tree for each behaviour, once for all runs in `runs`.
+    """
+    library, vocabulary = settings.library, domain.schema.vocabulary
+    if library.folder is None:
+        from islandgp.running.automatic_library import automatic_library  # only without a folder
+
+        return automatic_library(settings, domain, lambda: make_evaluator(settings))
+    folder = library_folder(library.folder, domain)
+    return read_library(library, folder, vocabulary, settings.classes)
+
+
+def plan_of(
+    settings: Settings,
+    domain: Domain,
+    cost: LibraryCost | None = None,
+    warn: Callable[[str], None] = lambda _: None,
+) -> Plan:
+    """The plan of a run, with the first trees of its population from a library or an archive.
+
+    `warn` is called with one line if trees of an archive are left out.
+
+    Raises ConfigError, RunError or TreeError if these cannot be loaded.
+    """
+    plan = settings.plan(domain)
+    if settings.start is not None:
+        from islandgp.running.start import start_trees  # only with `start`
+
+        limits, most = plan.gp.limits, plan.gp.population
+        trees = start_trees(settings.start, plan.vocabulary, limits, most, warn)
+        return replace(plan, founders=trees)
+    if not settings.gp.founders:
+        return plan
+    library = (cost or LibraryCost()).of(make_library(settings, domain))
+    names = dict.fromkeys(name for target in library.targets.values() for name in target)
+    founders = (library.trees[name] for name in names)
+    return replace(plan, founders=tuple(t for t in founders if within(t, plan.gp.limits)))
+
+
+def make_supervisor(
+    settings: Settings, folder: Path | None, cost: LibraryCost | None = None
+) -> Supervisor:
+    """Makes the configured supervisor. Raises SupervisionError if it cannot work."""
+    part = settings.supervisor
+    with plugin_errors(path_of(part.factory)):
+        context = run_context(settings, folder, cost)
+        supervisor: Supervisor = part.factory.make(part.settings(), context)
+        if not callable(getattr(supervisor, "advise", None)):
+            kind = type(supervisor).__name__
+            raise TypeError(f"expected make to return a supervisor, with advise, found {kind}")
+    return supervisor
+
+
+def check_parts(settings: Settings, planned_runs: frozenset[Path] = frozenset()) -> None:
+    """Checks the parts of a run before it starts.
+
+    Args:
+        settings: of the run.
+        planned_runs: folders of the runs that the same command does before this one.
+
+    Raises:
+        SupervisionError: the supervisor cannot work, e.g. without a key.
+        TrackingError: the tracker cannot store runs.
+        ConfigError: the search does not support the settings, or the archive of `start` is of
+            another domain.
+        RunError: the archive of `start` is missing or damaged.
+    """
+    if settings.start is not None:
+        plan_of(settings, settings.make_domain())
+    tracking = settings.tracking
+    if hasattr(tracking.factory, "check"):
+        with plugin_errors(path_of(tracking.factory)):
+            tracking.factory.check(tracking.settings(), Path.cwd())
+    make_search(settings, settings.plan(settings.make_domain()))
+    part = settings.supervisor
+    if hasattr(part.factory, "check"):
+        with plugin_errors(path_of(part.factory)):
+            context = replace(run_context(settings), planned_runs=planned_runs)
+            part.factory.check(part.settings(), context)
+
+
+def make_search(settings: Settings, plan: Plan) -> Search:
+    """Makes the configured search. Raises ConfigError, TreeError or PartError."""
+    part = settings.search
+
+    def library() -> Mapping[str, Node]:
+        """The trees of the library's folder; {} without a folder, as a search is expensive."""
+        if settings.library.folder is None:
+            return {}
+        return make_library(settings, settings.make_domain()).trees
+
+    with plugin_errors(path_of(part.factory)):
+        search: Search = part.factory.make(part.settings(), SearchContext(plan, library))
+    return search
+
+
+def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+    """Makes the configured evaluator; `perturbed` as in `Settings.problem`."""
+    part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
+    evaluator: Evaluator = part.factory.make(part.settings(), problem)
+    return Cached(evaluator) if part.cache else evaluator
