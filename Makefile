@@ -87,7 +87,7 @@ torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md
 	$(BIN)/python -m tests.torture $(ARGS)
 
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
-	$(BIN)/python -m islandgp.testing.demo
+	$(BIN)/python -m tests.llm.demo
 
 study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; resumable
 	$(BIN)/python -m islandgp experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m

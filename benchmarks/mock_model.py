@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from islandgp import load
 from islandgp.running.app import main
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
+from tests.llm.mock_model import MockModel
+from tests.llm.server import MessagesServer
 
 SETTING: Final = (
     "search=paper",

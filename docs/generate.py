@@ -35,8 +35,8 @@ from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.state_json import field_meanings
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
+from tests.llm.mock_model import MockModel
+from tests.llm.server import MessagesServer
 
 GENERATIONS = 40  # that are asked about in the default experiment
 

@@ -1,1 +1,1 @@
-"""Test doubles for external services, for tests and `make demo-llm`, and tests of domains."""
+"""Tests of the promises of a domain."""

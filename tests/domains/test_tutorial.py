@@ -20,7 +20,7 @@ from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.evolution import single_behaviours
 from islandgp.running.app import main
-from islandgp.testing.server import MessagesServer
+from tests.llm.server import MessagesServer
 from tests.running.commands import Command, in_process
 
 pytestmark = pytest.mark.process

@@ -21,7 +21,6 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Call, Sent, Transcript
-from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.llm.samples import (
     DECISION,
@@ -36,6 +35,7 @@ from tests.llm.samples import (
     state,
     supervisor,
 )
+from tests.llm.server import MessagesServer
 from tests.profiles import sweep
 
 

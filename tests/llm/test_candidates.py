@@ -19,8 +19,8 @@ from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage, check_proposal
 from islandgp.supervision.llm.episode import try_out
 from islandgp.supervision.llm.questions import Questions
-from islandgp.testing.server import MessagesServer
 from tests.llm.samples import advise, answering, context, reply_of, settings, state, supervisor
+from tests.llm.server import MessagesServer
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.samples import CLASSES, outcome

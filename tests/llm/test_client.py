@@ -22,8 +22,8 @@ import pytest
 from islandgp.supervision.llm.client import AnthropicClient
 from islandgp.supervision.llm.message import MAX_ANSWER, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.services import MAX_BODY
-from islandgp.testing.faults import Fault
-from islandgp.testing.server import MessagesServer
+from tests.llm.faults import Fault
+from tests.llm.server import MessagesServer
 
 KEY = "sk-test-0123456789abcdef"
 ASK = Request("m", "Be brief.", ("Hello?",), 100)

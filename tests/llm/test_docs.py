@@ -18,8 +18,8 @@ from islandgp.supervision.llm.answers import RejectionStage
 from islandgp.supervision.llm.history import RUN_VALUES
 from islandgp.supervision.llm.prompts import PROMPT_SETS, render
 from islandgp.supervision.llm.questions import Questions
-from islandgp.testing.demo import demo
 from tests.composed import composed
+from tests.llm.demo import demo
 from tests.llm.samples import advise, answering, context, settings, supervisor
 from tests.profiles import sweep
 
@@ -60,7 +60,7 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "islandgp transcript",
-        "python -m islandgp.testing.demo",
+        "python -m tests.llm.demo",
         "python -m benchmarks.mock_model",
         "islandgp distill",
         "export",

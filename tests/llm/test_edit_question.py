@@ -26,10 +26,10 @@ from islandgp.supervision.llm.answers import (
 from islandgp.supervision.llm.history import RunHistory, listing
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.questions import Questions, drawn_models
-from islandgp.testing.faults import no_faults
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
+from tests.llm.faults import no_faults
+from tests.llm.mock_model import MockModel
 from tests.llm.samples import context, reply_of, settings, state
+from tests.llm.server import MessagesServer
 from tests.llm.test_informed import small_run
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import live, replayed

@@ -10,7 +10,7 @@ from islandgp.records.parameters import is_secret, redacted
 from islandgp.redaction import names_secret, secrets_in, without_secrets
 from islandgp.running.app import main
 from islandgp.supervision.llm.message import Request
-from islandgp.testing.server import MessagesServer
+from tests.llm.server import MessagesServer
 from tests.llm.test_key import SMALL
 
 SECRET = "s3cret-0123456789"

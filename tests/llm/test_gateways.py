@@ -23,8 +23,8 @@ from typing import Any
 import pytest
 
 from islandgp.running.app import main
-from islandgp.testing.mock_model import MockModel
 from tests.architecture.sources import ROOT
+from tests.llm.mock_model import MockModel
 
 HOME = Path(os.environ.get("ISLANDGP_GATEWAYS", ROOT / "build" / "gateways"))
 TEXT = (ROOT / "docs" / "llm.md").read_text(encoding="utf-8")

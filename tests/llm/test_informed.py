@@ -26,11 +26,11 @@ from islandgp.supervision.llm.episode import LINE, SPANS, Stretch, describe_epis
 from islandgp.supervision.llm.history import RunHistory, best_rank, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
 from islandgp.supervision.llm.questions import Questions
-from islandgp.testing.faults import Fault, every
-from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.goldens import check_golden
+from tests.llm.faults import Fault, every
 from tests.llm.samples import settings, state
+from tests.llm.server import MessagesServer
 from tests.llm.test_prompts import CAPABILITIES, prompt_text
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.profiles import sweep

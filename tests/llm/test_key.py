@@ -15,10 +15,10 @@ from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.testing.faults import Fault, every
-from islandgp.testing.server import MessagesServer
 from tests.composed import composed, plain
+from tests.llm.faults import Fault, every
 from tests.llm.samples import settings
+from tests.llm.server import MessagesServer
 
 pytestmark = pytest.mark.process
 

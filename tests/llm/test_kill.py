@@ -12,8 +12,8 @@ from time import sleep
 import pytest
 
 from islandgp.resources import resource
-from islandgp.testing.faults import Fault
-from islandgp.testing.server import MessagesServer
+from tests.llm.faults import Fault
+from tests.llm.server import MessagesServer
 
 pytestmark = pytest.mark.process
 

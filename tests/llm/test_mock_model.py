@@ -13,7 +13,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.questions import Questions
-from islandgp.testing.mock_model import MockModel
+from tests.llm.mock_model import MockModel
 from tests.llm.samples import context, reply_of, settings, state
 from tests.llm.test_informed import adviser, small_run
 from tests.llm.test_prompts import CAPABILITIES

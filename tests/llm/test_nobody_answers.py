@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from islandgp.running.app import main
-from islandgp.testing.faults import Fault
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
+from tests.llm.faults import Fault
+from tests.llm.mock_model import MockModel
+from tests.llm.server import MessagesServer
 from tests.profiles import sweep
 
 SMALL = (

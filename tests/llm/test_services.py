@@ -13,7 +13,7 @@ from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Reques
 from islandgp.supervision.llm.services import CLOUDS, Service, check_cloud, cloud_secrets
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
-from islandgp.testing.server import MessagesServer
+from tests.llm.server import MessagesServer
 from tests.llm.test_supervisor import context, settings
 
 ASK = Request("some-model", "Be brief.", ("Hello?",), 100)

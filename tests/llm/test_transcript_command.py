@@ -14,8 +14,8 @@ from islandgp.commands import transcript_command
 from islandgp.resources import resource
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.transcript import NAME, Attempt, Call, Conclusion, Sent, Transcript
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
+from tests.llm.mock_model import MockModel
+from tests.llm.server import MessagesServer
 from tests.llm.test_whole_run import live
 from tests.trees.shell import Cli, shell
 

@@ -26,12 +26,12 @@ from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.decisions import decisions
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.replay import Replay
-from islandgp.testing.faults import Fault, Script, every, no_faults
-from islandgp.testing.mock_model import MockModel
-from islandgp.testing.server import MessagesServer
 from tests.composed import composed
 from tests.evolution.fake import Fake
+from tests.llm.faults import Fault, Script, every, no_faults
+from tests.llm.mock_model import MockModel
 from tests.llm.samples import settings as llm_settings
+from tests.llm.server import MessagesServer
 from tests.profiles import sweep
 
 NIGHTLY = pytest.mark.slow

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.testing.server import MessagesServer
 from tests.domains.test_tutorial import EXAMPLE, follow
+from tests.llm.server import MessagesServer
 from tests.running.commands import Command
 
 ROOT = Path(__file__).parents[2]

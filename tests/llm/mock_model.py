@@ -20,7 +20,7 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, Limits, Node, selector, walk, within
 from islandgp.errors import TreeError
-from islandgp.testing.faults import Fault, spoiled
+from tests.llm.faults import Fault, spoiled
 
 _STATE: Final = re.compile(r"```json\n(.*?)\n```", re.DOTALL)
 _EXAMPLE: Final = re.compile(r"(?:For ([\w, ]+):\n\n)?```\n(.*?)\n```", re.DOTALL)

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Final, Self
 
-from islandgp.testing.faults import ANSWER_FAULTS, Fault, Script, no_faults, spoiled
-from islandgp.testing.mock_model import MockModel
+from tests.llm.faults import ANSWER_FAULTS, Fault, Script, no_faults, spoiled
+from tests.llm.mock_model import MockModel
 
 WAIT: Final = 60.0  # longest duration of a silent or dripping answer, s
 

@@ -1,4 +1,4 @@
-"""`python -m islandgp.testing.demo`: a complete run with a language model, without a key.
+"""`python -m tests.llm.demo`: a complete run with a language model, without a key.
 
 A run with supervisor=llm against a server with a mock model, with a fault in every
 third answer; then the same run again from its transcript, with no server.
@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
-from islandgp.testing.faults import Fault, every
-from islandgp.testing.server import MessagesServer
+from tests.llm.faults import Fault, every
+from tests.llm.server import MessagesServer
 
 INTRODUCTION: Final = """\
 This shows supervision by a language model without one: the answers below are a mock's.
