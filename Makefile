@@ -89,10 +89,10 @@ torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m tests.llm.demo
 
-study: $(STAMP)  ## baseline against expert, 60 paired seeds, into docs/study; resumable
+study: $(STAMP)  ## baseline against expert, 60 paired seeds, into studies/paper/results; resumable
 	$(BIN)/python -m islandgp experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m
 	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
-	  --primary first_complete -o docs/study
+	  --primary first_complete -o studies/paper/results
 
 # Arms differ in their library as a whole, so each selection names a key of it.
 LIBRARY := library.folder=grammar/examples gp.founders=false
@@ -113,16 +113,16 @@ ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choi
 	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
 	  --family library=expert,combined --family founders=founders,baseline \
 	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
-	  --worlds 30 -o docs/study/ablations
+	  --worlds 30 -o studies/controls/results
 
-study-editors: $(STAMP) ## the editor and its controls (the seventh study), into docs/study/editors; resumable
-	sh docs/study_editors.sh $(BIN)
+study-editors: $(STAMP) ## the editor and its controls (the seventh study), into studies/editors/results; resumable
+	sh studies/editors/run.sh $(BIN)
 
 study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, random search; resumable
-	$(BIN)/python docs/study_worlds.py
+	$(BIN)/python studies/worlds/study.py
 
-comparators: $(STAMP) ## all searches at equal episodes in five worlds, into docs/comparators; resumable
-	$(BIN)/python docs/comparators.py $(ARGS)
+comparators: $(STAMP) ## all searches at equal episodes in five worlds, into studies/comparison/results; resumable
+	$(BIN)/python studies/comparison/compare_searches.py $(ARGS)
 
 docs: $(STAMP)   ## the documentation's site, in build/site
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt

@@ -2,9 +2,10 @@
 
     python docs/pages.py
 
-They are README.md as the home page, the pages of `docs`, CHANGELOG.md and CONTRIBUTING.md, with
-their links made to fit; the reference of configuration keys; the reference of the Python
-interface, which mkdocstrings fills in; the study's figures; and an episode that plays in its page.
+They are README.md as the home page, the pages of `docs` and `studies`, CHANGELOG.md and
+CONTRIBUTING.md, with their links made to fit; the reference of configuration keys; the reference
+of the Python interface, which mkdocstrings fills in; the study's figures; and an episode that plays
+in its page.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import islandgp
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
+STUDIES = ROOT / "studies"
 SITE_PAGES = ROOT / "build" / "pages"
 
 AT_THE_TOP = {
@@ -28,7 +30,6 @@ AT_THE_TOP = {
     "CHANGELOG.md": "changelog.md",
     "CONTRIBUTING.md": "contributing.md",
 }
-RENAMED = {"docs/study/README.md": "study/results.md"}  # its folder has a page index.html
 
 MODULES = ("islandgp.domain", "islandgp.ticking", "islandgp.testing.domain_suite")
 """What an author of a domain imports besides `islandgp` itself."""
@@ -41,10 +42,10 @@ _CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 def sources() -> dict[str, str]:
     """The place in the site of each file that it takes over, both as paths."""
     places = dict(AT_THE_TOP)
-    for file in sorted(DOCS.rglob("*")):
-        if file.suffix in (".md", ".css", ".gif", ".png", ".svg", ".csv", ".html"):
-            name = file.relative_to(ROOT).as_posix()
-            places[name] = RENAMED.get(name, file.relative_to(DOCS).as_posix())
+    for folder, top in ((DOCS, DOCS), (STUDIES, ROOT)):
+        for file in sorted(folder.rglob("*")):
+            if file.suffix in (".md", ".css", ".gif", ".png", ".svg", ".csv"):
+                places[file.relative_to(ROOT).as_posix()] = file.relative_to(top).as_posix()
     return places
 
 
@@ -104,10 +105,10 @@ def api() -> str:
 
 def gallery() -> str:
     """The study's figures, the paper's first."""
-    lines = ["# Figures of the study\n\n[The results](study/results.md) read them.\n"]
-    for file in sorted((DOCS / "study" / "figures").glob("*.png"), key=_in_order):
+    lines = ["# Figures of the study\n\n[The results](studies/paper/README.md) read them.\n"]
+    for file in sorted((STUDIES / "paper" / "results" / "figures").glob("*.png"), key=_in_order):
         name = file.stem.replace("-", " ").capitalize()
-        lines.append(f"\n## {name}\n\n![{name}](study/figures/{file.name})\n")
+        lines.append(f"\n## {name}\n\n![{name}](studies/paper/results/figures/{file.name})\n")
     return "".join(lines)
 
 

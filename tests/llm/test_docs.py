@@ -1,4 +1,4 @@
-"""docs/llm.md, docs/llm and docs/distilling.md: commands run, and names exist."""
+"""docs/llm.md, docs/llm and studies/distillation: commands run, and names exist."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ from tests.llm.samples import advise, answering, context, settings, supervisor
 from tests.profiles import sweep
 
 DOCS = resource("conf").parent / "docs"
-PAGES = [DOCS / "llm.md", *sorted((DOCS / "llm").glob("*.md")), DOCS / "distilling.md"]
+PAGES = [
+    DOCS / "llm.md",
+    *sorted((DOCS / "llm").glob("*.md")),
+    DOCS.parent / "studies/distillation/README.md",
+]
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 OUTSIDE = re.sub(r"^```.*?^```$", "", TEXT, flags=re.DOTALL | re.MULTILINE)
 COMMANDS = re.findall(r"^    (\S.*)$", OUTSIDE, re.MULTILINE) + re.findall(

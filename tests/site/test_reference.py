@@ -97,9 +97,9 @@ def test_links_of_pages_are_made_to_fit() -> None:
     """To pages that moved; a file that the site lacks is named; code stays as it is."""
     pages = script("pages")
     places = pages.sources()
-    text = "[a](docs/study/README.md#x) [b](pyproject.toml) `[c](docs/running.md)`"
+    text = "[a](docs/running.md#x) [b](pyproject.toml) `[c](docs/running.md)`"
     assert pages.rewritten(text, "README.md", places) == (
-        "[a](study/results.md#x) b (`pyproject.toml`) `[c](docs/running.md)`"
+        "[a](running.md#x) b (`pyproject.toml`) `[c](docs/running.md)`"
     )
     with pytest.raises(SystemExit, match="none; correct the link"):
         pages.rewritten("[a](nowhere.md)", "README.md", places)

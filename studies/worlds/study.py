@@ -1,10 +1,10 @@
 """The study of the other worlds: expert, baseline and random search, 20 paired seeds each.
 
-    python docs/study_worlds.py
+    python studies/worlds/study.py
 
 runs what is missing in `runs/`, lets the best robots meet 100 unseen seeds of each level, and
-writes docs/study_worlds.md, and the gallery of docs/domains.md. The plan, made before the
-runs, is in docs/log.md.
+writes studies/worlds/README.md, and the gallery of docs/domains.md. The plan, made before the
+runs, is in studies/log.md.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ from islandgp.domain import Outcome, Scene
 from islandgp.intervals import interval
 from islandgp.statistics import benjamini_hochberg, bootstrap, paired_test
 
-ROOT: Final = Path(__file__).resolve().parent.parent
+ROOT: Final = Path(__file__).resolve().parents[2]
 DOMAINS: Final = ROOT / "islandgp" / "domains"
-PAGE: Final = ROOT / "docs" / "study_worlds.md"
+PAGE: Final = Path(__file__).with_name("README.md")
 GALLERY: Final = ROOT / "docs" / "domains.md"
 
 SEEDS: Final = range(6000, 6020)  # of runs; nothing was tried on them
@@ -245,7 +245,8 @@ def _gallery_entry(study: Study, runs: dict[str, list[dict[str, Any]]]) -> str:
             "",
             f"- actions: {', '.join(f'`{name}`' for name in schema.vocabulary.actions)}",
             f"- keys: {', '.join(f'`{name}`' for name in schema.vocabulary.keys)}",
-            f"- score, the {study.unit} on {seeds}: best tree of [the study](study_worlds.md),"
+            f"- score, the {study.unit} on {seeds}: best tree of"
+            " [the study](../studies/worlds/README.md),"
             f" with the paper's algorithm, {score(tree)},"
             f" [by hand](../{study.by_hand.relative_to(ROOT)})"
             f" {score(study.by_hand.read_text(encoding='utf-8'))}",

@@ -1,5 +1,5 @@
 #!/bin/sh
-# The seventh study: `make study-editors`. The plan is in docs/log.md. Takes the folder of python.
+# The seventh study: `make study-editors`. The plan is in studies/log.md. Takes the folder of python.
 # --force: the editor and its main control have 30 seeds, the other arms 15.
 set -e
 BIN=$1
@@ -15,7 +15,7 @@ $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
 $RUN "$OTHERS" supervisor=fixed library=single
 $RUN "$OTHERS" supervisor=baseline search=compose library=single
-"$BIN/islandgp" compare --name study7 --primary first_complete_descendant --force -o docs/study/editors \
+"$BIN/islandgp" compare --name study7 --primary first_complete_descendant --force -o studies/editors/results \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \
@@ -24,4 +24,4 @@ $RUN "$OTHERS" supervisor=baseline search=compose library=single
   --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose" \
   --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline \
   --no-controls
-"$BIN/python" docs/raw_records.py runs/study7 docs/study/editors/records.tar.xz
+(cd runs/study7 && sha256sum */generations.jsonl) > studies/editors/results/digests.txt

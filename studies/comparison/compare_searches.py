@@ -1,10 +1,11 @@
-"""All searches at equal episodes in five worlds: `make comparators`; the plan is in docs/log.md.
+"""All searches at equal episodes in five worlds: `make comparators`; the plan is in studies/log.md.
 
-    python docs/comparators.py [--seeds N] [--worlds A,B] [--arms "A;B"] [--report]
-    python docs/comparators.py --random-trees [--worlds A,B]
+    python studies/comparison/compare_searches.py [--seeds N] [--worlds A,B] [--arms "A;B"]
+    python studies/comparison/compare_searches.py --report
+    python studies/comparison/compare_searches.py --random-trees [--worlds A,B]
 
 Does the missing runs in `runs/`, evaluates each run's best robot in unseen worlds, and writes
-docs/comparators/: raw scores, tables, profiles, curves. It can be stopped and started again at any
+results/: raw scores, tables, profiles, curves. It can be stopped and started again at any
 time: unfinished runs are resumed, and scores in scores/WORLD.json are kept. Several processes can
 run at the same time, each for other worlds.
 """
@@ -37,8 +38,9 @@ from islandgp.study.profiles import Scores, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
 from islandgp.viewer.history import read_history
 
-ROOT: Final = Path(__file__).resolve().parent.parent
-FOLDER: Final = ROOT / "docs" / "comparators"
+HERE: Final = Path(__file__).resolve().parent
+ROOT: Final = HERE.parent.parent
+FOLDER: Final = HERE / "results"
 SEEDS: Final = range(9000, 9020)  # of runs; nothing was tuned on them
 UNSEEN: Final = range(200_000, 200_100)  # of worlds
 RANDOM: Final = 400  # random trees of each kind

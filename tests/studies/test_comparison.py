@@ -6,19 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.site.generators import script
+from studies.comparison.compare_searches import WORLDS, World, measured
 
 
 def test_a_run_has_a_score_a_tree_and_a_curve(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The curve ends at the budget; the robot is evaluated in the unseen worlds."""
-    comparators = script("comparators")
     small = ("domain=cartpole", "gp.population=6", "budget.episodes=30", "gp.validation=0.2")
-    monkeypatch.setitem(comparators.WORLDS, "small", comparators.World(small, Path("none.bt")))
-    monkeypatch.setattr(comparators, "UNSEEN", range(3))
+    monkeypatch.setitem(WORLDS, "small", World(small, Path("none.bt")))
+    monkeypatch.setattr("studies.comparison.compare_searches.UNSEEN", range(3))
     monkeypatch.chdir(tmp_path)
-    run = comparators.measured("small", "racing", 1)
+    run = measured("small", "racing", 1)
     assert run["score"] > 0
     assert run["tree"].startswith(("sequence", "selector", "when", "parallel", "Push"))
     episodes = [point[0] for point in run["curve"]]
