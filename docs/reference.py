@@ -28,7 +28,6 @@ from islandgp.config.settings import Settings
 from islandgp.plugin import ComponentConfig, path_of
 from islandgp.resources import resource
 from islandgp.supervision.expert import ExpertSettings
-from islandgp.sweep.optimiser import SweeperSettings
 
 CONF = resource("conf")
 
@@ -85,10 +84,6 @@ def chapters() -> list[Chapter]:
         else:
             keys = tuple(_keys(type(value), value, name, comments))
             all_chapters.append(Chapter(f"`{name}`", files, keys))
-    file = CONF / "hydra" / "sweeper" / "optuna.yaml"
-    values = yaml.safe_load(file.read_text(encoding="utf-8"))
-    keys = tuple(_keys(SweeperSettings, values, "hydra.sweeper", _comments([file])))
-    all_chapters.append(Chapter("`hydra/sweeper=optuna`", (file,), keys))
     for file in sorted((CONF / "hydra" / "launcher").glob("*.yaml")):
         all_chapters.append(
             Chapter(f"`hydra/launcher={file.stem}`", (file,), tuple(_launcher(file)))

@@ -9,6 +9,7 @@ load_tree   loads a tree from a file as a `Tree`; `Tree.bind` binds your functio
 RobotTree   a bound tree, ready to be ticked; a tick returns a `NodeStatus`
 Streams     the random streams of a run, for searches of your own
 Advice      the checked guidance of a supervisor, passed to a search
+GenerationRecord  the record of one generation, as a callback of `run` gets it
 IslandError root of the package's exceptions; TreeError: a text is not a tree
 
 Each name is imported when it is first used, because some of the modules take seconds to import.
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from islandgp.errors import IslandError, TreeError
     from islandgp.experiment import Experiment, compose, run
     from islandgp.gp.population import Advice
+    from islandgp.gp.record import GenerationRecord
     from islandgp.results import Results, load
     from islandgp.seeding import Streams
 
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Advice",
     "Experiment",
+    "GenerationRecord",
     "IslandError",
     "NodeStatus",
     "Results",
@@ -56,6 +59,7 @@ __all__ = [
 _HOMES = {
     "Advice": "islandgp.gp.population",
     "Experiment": "islandgp.experiment",
+    "GenerationRecord": "islandgp.gp.record",
     "IslandError": "islandgp.errors",
     "NodeStatus": "islandgp.binding",
     "Results": "islandgp.results",

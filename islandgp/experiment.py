@@ -10,7 +10,7 @@ With `search` and `evaluate_population` you can write the loop yourself (docs/se
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +29,7 @@ from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.evolution.loop import evolve
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
-from islandgp.gp.record import Step
+from islandgp.gp.record import GenerationRecord, Step
 from islandgp.results import Results, load
 from islandgp.search.base import Search
 
@@ -154,19 +154,30 @@ class Experiment:
         domains = ((problem.in_world(stage, s), s) for s in seeds)
         return [in_floats(domain.run_episode(node, s, weights)) for domain, s in domains]
 
-    def run(self) -> Results:
+    def run(self, *, on_generation: Callable[[GenerationRecord], object] | None = None) -> Results:
         """Runs the experiment as the command line does, with records and tracking.
 
         A run that was interrupted is resumed. Scripts call this below
         `if __name__ == "__main__":`, because the default evaluator starts processes;
         `evaluator=serial` starts none.
 
+        Args:
+            on_generation: called with the record of each generation once it is on disk; if a run
+                is resumed, first with its earlier ones. An exception that it raises stops the run,
+                which the same call continues.
+
         Raises:
             IslandError: the error with which the command would end.
         """
         from islandgp.running.run import run
 
-        run(self.settings, self.config, self.folder, home=Path.cwd())
+        run(
+            self.settings,
+            self.config,
+            self.folder,
+            home=Path.cwd(),
+            on_generation=on_generation,
+        )
         return load(self.folder)
 
 
@@ -197,12 +208,17 @@ def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment
     return Experiment(job.settings, job.config, job.folder)
 
 
-def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
+def run(
+    *overrides: str,
+    config_dir: str | Path | None = None,
+    on_generation: Callable[[GenerationRecord], object] | None = None,
+) -> Results:
     """Composes an experiment and runs it.
 
     Args:
         *overrides: Hydra overrides of one run, as for `compose`.
         config_dir: folder with further YAML files, as for `compose`.
+        on_generation: callback for each generation, as for `Experiment.run`.
 
     Returns:
         The results of the finished run.
@@ -210,4 +226,6 @@ def run(*overrides: str, config_dir: str | Path | None = None) -> Results:
     Raises:
         IslandError: as `compose` and `Experiment.run`.
     """
-    return compose("progress=off", *overrides, config_dir=config_dir).run()
+    return compose("progress=off", *overrides, config_dir=config_dir).run(
+        on_generation=on_generation
+    )

@@ -20,7 +20,7 @@ from islandgp.resources import resource
 EVERYTHING: Final = "*"
 """The name that trusts every name: `--trust`."""
 
-PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress", "objectives"})
+PLAIN: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress"})
 """Top-level keys of a configuration whose values name neither code nor servers."""
 
 CODE: Final = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.-]*")

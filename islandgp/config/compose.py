@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -14,7 +13,7 @@ from typing import Any, Final
 
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
-from hydra.core.override_parser.types import IntervalSweep, Override, RangeSweep
+from hydra.core.override_parser.types import Override, RangeSweep
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
@@ -65,68 +64,34 @@ def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterat
         yield _plan(_composed(overrides, source), overrides, flags, home)
 
 
-@dataclass(frozen=True, slots=True)
-class Searched:
-    """A command whose jobs are chosen by a sweeper while it runs, e.g. Optuna's."""
-
-    sweeper: dict[str, Any]  # its configuration
-    sweeps: tuple[Override, ...]  # the varied keys
-    ends: tuple[Planned, ...]  # two jobs: every sweep at its first value, and at its last
-    flags: tuple[str, ...]  # of the command of each job
-
-
-def searched(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Searched | None:
-    """The search of the command's sweeper; None for Hydra's basic sweeper.
+def _swept(args: argparse.Namespace, source: ConfigSource) -> list[Override]:
+    """The overrides of a sweep: those of `hydra.sweeper.params` come first.
 
     Raises:
-        ConfigError: the command is invalid at an end of its sweeps.
+        ConfigError: an override, or the sweeper, is wrong.
     """
-    if not args.multirun or not _may_search(args):
-        return None
-    source = ConfigSource.of(args)
-    sweeper, overrides = _sweeper(args, source)
-    if str(sweeper.get("_target_")) == BASIC:
-        return None
-    flags = flags_of(args, argv)
-    jobs = [[_end(override, last) for override in overrides] for last in (False, True)]
-    return Searched(
-        sweeper,
-        tuple(override for override in overrides if override.is_sweep_override()),
-        tuple(_plan(_composed(job, source), job, flags, home) for job in jobs),
-        tuple(flags),
-    )
-
-
-def _may_search(args: argparse.Namespace) -> bool:
-    """True if the sweeper or its params can differ from Hydra's defaults."""
-    hydra_overrides = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
-    return bool(hydra_overrides or args.config_dir or args.config_path or args.config_name)
-
-
-def _sweeper(
-    args: argparse.Namespace, source: ConfigSource
-) -> tuple[dict[str, Any], list[Override]]:
-    """The sweeper's configuration, and its overrides: those of its params come first."""
     overrides = parsed(args.overrides, source)
-    first_job = _composed([_end(override, False) for override in overrides], source)
-    sweeper = _component(first_job.hydra, "sweeper")
+    hydra_overrides = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
+    if not (hydra_overrides or args.config_dir or args.config_path or args.config_name):
+        return overrides  # the sweeper is Hydra's default
+    firsts = [_with_first_value(override) for override in overrides]
+    sweeper = _component(_composed(firsts, source).hydra, "sweeper")
+    if sweeper.get("_target_") != BASIC:
+        raise ConfigError(
+            f"hydra/sweeper: expected Hydra's basic sweeper, found {sweeper.get('_target_')};"
+            " leave it out, or search in Python: examples/optuna_search.py."
+        )
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
     last = {key_of(str(o.input_line)): o for o in [*parsed(params, source), *overrides]}
-    return sweeper, list(last.values())
+    return list(last.values())
 
 
-def _end(override: Override, last: bool) -> str:
-    """The override with the first, or the last, value of its sweep."""
+def _with_first_value(override: Override) -> str:
+    """The override with the first value of its sweep."""
     if not override.is_sweep_override():
         return str(override.input_line)
-    sweep = override.value()
-    if isinstance(sweep, IntervalSweep):
-        value: Any = sweep.end if last else sweep.start
-    else:
-        _values(override)
-        values = islice(override.sweep_string_iterator(), MAX_JOBS)
-        value = deque(values, 1)[0] if last else next(values)
-    return f"{override.get_key_element()}={value}"
+    _must_have_values([override])
+    return f"{override.get_key_element()}={next(override.sweep_string_iterator())}"
 
 
 def _plan(
@@ -197,7 +162,7 @@ def _jobs(args: argparse.Namespace, source: ConfigSource) -> Iterator[list[str]]
             )
         yield list(args.overrides)
         return
-    overrides = _sweeper(args, source)[1] if _may_search(args) else parsed(args.overrides, source)
+    overrides = _swept(args, source)
     sweeps = [override for override in overrides if override.is_sweep_override()]
     try:
         _must_have_values(sweeps)
@@ -215,8 +180,8 @@ def _must_have_values(sweeps: Sequence[Override]) -> None:
         if not sweep.is_discrete_sweep():
             raise ConfigError(
                 f"{sweep.input_line}: expected values to sweep over, found an interval; write"
-                f" {sweep.key_or_group}=range(START,STOP,STEP), or search it with"
-                " hydra/sweeper=optuna."
+                f" {sweep.key_or_group}=range(START,STOP,STEP), or search in Python:"
+                " examples/optuna_search.py."
             )
         jobs *= _values(sweep)
         if jobs > MAX_JOBS:

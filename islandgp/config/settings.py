@@ -21,7 +21,6 @@ from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.gp.random_trees import check_growth
 from islandgp.plugin import ComponentConfig, ImportedClass, defined_in, path_of, plugin_errors
-from islandgp.records.files import VALUES
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
 from islandgp.scoring.constraints import faults as constraint_faults
@@ -33,7 +32,7 @@ from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
 
 OWN_TAGS: Final = frozenset(
-    {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind", "pruned"}
+    {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind"}
 )
 """Names of tags that every run has."""
 
@@ -93,15 +92,6 @@ PAPER_SEARCH: Final = {
 """The search of configurations without one, of versions before 0.3."""
 
 
-OLDER_NAMES: Final = {
-    "best": "validation_mean",
-    "trained": "champion_fitness",
-    "final_best": "final_fitness_max",
-    "final_mean": "final_fitness_mean",
-}
-"""Objectives by the names of versions before 0.3."""
-
-
 class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `evaluator`."""
 
@@ -123,7 +113,6 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     tags: dict[Annotated[str, Field(pattern=TAG)], str | int | float | bool] = Field(
         default_factory=dict
     )
-    objectives: tuple[str, ...] = Field(("validation_mean",), min_length=1)  # of `values`
     start: str | None = Field(None, min_length=1)
     """First trees of generation 0: a .bt file, or a finished run, whose archive is used."""
     domain: DomainSettings
@@ -143,12 +132,6 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
     tracking: TrackingSettings
-
-    @field_validator("objectives", mode="before")
-    @classmethod
-    def _older_names(cls, names: Any) -> Any:
-        older = isinstance(names, (list, tuple)) and all(isinstance(n, str) for n in names)
-        return [OLDER_NAMES.get(name, name) for name in names] if older else names
 
     @field_validator("constraints", mode="before")
     @classmethod
@@ -259,11 +242,7 @@ def _conflicts(settings: Settings) -> Iterator[str]:
             "gp.founders: expected one source of trees that open the population, found start"
             " as well; leave one of the two out"
         )
-    tiers, milestones = settings.classes.tiers, settings.classes.milestones
-    names = {*VALUES, *(f"first.{name}" for name in milestones)}
-    for name in settings.objectives:
-        if name not in names:
-            yield f"objectives: expected names among {', '.join(sorted(names))}, found {name}"
+    tiers = settings.classes.tiers
     if settings.stop.tier is not None and settings.stop.tier not in tiers:
         yield f"stop.tier: expected one of {', '.join(tiers)}, found {settings.stop.tier!r}"
     mutations = {"gp.mutation": gp.mutation}

@@ -6,7 +6,7 @@ import csv
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import islice
@@ -142,26 +142,6 @@ def kept_constraints(summary: Mapping[str, Any]) -> dict[str, float]:
     validation = summary["champion"]["validation"] or {}
     names = [name for name in ("violation", "feasible") if validation.get(name) is not None]
     return {name: float(validation[name]) for name in names}
-
-
-NOT_VALIDATED: Final = (
-    "objectives: expected a run with a validation_mean, found one that was not validated;"
-    " set gp.validation above 0, or objectives=[fitness_max]"
-)
-
-
-def objectives(summary: Mapping[str, Any], names: Sequence[str]) -> tuple[float, ...]:
-    """The values by which a sweep's optimiser compares runs.
-
-    A milestone that was never reached has the number of the run's generations.
-
-    Raises:
-        RunError: the run was not validated, and `validation_mean` is one of the names.
-    """
-    figures = values(summary)
-    if "validation_mean" in names and figures["validation_mean"] is None:
-        raise RunError(NOT_VALIDATED)
-    return tuple(float(summary["generations"] if figures[n] is None else figures[n]) for n in names)
 
 
 def pretty(value: dict[str, Any]) -> bytes:

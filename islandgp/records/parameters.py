@@ -10,9 +10,7 @@ from typing import Any, Final
 
 from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 
-RUNTIME_KEYS: Final = frozenset(
-    {"evaluator", "tracking", "runs", "resume", "progress", "objectives", "tags"}
-)
+RUNTIME_KEYS: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress", "tags"})
 """Top-level keys that do not change a run's records, except for a user's evaluator class."""
 
 RENAMED: Final = {

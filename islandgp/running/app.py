@@ -23,7 +23,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.errors import HydraException
 
 from islandgp.config.api_key import NONE, key_in, without_key
-from islandgp.config.compose import Planned, Searched, planned, searched
+from islandgp.config.compose import Planned, planned
 from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
@@ -101,20 +101,14 @@ def _must_be_somewhere() -> None:
 def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     """Executes the parsed command; returns the exit code."""
     start_for_command(argv)
-    search, jobs = _planned(args, argv)
+    jobs = _planned(args, argv)
     if key_in(job.config for job in jobs):
         args, argv = parsed_argv([NONE, *argv])
-        search, jobs = _planned(args, argv)
+        jobs = _planned(args, argv)
 
     def launch(job: Job, extra: list[str]) -> None:
         _start([*extra, *argv], job)
 
-    if search is not None:
-        for end in jobs:
-            check_parts(end.settings)
-        from islandgp.sweep.optimiser import run_search  # only for these sweeps
-
-        return run_search(search, command_line(argv), launch)
     for n, one in enumerate(jobs):
         folder = RunFolder(one.folder)
         if not choose(folder, one.settings, redacted(one.config)).finished():
@@ -127,12 +121,8 @@ def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     return _run_single(jobs[0], command_line(argv))
 
 
-def _planned(
-    args: argparse.Namespace, argv: Sequence[str]
-) -> tuple[Searched | None, list[Planned]]:
-    """The command's jobs; for an optimiser, the first and last of its space. Prints progress."""
-    if (search := searched(args, argv, Path.cwd())) is not None:
-        return search, list(search.ends)
+def _planned(args: argparse.Namespace, argv: Sequence[str]) -> list[Planned]:
+    """The command's jobs. Prints progress."""
     if args.run and args.multirun:
         raise ConfigError("--run: expected no --multirun beside it, found both; leave one out")
     jobs: list[Planned] = []
@@ -140,7 +130,7 @@ def _planned(
         jobs.append(job)
         if len(jobs) % 100 == 0:
             print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
-    return None, jobs
+    return jobs
 
 
 def _start(argv: Sequence[str], job: Job) -> None:

@@ -17,7 +17,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.evolution.validation import Best
 from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
-from islandgp.gp.record import Step
+from islandgp.gp.record import GenerationRecord, Step
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.folder import RunFolder, Status
@@ -48,12 +48,16 @@ _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The dumper of the C library, unless PyYAML was built without it; it is four times as fast."""
 
 
-class Pruned(Exception):
-    """A run was stopped because other trials of a search are better."""
+OnGeneration = Callable[[GenerationRecord], object]
+"""A callback of each generation; an exception that it raises stops the run."""
 
 
-Judge = Callable[[int, float], None]
-"""(generation, highest fitness) -> None; may raise Pruned to stop the run."""
+class _CallbackError(Exception):
+    """The exception of an OnGeneration."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(error)
+        self.error = error
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +76,7 @@ def run(
     home: Path,
     command: str = "",
     keep_display: bool = True,
-    judge: Judge | None = None,
+    on_generation: OnGeneration | None = None,
     ends_command: bool = False,
 ) -> RunResult:
     """Runs an experiment, or continues an interrupted run.
@@ -84,7 +88,7 @@ def run(
         home: working folder of the command.
         command: that repeats the run, for its metadata.
         keep_display: True: the live display stays on the terminal.
-        judge: called with each generation and its highest fitness, also for recorded ones.
+        on_generation: called with each generation's record, those of a resumed run included.
         ends_command: True: the command ends with this run, so the tracker may send the last records
             afterwards.
 
@@ -92,7 +96,7 @@ def run(
         The result of the finished run.
 
     Raises:
-        Pruned: raised by `judge`.
+        Exception: as `on_generation` raised it; the run is stopped, and can be resumed.
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot continue; its records are kept.
     """
@@ -117,8 +121,20 @@ def run(
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
         return _evolve_tracked(
-            _OpenRun(settings, plan, cost, target, supervisor, tracker, page, keep_display, judge)
+            _OpenRun(
+                settings,
+                plan,
+                cost,
+                target,
+                supervisor,
+                tracker,
+                page,
+                keep_display,
+                on_generation,
+            )
         )
+    except _CallbackError as stop:
+        raise stop.error from None
     finally:
         target.close()
 
@@ -141,7 +157,15 @@ class _OpenRun:
     tracker: Tracker
     page: PageWriter
     keep_display: bool
-    judge: Judge | None
+    on_generation: OnGeneration | None
+
+    def report(self, record: GenerationRecord) -> None:
+        """Calls `on_generation`. Raises _CallbackError from its exception."""
+        if self.on_generation is not None:
+            try:
+                self.on_generation(record)
+            except Exception as error:
+                raise _CallbackError(error) from error
 
 
 def _evolve_tracked(run: _OpenRun) -> RunResult:
@@ -151,7 +175,7 @@ def _evolve_tracked(run: _OpenRun) -> RunResult:
     try:
         totals = _evolve(run)
         status = Status.FINISHED
-    except (KeyboardInterrupt, Pruned):
+    except (KeyboardInterrupt, _CallbackError):
         status = Status.KILLED
         raise
     except Exception as error:
@@ -194,9 +218,9 @@ def _evolve(run: _OpenRun) -> RunTotals:
             print(line, file=sys.stderr)
     start = target.resume(_warn)
     done = 0 if start is None else start.generation
-    if run.judge is not None:
-        for record in islice(target.records(), done):
-            run.judge(record["snapshot"]["generation"], record["snapshot"]["best"])
+    if run.on_generation is not None:
+        for record in islice(target.generations(), done):
+            run.report(record)
     totals = totals_of(target, candidates_of(settings))
     run.page.curves = totals.curves
     evaluator = make_evaluator(settings)
@@ -228,7 +252,7 @@ def _evolve(run: _OpenRun) -> RunTotals:
 
     with ThreadPoolExecutor(1, "closing") as closing:
         try:
-            last = _keep(steps, write, progress, run.judge)
+            last = _keep(steps, write, progress, run)
             best = best_robot(settings, target, totals, evaluator)
         except BaseException:
             steps.close()  # not only when the interpreter ends
@@ -246,7 +270,7 @@ def _warn(line: str) -> None:
 
 
 def _keep(
-    steps: Iterable[Step], write: Callable[[Step], None], progress: Progress, judge: Judge | None
+    steps: Iterable[Step], write: Callable[[Step], None], progress: Progress, run: _OpenRun
 ) -> Step:
     """Writes each step while the episodes of the next one run; returns the last one."""
     step: Step | None = None
@@ -257,9 +281,9 @@ def _keep(
             writing.result()
             writing = writer.submit(write, step)
             progress.show(step)
-            if judge is not None:
+            if run.on_generation is not None:
                 writing.result()
-                judge(step.record.snapshot.generation, step.record.snapshot.best)
+                run.report(step.record)
         writing.result()
     assert step is not None
     return step

@@ -8,7 +8,7 @@ tracking.json   the MLflow run that is the parent of all jobs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import time
 from uuid import uuid4
@@ -36,8 +36,6 @@ class SweepJob:
     choices: tuple[str, ...]  # its overrides except the seed, as key=value
     generations: int
     command: str  # that runs this job alone
-    search: str = ""  # the optimiser's search of its last trial; "" in a plain sweep
-    pruned: int | None = None  # the generation in which an optimiser stopped it
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +58,7 @@ class SweepFile:
         return frozenset(key_of(choice).replace("/", ".") for choice in choices)
 
     def _common(self) -> set[str]:
-        """The overrides of all jobs; none without jobs, as before a search's first trial."""
+        """The overrides of all jobs."""
         return set.intersection(*({*job.choices} for job in self.jobs)) if self.jobs else set()
 
     def arms(self) -> dict[str, list[SweepJob]]:
@@ -92,17 +90,10 @@ class SweepFolder:
             take(self._lock, self.path, busy)
             old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
             commands = (*(c for c in old.commands if c != command), command)
-            self._write(SweepFile(old.id, old.started, commands, _merged(old.jobs, jobs)))
-
-    def _write(self, file: SweepFile) -> None:
-        write_atomic(self.path / "sweep.json", pretty(asdict(file)))
-
-    def enter(self, job: SweepJob) -> None:
-        """Adds a trial of an optimiser, or replaces its entry; called by any process."""
-        with usable(self.path), FileLock(self.path / ".entering"):
-            file = self.read()
-            assert file is not None, "the search has opened the folder"
-            self._write(replace(file, jobs=_merged(file.jobs, [job])))
+            # A new job replaces the old one of the same slot.
+            merged = tuple({job.slot: job for job in (*old.jobs, *jobs)}.values())
+            file = SweepFile(old.id, old.started, commands, merged)
+            write_atomic(self.path / "sweep.json", pretty(asdict(file)))
 
     def close(self) -> None:
         """Unlocks the folder."""
@@ -138,16 +129,11 @@ class SweepFolder:
 
         Stopped jobs take precedence over failed ones, as the sweep can be continued.
         """
-        statuses = {self.run(job).status() for job in file.jobs if job.pruned is None}
+        statuses = {self.run(job).status() for job in file.jobs}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
             if status in statuses:
                 return status
         return Status.FINISHED
-
-
-def _merged(old: Sequence[SweepJob], new: Sequence[SweepJob]) -> tuple[SweepJob, ...]:
-    """All jobs; a new one replaces the old one of the same slot."""
-    return tuple({job.slot: job for job in (*old, *new)}.values())
 
 
 def arm_of(folder: Path) -> str:

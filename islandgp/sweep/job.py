@@ -22,7 +22,7 @@ from islandgp.plugin import ComponentConfig
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import without_credentials
 from islandgp.running.printing import tolerant_stderr
-from islandgp.running.run import Judge, Pruned, run
+from islandgp.running.run import run
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import Start, job_line, sweep_line
 
@@ -61,7 +61,7 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
             if start.failed(target):
                 return  # it failed in this sweep before the launcher was restarted
             fitted_settings = fitted(settings, hydra.launcher, len(start.jobs))
-            attempt(target, plain, fitted_settings, home, start.jobs[named].command, lambda: start)
+            attempt(target, plain, fitted_settings, home, start.jobs[named].command, start)
 
     return job
 
@@ -72,8 +72,7 @@ def attempt(
     settings: Settings,
     home: Path,
     command: str,
-    start: Callable[[], Start],
-    judge: Judge | None = None,
+    start: Start,
 ) -> None:
     """Runs a job of a sweep. Its folder has the result or the error.
 
@@ -84,28 +83,14 @@ def attempt(
         home: working folder of the command.
         command: that runs this job alone.
         start: state of the sweep at its start.
-        judge: called with each generation and its highest fitness; may raise Pruned.
-
-    Raises:
-        Pruned: as `judge`.
     """
     alone = settings.progress != "off"
     if alone:
-        print(sweep_line(start(), target), file=sys.stderr, flush=True)
+        print(sweep_line(start, target), file=sys.stderr, flush=True)
     try:
-        run(
-            settings,
-            config,
-            target.path,
-            home=home,
-            command=command,
-            keep_display=False,
-            judge=judge,
-        )
+        run(settings, config, target.path, home=home, command=command, keep_display=False)
     except BusyError as error:  # another process has the folder, so nothing is written
         print(f"islandgp: {error}", file=sys.stderr)
-    except Pruned:
-        raise
     except Exception as error:  # must not end the other jobs
         if not target.error():  # the run ended before it could write the error
             target.fail(error)
@@ -120,7 +105,6 @@ def sweep_entry(
     named: Path,
     folder: Path,
     command: str,
-    search: str = "",
 ) -> SweepJob:
     """The entry of a job in sweep.json.
 
@@ -134,7 +118,6 @@ def sweep_entry(
         choices=tuple(without_credentials(o) for o in overrides if is_choice(o)),
         generations=int(config["gp"]["generations"]),
         command=command,
-        search=search,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
@@ -14,7 +14,7 @@ from typing import Final, Literal, Self
 from islandgp.records.files import validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.running.progress import duration
-from islandgp.sweep.folder import SweepJob, job_of
+from islandgp.sweep.folder import SweepJob
 from islandgp.text import in_points, title
 
 PERIOD: Final = 1.0  # s between two updates
@@ -28,8 +28,6 @@ class Start:
     jobs: dict[Path, SweepJob]  # by the folder named by their configuration
     before: int  # generations that existed before
     errors: dict[str, tuple[int, int]]  # error files that existed before, by path
-    trials: int = 0  # of an optimiser; 0: unknown
-    search: str = ""  # id of the optimiser's search; "": a plain sweep
 
     @classmethod
     def now(cls, jobs: dict[Path, SweepJob]) -> Self:
@@ -69,14 +67,11 @@ def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
         states[status] += 1
         failed += status is Status.FAILED and start.failed(run)
         generations += run.completed_generations()
-    pruned = sum(job.pruned is not None for job in start.jobs.values())
     names = ", ".join(dict.fromkeys(path.parent.name for path in start.jobs))
     counts = (
-        f"{states[Status.FINISHED]} of {max(len(start.jobs), start.trials)} done,"
+        f"{states[Status.FINISHED]} of {len(start.jobs)} done,"
         f" {states[Status.RUNNING]} running, {failed} failed"
     )
-    if start.search:
-        return f"search {start.search}: {counts}, {pruned} pruned"
     total = sum(job.generations for job in start.jobs.values())
     new = generations - start.before
     line = f"sweep {names}: {counts}, generation {generations} of {total}"
@@ -99,9 +94,6 @@ def job_line(run: RunFolder) -> str:
     if not run.finished():
         if run.status() is Status.RUNNING:
             return f"{run.path.name}: another process is at work on it"
-        _, job = job_of(run.path)
-        if job is not None and job.pruned is not None:
-            return f"{run.path.name}: pruned in generation {job.pruned}"
         reason = run.reason()
         return f"{run.path.name}: {f'failed: {reason}' if reason else 'stopped'}"
     s = run.summary()
@@ -116,12 +108,9 @@ def job_line(run: RunFolder) -> str:
 class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
-    def __init__(self, look: Callable[[], Start], mode: Literal["auto", "plain", "off"]) -> None:
-        """`look` returns the jobs so far.
-
-        `auto`: one live line on a terminal, else a line whenever a job has ended.
-        """
-        self.look = look
+    def __init__(self, start: Start, mode: Literal["auto", "plain", "off"]) -> None:
+        """`auto`: one live line on a terminal, else a line whenever a job has ended."""
+        self.start = start
         self.mode = mode
         self._over = Event()
         self._thread = Thread(target=self._work, name="sweep progress", daemon=True)
@@ -140,32 +129,30 @@ class Watch:
         if self.mode == "auto" and sys.stderr.isatty():
             self._live()
             return
-        for n, (start, runs) in enumerate(self._looks()):
+        for n, runs in enumerate(self._ended()):
             for run in runs:
                 print(job_line(run), file=sys.stderr, flush=True)
             if runs or not n:
-                print(sweep_line(start), file=sys.stderr, flush=True)
+                print(sweep_line(self.start), file=sys.stderr, flush=True)
 
     def _live(self) -> None:
         from rich.console import Console
         from rich.live import Live
 
         with Live(console=Console(stderr=True), auto_refresh=False) as live:
-            for start, runs in self._looks():
+            for runs in self._ended():
                 for run in runs:
                     live.console.print(job_line(run), highlight=False)
-                live.update(sweep_line(start), refresh=True)
+                live.update(sweep_line(self.start), refresh=True)
 
-    def _looks(self) -> Iterator[tuple[Start, list[RunFolder]]]:
-        """The jobs at each update, and those that have ended since the last one."""
-        start = self.look()
-        reported = {run.path for run in start.runs() if run.finished()}
-        yield start, []
+    def _ended(self) -> Iterator[list[RunFolder]]:
+        """At each update, the jobs that have ended since the last one."""
+        reported = {run.path for run in self.start.runs() if run.finished()}
+        yield []
         over = False
         while not over:
             over = self._over.wait(PERIOD)
-            start = self.look()
-            runs = (run for run in start.runs() if run.finished() or start.failed(run))
-            finished = [run for run in runs if run.path not in reported]
-            reported.update(run.path for run in finished)
-            yield start, finished
+            runs = (run for run in self.start.runs() if run.finished() or self.start.failed(run))
+            ended = [run for run in runs if run.path not in reported]
+            reported.update(run.path for run in ended)
+            yield ended

@@ -138,20 +138,15 @@ def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
     ]
 
 
-def launched(
-    path: Path, first: Planned, look: Callable[[], Start], job: Job, launch: Launch
-) -> None:
-    """Launches the jobs of the sweep in `path`, and shows their progress.
-
-    `first` is one of the jobs; `look` returns the jobs so far.
-    """
+def _launch_and_watch(path: Path, first: Planned, start: Start, launch: Launch) -> None:
+    """Launches the jobs of the sweep in `path`, of which `first` is one; shows their progress."""
     if first.launcher == "JoblibLauncher":
         tie_joblib_workers()
     if first.own_ray:
         own_token()
     place = QuotedString(str(path), Quote.single).with_quotes()
-    with Watch(look, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
-        launch(job, [f"hydra.sweep.dir={place}"])
+    with Watch(start, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
+        launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
 
 
 def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
@@ -167,7 +162,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     started = _start_times(start)
     for _ in range(LAUNCHES):
         try:
-            launched(first.path, jobs[0], lambda: start, sweep_job(start), launch)
+            _launch_and_watch(first.path, jobs[0], start, launch)
             break
         except Exception as error:
             if _start_times(start) == started:
@@ -225,7 +220,7 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
 def _report_unfinished(entries: Entries) -> int:
     """Lists each job that is not finished with the command that runs it again."""
     jobs = jobs_in(entries)
-    bad = [(run, job) for run, job in jobs if job.pruned is None and not run.finished()]
+    bad = [(run, job) for run, job in jobs if not run.finished()]
     if not bad:
         return 0
     print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
@@ -241,7 +236,7 @@ def _report_unfinished(entries: Entries) -> int:
 
 def _report_fallbacks(entries: Entries) -> int:
     """Lists each job in which a language model's fallback gave too many of the answers."""
-    runs = [run for run, job in jobs_in(entries) if job.pruned is None]
+    runs = [run for run, _ in jobs_in(entries)]
     bad = [run for run in runs if is_mostly_fallback(run.summary())]
     if not bad:
         return 0

@@ -121,8 +121,6 @@ def arm_lines(arms: Sequence[ArmSummary]) -> str:
 def _row(arm: ArmSummary, tiers: Sequence[str]) -> tuple[str, ...]:
     name = " ".join(arm.name.split())  # a quoted text may hold line breaks
     finished = f"{len(arm.finished)} of {len(arm.jobs)}"
-    if arm.jobs and all(job.pruned is not None for job in arm.jobs):
-        finished = "pruned"
     if not arm.summaries:
         return (name, finished, "", *("" for _ in tiers), "")
     means = [mean for s in arm.summaries if (mean := validation_mean(s)) is not None]
@@ -167,7 +165,7 @@ def sweep_note(
     if unfinished := [job for job in file.jobs if sweep.run(job).status() is not Status.FINISHED]:
         lines += ["## Not finished", ""]
         for job in unfinished:
-            state = sweep.run(job).status().value.lower() if job.pruned is None else "pruned"
+            state = sweep.run(job).status().value.lower()
             lines.append(f"- {job.folder} ({state}): `{job.command}`")
     lines += ["", f"Records: `{sweep.path}`"]
     return "\n".join(lines) + "\n"

@@ -27,7 +27,7 @@ from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.scoring.constraints import recorded_constraints
-from islandgp.sweep.folder import arm_of, job_of
+from islandgp.sweep.folder import arm_of
 from islandgp.tracking.artifacts import TABLE, Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
@@ -209,7 +209,6 @@ class RunUploader:
         log_files(self.store, state.run, artifacts(self.folder))
         self._progress()
         client.set_tag(state.run, "mlflow.loggedArtifacts", TABLES)
-        self._tag_pruned(state.run, status)
         client.set_tag(state.run, "mlflow.note.content", note(self.folder, self.about, status))
         # Points cannot be deleted, and a stopped run may be resumed.
         if status is Status.FINISHED and state.generations:
@@ -221,16 +220,6 @@ class RunUploader:
         state = replace(state, done=done)
         write_state(self.folder.path, state)
         return state
-
-    def _tag_pruned(self, run: str, status: Status) -> None:
-        """Tags a run that a sweeper pruned with the generation; removes the tag once it goes on."""
-        _, job = job_of(self.folder.path)
-        if job is not None and job.pruned is not None and status is not Status.FINISHED:
-            self.store.client.set_tag(run, "pruned", f"generation {job.pruned}")
-            return
-        stored = self.store.find(self._key, run)
-        if stored is not None and "pruned" in stored.data.tags:
-            self.store.client.delete_tag(run, "pruned")
 
     def _end_time(self) -> int:
         """Time of the last recorded generation, ms since 1970."""

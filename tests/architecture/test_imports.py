@@ -76,7 +76,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "anthropic": ("supervision.llm.client", "supervision.llm.services"),
     "httpx2": ("supervision.llm.client", "supervision.llm.services"),
     "ray": ("evaluation.ray",),
-    "optuna": ("sweep.optuna_trials",),
     "cmaes": ("search.numbers",),
     "scipy": ("statistics", "study", "intervals"),
     "matplotlib": ("study",),

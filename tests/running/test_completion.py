@@ -42,7 +42,6 @@ def completions(before: Sequence[str], incomplete: str) -> list[str]:
         (("supervisor", "="), "ex", ["expert"]),  # bash
         (("gp.tournament_size",), "", ["3"]),  # bash, behind the =
         (("-m", "experiment", "=", "smoke"), "gp.tourn", ["gp.tournament_size="]),
-        (("hydra/sweeper=optuna",), "hydra.sweeper.n_t", ["hydra.sweeper.n_trials="]),
         (("no", "=", "such"), "gp.", []),
     ],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import hydra
@@ -10,7 +11,9 @@ import pytest
 
 import islandgp
 from islandgp.errors import ConfigError
+from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import resource
+from tests.running.commands import TINY, fake
 
 
 @pytest.mark.parametrize(
@@ -49,3 +52,31 @@ def test_a_stage_or_world_that_is_not_there(options: dict[str, Any], message: st
     """The error comes before any episode."""
     with pytest.raises(ConfigError, match=message):
         islandgp.compose().evaluate("PatrolWaypoint", **options)
+
+
+class _Enough(Exception): ...
+
+
+def test_a_run_calls_back_after_each_generation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An exception of the callback stops the run; the same call continues it."""
+    monkeypatch.chdir(tmp_path)
+    overrides = [*TINY, *fake("Instant"), "tracking=off"]
+    generations: list[int] = []
+
+    def callback(record: islandgp.GenerationRecord) -> None:
+        generations.append(record.snapshot.generation)
+        if generations == [0, 1, 2]:
+            raise _Enough
+
+    with pytest.raises(_Enough):
+        islandgp.run(*overrides, on_generation=callback)
+    (file,) = tmp_path.glob("runs/*/*/about.json")
+    folder = RunFolder(file.parent)
+    assert (folder.status(), folder.error()) == (Status.KILLED, "")
+    assert folder.completed_generations() == 3
+    results = islandgp.run(*overrides, on_generation=callback)
+    assert generations == [0, 1, 2, *range(6)]
+    assert list(results.generations["generation"]) == [*range(6)]
+    assert islandgp.run(*overrides, on_generation=callback).path == results.path

@@ -55,8 +55,6 @@ ONE_LINE = [
      "supervisor.polcy.up: unknown key; did you mean supervisor.policy.up?"),
     (["gp.population.most=3"], "gp.population.most: unknown key; gp.population has no keys"),
     (["gp.population.a.b=3"], "gp.population.a.b: unknown key; gp.population has no keys"),
-    (["objectives.0.x=3"], "objectives.0.x: unknown key; objectives.0 has no keys"),
-    (["objectives.0.x.y=3"], "objectives.0.x.y: unknown key; objectives.0 has no keys"),
     (["zzz.y=3"], "zzz.y: unknown key; the configuration has hydra, seed, name, budget, "),
     (["hydra.launcher.n_jbs=2"], "hydra.launcher.n_jbs: unknown key; hydra.launcher has no keys"),
     (["gp.mutation.operators.swapp=3"],

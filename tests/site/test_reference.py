@@ -15,7 +15,7 @@ from tests.site.generators import script
 reference = script("reference")
 GROUPS = (
     "world", "rewards", "curriculum", "classes", "library", "allocation", "gp", "search",
-    "search/breeding", "supervisor", "evaluator", "tracking", "hydra/sweeper", "hydra/launcher",
+    "search/breeding", "supervisor", "evaluator", "tracking", "hydra/launcher",
 )  # fmt: skip
 PACKAGES = {"search": "", "search/breeding": "search.policy.breeding"}
 """The package of the keys of a group's files, if not the group's name."""
