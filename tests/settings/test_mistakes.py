@@ -212,6 +212,8 @@ ONE_LINE = [
      "supervisor.policy.rate=false: input should be a number, found false"),
     (["world.episode.step=1e-9"],
      "world.episode: expected fewer than 536,870,912 steps, found 420 s in steps of 1e-09 s"),
+    (["seed=1,2", "hydra.sweeper._target_=a.Sweeper", "-m"],
+     "hydra/sweeper: expected Hydra's basic sweeper, found a.Sweeper; leave it out, or search in"),
     (["world.garbage.initial=300"],
      "world.garbage.initial: expected at most garbage.most=150, found 300"),
     (["world.humanoids.speed=11"],
