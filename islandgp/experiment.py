@@ -166,6 +166,9 @@ class Experiment:
                 is resumed, first with its earlier ones. An exception that it raises stops the run,
                 which the same call continues.
 
+        Returns:
+            The results of the finished run.
+
         Raises:
             IslandError: the error with which the command would end.
         """
