@@ -15,6 +15,8 @@ from typing import Final, NamedTuple
 import click
 
 from islandgp.errors import IslandError, in_the_way
+from islandgp.installed import COMMANDS as ADDED
+from islandgp.installed import added, load_command, summary
 from islandgp.running.printing import checked_stdout, tolerant_stderr
 from islandgp.running.stopping import as_ctrl_c
 
@@ -85,17 +87,41 @@ COMMANDS: Final = {
 """Commands by name; the code of `a-b` is `islandgp.commands.a_b_command:command`."""
 
 
+def of_distributions() -> dict[str, str]:
+    """The commands that installed distributions add, with the summary of each."""
+    return {e.name: summary(e) for e in added(ADDED) if e.name not in COMMANDS}
+
+
+def _added_command(name: str) -> click.Command | None:
+    """The command of a distribution; one that says what is wrong if it cannot be loaded."""
+    try:
+        command = load_command(name)
+        if command is None or isinstance(command, click.Command):
+            return command
+        reason = f"{name}: expected a command of Click, found a {type(command).__name__}"
+    except IslandError as error:
+        reason = str(error)
+
+    def refuse() -> None:
+        raise IslandError(reason)
+
+    any_words = {"ignore_unknown_options": True, "allow_extra_args": True}
+    return click.Command(
+        name, context_settings=any_words, callback=refuse, help=reason, add_help_option=False
+    )
+
+
 class Lazy(click.Group):
     """Imports a subcommand when it is used, so `--help` is fast."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 -- click's signature
-        """The names of the commands, in the order of the table."""
-        return list(COMMANDS)
+        """The names of the commands: those of the table, then those of distributions."""
+        return [*COMMANDS, *of_distributions()]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
         """Import a subcommand."""
         if name not in COMMANDS:
-            return None
+            return _added_command(name)
         command: click.Command = import_module(
             f"islandgp.commands.{name.replace('-', '_')}_command"
         ).command
@@ -108,16 +134,20 @@ class Lazy(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The subcommand in `args`. Raises click.UsageError with the nearest name."""
-        if args[0] not in COMMANDS and not args[0].startswith("-"):
-            near = get_close_matches(args[0], COMMANDS, 1, 0.5)
+        word = args[0]
+        if word not in COMMANDS and not word.startswith("-") and word not in of_distributions():
+            near = get_close_matches(word, self.list_commands(ctx), 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
-            raise click.UsageError(f"expected a command, found {args[0]!r}{hint}", ctx)
+            raise click.UsageError(f"expected a command, found {word!r}{hint}", ctx)
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the table of commands without importing them."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, info.help) for name, info in COMMANDS.items()])
+        if others := of_distributions():
+            with formatter.section("Commands of other distributions"):
+                formatter.write_dl(list(others.items()))
 
 
 @click.group(

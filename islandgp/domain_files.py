@@ -7,6 +7,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from islandgp.installed import conf_folders
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ def domain_files(config_dir: str | None = None) -> dict[str, Path]:
     `config_dir` is the user's folder of configuration; of two files with the same name, the result
     has the one that Hydra uses.
     """
-    folders = [*([Path(config_dir)] if config_dir else []), resource("conf")]
+    folders = [*([Path(config_dir)] if config_dir else []), *conf_folders(), resource("conf")]
     return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
 
 

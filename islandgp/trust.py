@@ -11,10 +11,13 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import cache
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
 from islandgp.errors import UntrustedError
+from islandgp.installed import conf_folders
 from islandgp.resources import resource
 
 EVERYTHING: Final = "*"
@@ -50,8 +53,9 @@ def trusted() -> frozenset[str]:
 
 
 def is_trusted(name: str) -> bool:
-    """True for code of this package and for names that were passed to `trust`."""
-    return name.startswith("islandgp.") or bool({name, EVERYTHING} & _trusted)
+    """True for code of this package, and for names that were passed to `trust` or are installed."""
+    own = name.startswith("islandgp.") or bool({name, EVERYTHING} & _trusted)
+    return own or name in _installed()
 
 
 def code_in(config: Any, key: str = "") -> Iterator[str]:
@@ -138,7 +142,18 @@ def server_name(uri: str) -> str:
 
 
 def trust_folder(folder: Path) -> None:
-    """Trusts the code and servers named in the groups of a user's configuration folder.
+    """Trusts the code and servers named in the groups of a user's configuration folder."""
+    trust(_names_below(folder))
+
+
+@cache
+def _installed() -> frozenset[str]:
+    """The code and servers that the configuration of installed distributions names."""
+    return frozenset(chain(*map(_names_below, conf_folders())))
+
+
+def _names_below(folder: Path) -> Iterator[str]:
+    """The code and servers that the groups of a configuration folder name.
 
     Files that are not YAML are skipped; they are reported when the configuration is composed.
     """
@@ -149,4 +164,4 @@ def trust_folder(folder: Path) -> None:
             with suppress(OSError, ValueError, yaml.YAMLError):
                 config = yaml.safe_load(file.read_text(encoding="utf-8"))
                 if isinstance(config, Mapping):
-                    trust(names_in(config))
+                    yield from names_in(config)

@@ -1,4 +1,4 @@
-"""The folders of configuration files: the package's and, optionally, the user's."""
+"""The folders of configuration files: the package's, those of distributions, and the user's."""
 
 from __future__ import annotations
 
@@ -14,15 +14,31 @@ from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.utils import create_config_search_path
 from hydra.core.config_loader import ConfigLoader
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
+from hydra.core.plugins import Plugins
+from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig
 
 from islandgp.errors import ConfigError
+from islandgp.installed import CONF, conf_folders, hidden
 from islandgp.resources import resource
 from islandgp.trust import trust_folder
 
 COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process
+
+
+class InstalledFolders(SearchPathPlugin):
+    """Adds the folders of installed distributions to Hydra's search path."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        """See `SearchPathPlugin`."""
+        for folder in conf_folders():
+            search_path.append(CONF, f"file://{folder}")
+
+
+Plugins.instance().register(InstalledFolders)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +61,7 @@ class ConfigSource:
                     " give the path of one that is there."
                 )
         if user_folder is not None and user_folder != folder:
-            _must_hide_nothing(user_folder, folder)
+            _must_have_own_names(user_folder, folder)
             trust_folder(user_folder)
         return cls(folder, args.config_name or "config", user_folder)
 
@@ -69,22 +85,23 @@ class ConfigSource:
         """The options of a group: the names of its files."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
 
+    def folders(self) -> list[Path]:
+        """All folders, the user's last."""
+        return [self.folder, *conf_folders(), *([self.user_folder] if self.user_folder else [])]
+
     def files(self, option: str) -> list[Path]:
         """The existing files of an option such as `domain/island`."""
-        folders = [self.folder, *([self.user_folder] if self.user_folder else [])]
-        return [file for folder in folders if (file := folder / f"{option}.yaml").is_file()]
+        files = [folder / f"{option}.yaml" for folder in self.folders()]
+        return [file for file in files if file.is_file()]
 
 
-def _must_hide_nothing(user_folder: Path, folder: Path) -> None:
-    """Raises ConfigError if a file of the user is hidden by one of the package with its name."""
-    for path in sorted(folder.rglob("*.yaml")):
-        name = path.relative_to(folder)
-        if (user_folder / name).exists():
-            raise ConfigError(
-                f"--config-dir: expected files with other names than the package's, found"
-                f" {user_folder / name}, which the package's {name} hides; rename it, or give a"
-                " whole folder of configuration by --config-path."
-            )
+def _must_have_own_names(user_folder: Path, folder: Path) -> None:
+    """Raises ConfigError if a file of the user has the name of one in another folder."""
+    if found := hidden(user_folder, (folder, *conf_folders())):
+        raise ConfigError(
+            f"--config-dir: expected files with names of their own, found {found}; rename it, or"
+            " give a whole folder of configuration by --config-path."
+        )
 
 
 @contextmanager

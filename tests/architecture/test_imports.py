@@ -22,6 +22,7 @@ LAYERS: list[tuple[str, ...]] = [
         "plain",
         "seeding",
         "resources",
+        "installed",
         "plugin",
         "redaction",
         "time_limit",

@@ -6,16 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
-import sysconfig
-import venv
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from tests.domains.test_tutorial import EXAMPLE, follow
 from tests.llm.server import MessagesServer
+from tests.packaging.environments import call, install, new_environment
 from tests.running.commands import Command
 
 ROOT = Path(__file__).parents[2]
@@ -24,49 +22,17 @@ FOLDERS = ("conf", "grammar", "prompts")
 pytestmark = pytest.mark.packaging
 
 
-def call(*arguments: str | Path, cwd: Path, env: Mapping[str, str] | None = None) -> str:
-    """Runs a command that must succeed, without this checkout on its path; returns its output."""
-    if env is None:
-        env = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    process = subprocess.run(
-        [str(argument) for argument in arguments],
-        cwd=cwd,
-        env=env,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert process.returncode == 0, process.stdout + process.stderr
-    return process.stdout
-
-
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The wheel, built from this checkout."""
-    folder = tmp_path_factory.mktemp("wheel")
-    call(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=ROOT)
-    (file,) = folder.glob("*.whl")
-    return file
-
-
-@pytest.fixture(scope="module")
-def python(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def python(core: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The Python of a new environment that has the wheel, and the dependencies of this one."""
-    folder = tmp_path_factory.mktemp("environment")
-    venv.create(folder, with_pip=False, symlinks=True)
-    (library,) = folder.glob("lib/python*/site-packages")
-    (library / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
-    interpreter = folder / "bin" / "python"
-    options = ("--no-deps", "--no-index", "--disable-pip-version-check", "--quiet")
-    call(
-        sys.executable, "-m", "pip", "--python", interpreter, "install", *options, wheel, cwd=folder
-    )
+    interpreter = new_environment(tmp_path_factory.mktemp("environment"))
+    install(interpreter, core)
     return interpreter
 
 
-def test_everything_travels(wheel: Path) -> None:
+def test_everything_travels(core: Path) -> None:
     """Each file of conf, grammar and prompts is in the wheel, and the licence."""
-    names = set(zipfile.ZipFile(wheel).namelist())
+    names = set(zipfile.ZipFile(core).namelist())
     files = {
         f"islandgp/{path.relative_to(ROOT).as_posix()}"
         for folder in FOLDERS
@@ -78,9 +44,9 @@ def test_everything_travels(wheel: Path) -> None:
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
 
-def test_nothing_else_travels(wheel: Path) -> None:
+def test_nothing_else_travels(core: Path) -> None:
     """Tests, documentation and caches stay at home."""
-    names = zipfile.ZipFile(wheel).namelist()
+    names = zipfile.ZipFile(core).namelist()
     tops = {name.partition("/")[0] for name in names}
     assert {t for t in tops if not t.endswith(".dist-info")} == {"islandgp"}
     assert [name for name in names if "__pycache__" in name or "/tests/" in name] == []

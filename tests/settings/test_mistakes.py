@@ -476,9 +476,7 @@ def test_a_file_that_another_one_hides_is_reported(
     (folder / "gp").mkdir()
     (folder / "gp" / "paper.yaml").write_text("population: 8\n", encoding="utf-8")
     (line,) = errors(capsys, "--config-dir", str(folder), "gp=paper")
-    assert line.startswith(
-        "--config-dir: expected files with other names than the package's, found"
-    )
+    assert line.startswith("--config-dir: expected files with names of their own, found")
 
 
 def test_a_domain_is_called_as_its_trees_name_it(

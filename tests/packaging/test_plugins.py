@@ -1,0 +1,142 @@
+"""A stranger's distribution: commands and configuration by entry points (docs/extending.md)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.architecture.sources import PACKAGE, ROOT
+from tests.packaging.environments import call, fails, install, new_environment, wheel_of
+
+pytestmark = pytest.mark.packaging
+
+TEXT = (ROOT / "docs/extending.md").read_text(encoding="utf-8")
+SECTION = TEXT.partition("## A package with commands and configuration\n")[2].partition("\n## ")[0]
+SMALL = ("gp.generations=2", "gp.population=8", "progress=off", "evaluator=serial")
+
+BROKEN = """
+[build-system]
+requires = ["hatchling"]
+build-backend = "hatchling.build"
+
+[project]
+name = "broken-plugin"
+version = "2.0"
+
+[project.entry-points."islandgp.commands"]
+missing = "broken_plugin.nowhere:command"
+stops = "broken_plugin.stops:command"
+number = "broken_plugin:NUMBER"
+check = "broken_plugin:NUMBER"
+actions = "broken_plugin:NUMBER"
+
+[project.entry-points."islandgp.conf"]
+missing = "broken_plugin.nowhere"
+hidden = "broken_plugin.conf"
+"""
+
+
+def write_page(folder: Path) -> None:
+    """Writes the files of the page's section, each under the name in its first line."""
+    blocks = re.findall(r"^```(?:toml|python|yaml)\n# (\S+)\n(.*?)^```", SECTION, re.M | re.S)
+    assert len(blocks) == 4
+    for name, text in blocks:
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+
+
+def write_broken(folder: Path) -> None:
+    """Writes a distribution whose commands and folders cannot be used."""
+    package = folder / "broken_plugin"
+    (package / "conf" / "domain").mkdir(parents=True)
+    (folder / "pyproject.toml").write_text(BROKEN, encoding="utf-8")
+    (package / "__init__.py").write_text("NUMBER = 3\n", encoding="utf-8")
+    (package / "stops.py").write_text("raise SystemExit('no')\n", encoding="utf-8")
+    (package / "conf" / "domain" / "island.yaml").write_text("domain: {}\n", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def python(core: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of a fresh environment with the core's wheel and the page's."""
+    folder = tmp_path_factory.mktemp("a stranger")
+    write_page(folder)
+    interpreter = new_environment(tmp_path_factory.mktemp("environment"))
+    install(interpreter, core, wheel_of(folder))
+    return interpreter
+
+
+def test_the_page_s_command_and_domain(python: Path, tmp_path: Path) -> None:
+    """The commands of the page: the domain is sound, evolves, and the command reads its tree."""
+    lines = re.findall(r"^\$ islandgp (.*)$", SECTION, re.MULTILINE)
+    assert len(lines) == 3
+    command = python.with_name("islandgp")
+    (tmp_path / "tree.bt").write_text("selector { when warmth < 20 { Heat } Wait }", "utf-8")
+    outputs = []
+    for line in lines:
+        words = line.split()
+        small = SMALL if words[0] == "run" else ()
+        outputs.append(call(command, *words, *small, cwd=tmp_path))
+    assert "FAILED" not in outputs[0]
+    assert "Best robot" in outputs[1]
+    assert outputs[2] == "Heat\nWait\n"
+    shown = call(command, "--help", cwd=tmp_path)
+    assert re.search(r"^  actions +print the actions of a tree; adds", shown, re.MULTILINE)
+    (run,) = tmp_path.glob("runs/smoke/*")
+    assert "best robot" in call(command, "best", run, "--workers", "1", cwd=tmp_path)
+
+
+def test_a_sweep_finds_the_domain(python: Path, tmp_path: Path) -> None:
+    """Hydra's launcher composes each job with the same folders."""
+    words = ("domain=heater", "experiment=smoke", "tracking=off", "seed=0,1", "-m", *SMALL)
+    call(python, "-m", "islandgp", *words, cwd=tmp_path)
+    assert len(list(tmp_path.glob("runs/smoke/*/best.bt"))) == 2
+
+
+def test_a_file_of_the_user_with_the_name_of_the_stranger_s(python: Path, tmp_path: Path) -> None:
+    """One message names both files."""
+    (tmp_path / "mine/domain").mkdir(parents=True)
+    (tmp_path / "mine/domain/heater.yaml").write_text("name: mine\n", encoding="utf-8")
+    error = fails(python, "-m", "islandgp", "--config-dir", "mine", "domain=heater", cwd=tmp_path)
+    assert "expected files with names of their own, found" in error
+    assert error.count("heater.yaml") == 2
+
+
+def test_a_broken_distribution_is_named_and_others_work(core: Path, tmp_path: Path) -> None:
+    """One line for each command, exit code 2; folders are left out with a line."""
+    folder, page = tmp_path / "broken", tmp_path / "page"
+    write_broken(folder)
+    write_page(page)
+    interpreter = new_environment(tmp_path / "environment")
+    install(interpreter, core, wheel_of(folder), wheel_of(page))
+    command = interpreter.with_name("islandgp")
+    tree = tmp_path / "tree.bt"
+    tree.write_text("domain heater\nHeat\n", encoding="utf-8")
+    assert "no warnings" in call(command, "check", tree, cwd=tmp_path)
+    assert "missing" in call(command, "--help", cwd=tmp_path)
+    for name, found in {
+        "missing": "ModuleNotFoundError: No module named 'broken_plugin.nowhere'",
+        "stops": "SystemExit: no",
+        "number": "found a int",
+        "actions": "found broken-plugin 2.0 and islandgp-heater 1.0",
+    }.items():
+        error = fails(command, name, "x.bt", "--words", "-h", cwd=tmp_path)
+        assert error.startswith(f"islandgp: {name}: expected ")
+        assert found in error
+        assert error.count("\n") == 1
+    words = ("domain=heater", "experiment=smoke", "tracking=off", *SMALL)
+    printed = call(interpreter, "-m", "islandgp", *words, cwd=tmp_path, errors=True)
+    assert "Best robot" in printed
+    lines = re.findall(r"^islandgp: broken-plugin 2.0 is left out: (.*)$", printed, re.MULTILINE)
+    assert len(lines) == 2
+    assert "broken_plugin.nowhere of configuration, with names of its own, found none" in lines[1]
+    assert "conf/domain/island.yaml hides" in lines[0]
+
+
+def test_nothing_in_the_core_knows_a_plugin() -> None:
+    """No module of `islandgp` names a package of plugins/."""
+    names = [path.name for path in (ROOT / "plugins").glob("*/islandgp_*")]
+    sources = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")]
+    assert [name for name in names if any(name in source for source in sources)] == []
