@@ -2,7 +2,7 @@
 
     python docs/pages.py
 
-They are README.md as the home page, the pages of `docs` and `studies`, CHANGELOG.md and
+They are README.md as the home page, the pages of `docs`, `studies` and `plugins`, CHANGELOG.md and
 CONTRIBUTING.md, with their links made to fit; the reference of configuration keys; the reference
 of the Python interface, which mkdocstrings fills in; the study's figures; and an episode that plays
 in its page.
@@ -23,6 +23,7 @@ import islandgp
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 STUDIES = ROOT / "studies"
+PLUGINS = ROOT / "plugins"
 SITE_PAGES = ROOT / "build" / "pages"
 
 AT_THE_TOP = {
@@ -42,7 +43,7 @@ _CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.DOTALL | re.MULTILINE)
 def sources() -> dict[str, str]:
     """The place in the site of each file that it takes over, both as paths."""
     places = dict(AT_THE_TOP)
-    for folder, top in ((DOCS, DOCS), (STUDIES, ROOT)):
+    for folder, top in ((DOCS, DOCS), (STUDIES, ROOT), (PLUGINS, ROOT)):
         for file in sorted(folder.rglob("*")):
             if file.suffix in (".md", ".css", ".gif", ".png", ".svg", ".csv"):
                 places[file.relative_to(ROOT).as_posix()] = file.relative_to(top).as_posix()

@@ -51,7 +51,6 @@ COMMANDS: Final = {
         "turn a tree into JSON, BehaviorTree.CPP XML or py_trees", "tree.bt -o tree.xml"
     ),
     "import": CommandInfo("turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
-    "ros2": CommandInfo("tick a tree as a node of ROS 2", "tree.bt --map robot.yaml"),
     "watch": CommandInfo(
         "open the page of a run, which is updated during the run", "runs/default/expert-seed0"
     ),

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from itertools import chain, combinations
+from pathlib import Path
 
 import pytest
 
@@ -41,7 +42,6 @@ LAYERS: list[tuple[str, ...]] = [
     ("bt.export", "bt.editor", "domain_files"),
     ("leaves",),
     ("domain", "sensors", "binding"),
-    ("ros2",),
     ("scoring",),
     ("simulator_checks",),
     ("event_log",),
@@ -85,7 +85,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "pygls": ("commands.language_server",),
     "lsprotocol": ("commands.language_server",),
     "sklearn": ("study.distill",),
-    "rclpy": ("ros2",),
     "numba": ("domains.island.chipmunk", "domains.island.kernel"),
     "llvmlite": ("domains.island.chipmunk", "domains.island.machine_code"),
 }
@@ -104,7 +103,6 @@ SLOW = (
     "gymnasium",
     "minigrid",
     "cmaes",
-    "rclpy",
     "numba",
     "llvmlite",
 )
@@ -114,10 +112,6 @@ DISTRIBUTIONS = {
     "hydra": "hydra-core",
     "yaml": "pyyaml",
     "sklearn": "scikit-learn",
-    "rclpy": "ros-rclpy",
-    "std_msgs": "ros-std-msgs",
-    "action_msgs": "ros-action-msgs",
-    "unique_identifier_msgs": "ros-unique-identifier-msgs",
 }
 
 
@@ -255,10 +249,11 @@ def test_help_is_quick() -> None:
     assert loaded_after(code) == set()
 
 
-def declared() -> set[str]:
-    """The names in pyproject.toml: dependencies and extras."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    lines = [*project["dependencies"], *chain(*project["optional-dependencies"].values())]
+def declared(folder: Path) -> set[str]:
+    """The names in a folder's pyproject.toml: dependencies and extras."""
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project.get("optional-dependencies", {})
+    lines = [*project["dependencies"], *chain(*extras.values())]
     names = {re.split(r"[ <>=!~;\[]", line)[0].lower() for line in lines}
     return names - {"islandgp"}  # extras that hold other extras
 
@@ -266,7 +261,7 @@ def declared() -> set[str]:
 def test_dependencies_are_declared() -> None:
     """Every import is in pyproject.toml, in the dependencies or in an extra."""
     imported = {i.top for i in imports()} - set(sys.stdlib_module_names) - {"islandgp"}
-    assert {DISTRIBUTIONS.get(name, name) for name in imported} - declared() == set()
+    assert {DISTRIBUTIONS.get(name, name) for name in imported} - declared(ROOT) == set()
 
 
 def test_dependencies_are_documented() -> None:
@@ -275,7 +270,8 @@ def test_dependencies_are_documented() -> None:
     documented = {
         name.lower() for name in re.findall(r"^\| \[?([\w.-]+)\]?.* \|$", text, re.MULTILINE)
     }
-    assert documented - {"package"} == declared()
+    plugins = [declared(file.parent) for file in ROOT.glob("plugins/*/pyproject.toml")]
+    assert documented - {"package"} == declared(ROOT).union(*plugins)
 
 
 def test_no_module_is_a_drawer() -> None:

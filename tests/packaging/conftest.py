@@ -1,20 +1,19 @@
-"""The core's wheel as a fixture."""
+"""The core's wheel and the command line as fixtures."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
 from tests.architecture.sources import ROOT
-from tests.packaging.environments import call
+from tests.packaging.environments import wheel_of
+from tests.trees.conftest import islandgp
+
+__all__ = ["islandgp"]
 
 
 @pytest.fixture(scope="session")
 def core(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel of `islandgp`, built from this checkout."""
-    folder = tmp_path_factory.mktemp("core")
-    call(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=ROOT)
-    (file,) = folder.glob("*.whl")
-    return file
+    return wheel_of(ROOT, tmp_path_factory.mktemp("core"))

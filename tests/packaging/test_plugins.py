@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import re
+import tomllib
+import zipfile
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from tests.architecture.sources import PACKAGE, ROOT
-from tests.packaging.environments import call, fails, install, new_environment, wheel_of
+from tests.packaging.environments import call, fails, install, new_environment, run, wheel_of
+from tests.trees.shell import Cli
 
 pytestmark = pytest.mark.packaging
 
@@ -36,6 +40,13 @@ actions = "broken_plugin:NUMBER"
 missing = "broken_plugin.nowhere"
 hidden = "broken_plugin.conf"
 """
+
+PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
+TREE = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
+COMMANDS = {
+    "ros2": (("ros2", "tree.bt", "--map", "tree.bt"), 2, "tree.bt: expected `actions:` and"),
+}
+"""The words of a command of each plug-in, its exit code, and what it prints."""
 
 
 def write_page(folder: Path) -> None:
@@ -84,8 +95,8 @@ def test_the_page_s_command_and_domain(python: Path, tmp_path: Path) -> None:
     assert outputs[2] == "Heat\nWait\n"
     shown = call(command, "--help", cwd=tmp_path)
     assert re.search(r"^  actions +print the actions of a tree; adds", shown, re.MULTILINE)
-    (run,) = tmp_path.glob("runs/smoke/*")
-    assert "best robot" in call(command, "best", run, "--workers", "1", cwd=tmp_path)
+    (folder,) = tmp_path.glob("runs/smoke/*")
+    assert "best robot" in call(command, "best", folder, "--workers", "1", cwd=tmp_path)
 
 
 def test_a_sweep_finds_the_domain(python: Path, tmp_path: Path) -> None:
@@ -133,6 +144,38 @@ def test_a_broken_distribution_is_named_and_others_work(core: Path, tmp_path: Pa
     assert len(lines) == 2
     assert "broken_plugin.nowhere of configuration, with names of its own, found none" in lines[1]
     assert "conf/domain/island.yaml hides" in lines[0]
+
+
+@pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
+def test_each_plugin_from_its_wheel(folder: Path, core: Path, tmp_path: Path) -> None:
+    """Only with its wheel is its command there; the wheel has its package and nothing else."""
+    words, code, text = COMMANDS[folder.name]
+    (tmp_path / "tree.bt").write_text(TREE, encoding="utf-8")
+    interpreter = new_environment(tmp_path / "environment")
+    install(interpreter, core)
+    command = interpreter.with_name("islandgp")
+    missing = run(command, *words, cwd=tmp_path)
+    assert missing.stderr.startswith(f"islandgp: expected a command, found {words[0]!r}")
+    wheel = wheel_of(folder, tmp_path)
+    tops = {name.partition("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {f"islandgp_{folder.name}"}
+    install(interpreter, wheel)
+    found = run(command, *words, cwd=tmp_path)
+    assert found.returncode == code, found.stderr
+    assert text in found.stdout + found.stderr
+
+
+@pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
+def test_the_help_of_a_plugin_ends_with_an_example(folder: Path, islandgp: Cli) -> None:
+    """As that of the core's commands; its options exist."""
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for name, value in project["entry-points"]["islandgp.commands"].items():
+        module, _, attribute = value.partition(":")
+        command = getattr(import_module(module), attribute)
+        result = islandgp(name, "--help")
+        (example,) = re.findall(r"^Example:\n  islandgp (.*)$", command.epilog, re.MULTILINE)
+        assert result.out.rstrip().endswith(f"islandgp {example}")
+        assert example.split()[0] == name
 
 
 def test_nothing_in_the_core_knows_a_plugin() -> None:

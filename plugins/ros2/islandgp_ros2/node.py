@@ -16,9 +16,9 @@ from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
 from islandgp.errors import IslandError
-from islandgp.ros2.keys import ros_keys
-from islandgp.ros2.leaves import RosLeaves
-from islandgp.ros2.robot_map import RobotMap
+from islandgp_ros2.keys import ros_keys
+from islandgp_ros2.leaves import RosLeaves
+from islandgp_ros2.robot_map import RobotMap
 
 RELOAD_S: Final = 0.5  # between two checks of the files
 STOP_S: Final = 0.1  # most s between two checks whether to stop

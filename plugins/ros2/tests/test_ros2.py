@@ -16,20 +16,20 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("rclpy", reason="pip install 'islandgp[ros2]'")
+pytest.importorskip("rclpy", reason="pip install 'islandgp-ros2[rclpy]'")
 pytest.importorskip("test_msgs", reason="pip install ros-test-msgs")
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 from rclpy.exceptions import InvalidHandle
+from ros2_servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
 from std_msgs.msg import Float32, String
 
 from islandgp.binding import NodeStatus, Tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.errors import IslandError
-from islandgp.ros2.node import TreeNode, ros_node
-from islandgp.ros2.robot_map import read_map
-from tests.ros2.servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
+from islandgp_ros2.node import TreeNode, ros_node
+from islandgp_ros2.robot_map import read_map
 
 pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.filterwarnings("default")]
 
@@ -269,11 +269,11 @@ def test_fields_are_checked_for_the_tree_that_is_loaded(
     words = Vocabulary("bot", {action: Action("") for action in actions}, keys)
     tree = parse("selector { when mode == busy { Dock } Wait }", words)
     with_words = Tree(tree, words, "with words")
-    monkeypatch.setattr("islandgp.ros2.node.load_tree", lambda *_: with_words)
+    monkeypatch.setattr("islandgp_ros2.node.load_tree", lambda *_: with_words)
     machine = robot("Wait")
     assert machine.until(lambda _: servers.goals == [HANGS])
     other = Tree(parse("Dock"), None, "dock")
-    monkeypatch.setattr("islandgp.ros2.node.load_tree", lambda *_: other)
+    monkeypatch.setattr("islandgp_ros2.node.load_tree", lambda *_: other)
     machine.file.write_text("Dock")
     assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
 
@@ -292,7 +292,7 @@ def test_an_exception_ends_the_node() -> None:
 
 def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
     """A separate process."""
-    root = str(Path(__file__).parents[2])
+    root = str(Path(__file__).parents[3])
     code = f"import sys; sys.path[:] = {[root, *sys.path]!r}; " + str(arguments[0])
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments[1:])],
@@ -304,7 +304,7 @@ def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
     )
 
 
-SERVERS = "import runpy; runpy.run_module('tests.ros2.servers', run_name='__main__')"
+SERVERS = "import runpy; runpy.run_module('ros2_servers', run_name='__main__')"
 COMMAND = "from islandgp.cli import main; main()"
 
 
@@ -342,8 +342,8 @@ def test_ctrl_c_cancels(tmp_path: Path, servers: Servers, number: int) -> None:
 
 
 def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:
-    """The command of docs/ros2.md runs on the files that the page shows."""
-    page = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
+    """The command of README.md runs on the files that the page shows."""
+    page = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
     for name, text in re.findall(r"^```(?:bt|yaml) (\S+)\n(.*?)^```$", page, re.S | re.M):
         (tmp_path / name).write_text(text)
     (command,) = re.findall(r"^```sh\n(.*)\n```$", page, re.M)

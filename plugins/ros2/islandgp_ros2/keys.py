@@ -8,8 +8,8 @@ from time import monotonic
 from typing import Any
 
 from islandgp.errors import ConfigError
-from islandgp.ros2.messages import filled, interface, must_have, value_of
-from islandgp.ros2.robot_map import ServiceKey, TopicKey
+from islandgp_ros2.messages import filled, interface, must_have, value_of
+from islandgp_ros2.robot_map import ServiceKey, TopicKey
 
 
 class RosKey:

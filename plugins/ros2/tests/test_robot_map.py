@@ -9,23 +9,17 @@ from types import SimpleNamespace
 import pytest
 
 from islandgp.errors import ConfigError
-from islandgp.ros2.keys import RosKey
-from islandgp.ros2.node import holds, stamp
-from islandgp.ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
-from tests.trees.shell import Cli, shell
+from islandgp_ros2.keys import RosKey
+from islandgp_ros2.node import holds, stamp
+from islandgp_ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
+from tests.trees.shell import Cli
 
-PAGE = (Path(__file__).parents[2] / "docs" / "ros2.md").read_text(encoding="utf-8")
-
-
-@pytest.fixture
-def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
-    """Runs `islandgp ARGUMENTS...`; see `shell`."""
-    return shell(monkeypatch, capsys)
+PAGE = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.fixture
 def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the files of docs/ros2.md, where the test runs."""
+    """A folder with the files of README.md, where the test runs."""
     for name, text in re.findall(r"^```(?:bt|yaml) (\S+)\n(.*?)^```$", PAGE, re.S | re.M):
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -100,10 +94,10 @@ def test_conditions(tmp_path: Path) -> None:
 
 def test_without_rclpy(islandgp: Cli, page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error has the remedy, after the map has been read."""
-    monkeypatch.setattr("islandgp.commands.ros2_command.find_spec", lambda _: None)
+    monkeypatch.setattr("islandgp_ros2.command.find_spec", lambda _: None)
     result = islandgp("ros2", "patrol.bt", "--map", "robot.yaml", "--rate", "10")
     assert result.code == 2
-    assert "pip install 'islandgp[ros2]'" in result.err
+    assert "pip install 'islandgp-ros2[rclpy]'" in result.err
     (page / "robot.yaml").write_text("{")
     assert "expected YAML" in islandgp("ros2", "patrol.bt", "--map", "robot.yaml").err
 

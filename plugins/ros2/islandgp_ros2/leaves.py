@@ -7,8 +7,8 @@ from time import monotonic
 from typing import Any, Final
 from uuid import uuid4
 
-from islandgp.ros2.messages import filled, interface, must_have, value_of
-from islandgp.ros2.robot_map import ActionServer, ServiceCall
+from islandgp_ros2.messages import filled, interface, must_have, value_of
+from islandgp_ros2.robot_map import ActionServer, ServiceCall
 
 RosLeaf = Callable[..., Generator[None, None, bool]]
 

@@ -15,7 +15,7 @@ from islandgp.errors import ConfigError
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-@click.command()
+@click.command(epilog="\b\nExample:\n  islandgp ros2 tree.bt --map robot.yaml")
 @click.argument("tree", type=_FILE)
 @click.option(
     "--map",
@@ -34,11 +34,11 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--once", is_flag=True, help="Stop when the tree succeeds or fails; exit code 0 or 1."
 )
 def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, once: bool) -> None:
-    """Tick the tree in the file TREE as a node of ROS 2 (docs/ros2.md).
+    """Tick the tree in the file TREE as a node of ROS 2.
 
     Ctrl-C cancels all goals.
     """
-    from islandgp.ros2.robot_map import read_map
+    from islandgp_ros2.robot_map import read_map
 
     robot_map = read_map(map_file)
     if isnan(rate):
@@ -47,11 +47,11 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
         del sys.path[0]  # interfaces must not be imported from the current folder
     if find_spec("rclpy") is None:
         raise ConfigError(
-            "Expected rclpy, found it not installed; pip install 'islandgp[ros2]', or source the"
-            " setup file of your ROS 2"
+            "Expected rclpy, found it not installed; pip install 'islandgp-ros2[rclpy]', or source"
+            " the setup file of your ROS 2"
         )
     from islandgp.binding import NodeStatus
-    from islandgp.ros2.node import TreeNode, ros_node, run
+    from islandgp_ros2.node import TreeNode, ros_node, run
 
     signals: list[int] = []  # no exception, which could interrupt rclpy
     for number in (signal.SIGINT, signal.SIGTERM):
