@@ -93,30 +93,10 @@ demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place:
 	$(BIN)/python -m tests.llm.demo
 
 study: $(STAMP)  ## baseline against expert, 60 paired seeds, into studies/paper/results; resumable
-	$(BIN)/python -m islandgp experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m
-	$(BIN)/islandgp compare --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
-	  --primary first_complete -o studies/paper/results
-
-# Arms differ in their library as a whole, so each selection names a key of it.
-LIBRARY := library.folder=grammar/examples gp.founders=false
+	sh studies/paper/run.sh $(BIN)
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs
-	$(BIN)/python -m islandgp experiment=ablation_another_record 'seed=range(7000,7030)' progress=plain -m \
-	  supervisor.policy.first=7000 supervisor.policy.seeds=30 'supervisor.policy.record="runs/study/expert-seed{seed}"'
-	for part in rate_only injection_only random_injection combined founders; do \
-	  $(BIN)/python -m islandgp experiment=ablation_$$part 'seed=range(7000,7030)' progress=plain -m || exit; done
-	$(BIN)/islandgp compare --arm expert="name=study supervisor=expert seed=range(7000,7030) $(LIBRARY)" \
-	  --arm baseline="name=study supervisor=baseline seed=range(7000,7030) $(LIBRARY)" \
-	  --arm blind="name=ablation_random_injection seed=range(7000,7030) $(LIBRARY)" \
-	  --arm yoked="name=ablation_another_record seed=range(7000,7030) $(LIBRARY)" \
-	  --arm trees="name=ablation_injection_only seed=range(7000,7030) $(LIBRARY)" \
-	  --arm rate="name=ablation_rate_only seed=range(7000,7030) $(LIBRARY)" \
-	  --arm combined="name=ablation_combined seed=range(7000,7030) $(LIBRARY)" \
-	  --arm founders="name=ablation_founders seed=range(7000,7030) library.folder=grammar/examples gp.founders=true" \
-	  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
-	  --family library=expert,combined --family founders=founders,baseline \
-	  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
-	  --worlds 30 -o studies/controls/results
+	sh studies/controls/run.sh $(BIN)
 
 study-editors: $(STAMP) ## the editor and its controls (the seventh study), into studies/editors/results; resumable
 	sh studies/editors/run.sh $(BIN)

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -110,8 +111,9 @@ class Results:
         for folder in self.folders:
             shared = self._identity(folder)
             constraints = recorded_constraints(folder.configuration())
-            for record in folder.checked_records():
-                for row in of(record, constraints):
+            costs = chain(folder.costs(), repeat({}))  # a killed run may lack the last one
+            for record, cost in zip(folder.checked_records(), costs, strict=False):
+                for row in of(record, cost, constraints):
                     yield {**shared, **row}
 
     def _identity(self, folder: RunFolder) -> dict[str, Any]:
@@ -155,7 +157,9 @@ def load(path: str | Path) -> Results:
     return Results(top, folders)
 
 
-def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
+def _generation(
+    record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints
+) -> Iterator[dict[str, Any]]:
     s, guidance, archive = record["snapshot"], record["guidance"] or {}, record.get("archive") or {}
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
     fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
@@ -163,6 +167,7 @@ def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator
     row = {
         **plain,
         **fitness,
+        "episodes": cost.get("episodes"),
         **{name: guidance.get(name) for name in fields},
         **{name: archive.get(name) for name in ("coverage", "qd_score")},
         **_nested(s, "tiers", "specialists", "doing", "counters"),
@@ -173,7 +178,11 @@ def _generation(record: Mapping[str, Any], constraints: Constraints) -> Iterator
     yield row
 
 
-def _individuals(record: Mapping[str, Any], constraints: Constraints) -> Iterator[dict[str, Any]]:
+def _individuals(
+    record: Mapping[str, Any],
+    cost: Mapping[str, Any],  # noqa: ARG001 -- as `_generation`
+    constraints: Constraints,
+) -> Iterator[dict[str, Any]]:
     fields = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
     for i in record["individuals"]:
         row = {

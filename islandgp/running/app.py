@@ -109,10 +109,10 @@ def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     def launch(job: Job, extra: list[str]) -> None:
         _start([*extra, *argv], job)
 
-    for n, one in enumerate(jobs):
+    for one in jobs:
         folder = RunFolder(one.folder)
         if not choose(folder, one.settings, redacted(one.config)).finished():
-            check_parts(one.settings, frozenset(before.folder for before in jobs[:n]))
+            check_parts(one.settings)
     if args.multirun:
         from islandgp.sweep.run import run_sweep  # only for sweeps
 

@@ -112,12 +112,8 @@ def make_supervisor(
     return supervisor
 
 
-def check_parts(settings: Settings, planned_runs: frozenset[Path] = frozenset()) -> None:
+def check_parts(settings: Settings) -> None:
     """Checks the parts of a run before it starts.
-
-    Args:
-        settings: of the run.
-        planned_runs: folders of the runs that the same command does before this one.
 
     Raises:
         SupervisionError: the supervisor cannot work, e.g. without a key.
@@ -136,8 +132,7 @@ def check_parts(settings: Settings, planned_runs: frozenset[Path] = frozenset())
     part = settings.supervisor
     if hasattr(part.factory, "check"):
         with plugin_errors(path_of(part.factory)):
-            context = replace(run_context(settings), planned_runs=planned_runs)
-            part.factory.check(part.settings(), context)
+            part.factory.check(part.settings(), run_context(settings))
 
 
 def make_search(settings: Settings, plan: Plan) -> Search:

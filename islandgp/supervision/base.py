@@ -106,7 +106,6 @@ class RunContext:
     inject: bool  # False: trees are not used and need not be computed
     edits: int = 0  # most edits per generation; further ones are rejected
     constraints: Constraints = field(default_factory=dict)  # of the individuals; {}: none
-    planned_runs: frozenset[Path] = frozenset()  # folders of earlier runs of the same command
 
 
 @dataclass(frozen=True, slots=True)

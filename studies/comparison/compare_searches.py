@@ -16,7 +16,7 @@ import argparse
 import json
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 from time import process_time
@@ -25,18 +25,10 @@ from typing import Any, Final
 import numpy as np
 
 import islandgp
-from islandgp.atomic_files import write_atomic
-from islandgp.bt.core.language import to_text
-from islandgp.records.folder import RunFolder
-from islandgp.search.base import SearchState
-from islandgp.search.breeding import GenerationPlan, new_generation
-from islandgp.seeding import Streams
 from islandgp.statistics import Interval, benjamini_hochberg, paired_difference, paired_test
-from islandgp.study.figures.drawing import nth_style
 from islandgp.study.figures.profiles import profile_picture
 from islandgp.study.profiles import Scores, summarise
 from islandgp.study.tables.scores import score_table, scores_csv
-from islandgp.viewer.history import read_history
 
 HERE: Final = Path(__file__).resolve().parent
 ROOT: Final = HERE.parent.parent
@@ -49,6 +41,7 @@ REFERENCE: Final = "random"
 BY_HAND: Final = "by hand"
 FEWEST: Final = 10  # seeds of an arm that is compared
 POINTS: Final = 20  # of a curve
+LINES: Final = ("-", "--")  # of the first ten arms, and of the others
 QUIET: Final = ("tracking=off", "progress=off", "evaluator=serial")
 
 OTHER_SEARCHES: Final = ("hill", "lexicase", "map_elites", "novelty", "nsga2")
@@ -178,8 +171,9 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
 
 def curve_of(folder: Path) -> list[tuple[int, float]]:
     """Episodes so far, and the highest fitness in training so far, POINTS times at most."""
-    history = read_history(RunFolder(folder))
-    pairs = zip(history.episodes, history.top, strict=True)
+    generations = islandgp.load(folder).generations
+    tops = generations.groupby("stage")["fitness_max"].cummax()  # rewards differ between stages
+    pairs = zip(generations["episodes"].cumsum(), tops, strict=True)
     points = [(round(n), round(top, 3)) for n, top in pairs]
     indices = np.linspace(0, len(points) - 1, POINTS).round().astype(int)
     return [points[i] for i in sorted({*indices})]
@@ -208,8 +202,11 @@ def read_raw(name: str) -> dict[str, Any]:
 
 def write_raw(name: str, raw: dict[str, Any]) -> None:
     """Writes a world's raw scores atomically."""
-    raw_file(name).parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(raw_file(name), (json.dumps(raw, indent=1, sort_keys=True) + "\n").encode())
+    file = raw_file(name)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_suffix(".part")
+    part.write_text(json.dumps(raw, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    part.replace(file)
 
 
 def seeds_of(raw: dict[str, Any], arms: Iterable[str]) -> dict[str, list[str]]:
@@ -323,9 +320,8 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
             if runs:
                 at = np.linspace(max(r[0, 0] for r in runs), min(r[-1, 0] for r in runs), POINTS)
                 mean = np.mean([np.interp(at, run[:, 0], run[:, 1]) for run in runs], axis=0)
-                style = nth_style(places[arm])
-                label = f"{arm} ({len(runs)})"
-                axes.plot(at, mean, color=style.colour, linestyle=style.line, label=label)
+                n, label = places[arm], f"{arm} ({len(runs)})"
+                axes.plot(at, mean, color=f"C{n % 10}", linestyle=LINES[n // 10], label=label)
         axes.axhline(raw["by_hand"], color="black", linestyle=":", label="by hand, unseen worlds")
         axes.set(title=name, xlabel="episodes", ylabel="highest fitness so far")
         axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize=8, frameon=False)
@@ -343,21 +339,19 @@ def random_trees(names: Sequence[str]) -> None:
     for name in names:
         world = WORLDS[name]
         for kind in ("branches", "paper"):
-            overrides = ("search=racing", f"search/breeding={kind}", *world.overrides, *QUIET)
-            experiment = islandgp.compose(*overrides, config_dir=world.config_dir)
-            settings = experiment.settings
-            plan = settings.plan(settings.make_domain())
-            breeding = settings.search.settings().breeding
-            large_plan = replace(plan, gp=plan.gp.model_copy(update={"population": RANDOM}))
-            trees = new_generation(
-                large_plan, Streams(9000), SearchState(0), GenerationPlan(), breeding
+            overrides = ("search=racing", f"search/breeding={kind}", "search.policy.library=0")
+            experiment = islandgp.compose(
+                *(*overrides, *world.overrides, f"gp.population={RANDOM}", *QUIET),
+                config_dir=world.config_dir,
             )
+            search, classes = experiment.search(), experiment.plan.classes
+            trees = search.ask(search.start(), islandgp.Streams(9000))
             outcomes = [
-                experiment.evaluate(to_text(i.tree), [world_seed])[0]
+                experiment.evaluate(islandgp.to_text(i.tree), [world_seed])[0]
                 for i, world_seed in zip(trees, UNSEEN_OF_RANDOM, strict=True)
             ]
             earn = fmean(any(v > 0 for v in o.components.values()) for o in outcomes)
-            show = fmean(bool(plan.classes.behaviours_of(o.counters)) for o in outcomes)
+            show = fmean(bool(classes.behaviours_of(o.counters)) for o in outcomes)
             best = max(o.fitness for o in outcomes)
             lines.append(f"| {name} | {kind} | {earn:.0%} | {show:.0%} | {best:,.0f} |")
             print(lines[-1], flush=True)

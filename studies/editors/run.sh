@@ -3,7 +3,8 @@
 # --force: the editor and its main control have 30 seeds, the other arms 15.
 set -e
 BIN=$1
-RUN="$BIN/python -m islandgp experiment=study name=study7 progress=plain world.robot.drain_moving=0.2 -m"
+CONF="--config-dir studies/conf"
+RUN="$BIN/python -m islandgp $CONF experiment=study name=study7 progress=plain world.robot.drain_moving=0.2 -m"
 OTHERS='seed=range(8000,8015)'
 $RUN 'seed=range(8000,8030)' supervisor=editor,editor_random_branch library=single
 $RUN "$OTHERS" supervisor=expert library=single
@@ -15,7 +16,7 @@ $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
 $RUN "$OTHERS" supervisor=fixed library=single
 $RUN "$OTHERS" supervisor=baseline search=compose library=single
-"$BIN/islandgp" compare --name study7 --primary first_complete_descendant --force -o studies/editors/results \
+"$BIN/islandgp" compare $CONF --name study7 --primary first_complete_descendant --force -o studies/editors/results \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \

@@ -22,12 +22,12 @@ import numpy as np
 
 import islandgp
 from islandgp.domain import Outcome, Scene
-from islandgp.intervals import interval
-from islandgp.statistics import benjamini_hochberg, bootstrap, paired_test
+from islandgp.statistics import benjamini_hochberg, bootstrap, mean_interval, paired_test
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PAGE: Final = Path(__file__).with_name("README.md")
+CONF: Final = ROOT / "studies" / "conf"
 GALLERY: Final = ROOT / "docs" / "domains.md"
 
 SEEDS: Final = range(6000, 6020)  # of runs; nothing was tried on them
@@ -107,7 +107,7 @@ def best_robot(study: Study, arm: str, seed: int) -> dict[str, Any]:
     """A run, made where it is missing: its best robot, and what the run itself thinks of it."""
     name = f"name=worlds-{study.domain}-{arm.replace(' ', '_')}"
     overrides = (f"domain={study.domain}", *ARMS[arm], *study.budget, *TREES, name, f"seed={seed}")
-    (row,) = islandgp.run(*overrides, *QUIET).runs.to_dict("records")
+    (row,) = islandgp.run(*overrides, *QUIET, config_dir=CONF).runs.to_dict("records")
     return dict(row)
 
 
@@ -136,7 +136,8 @@ def success_cell(study: Study, outcomes: Sequence[Outcome]) -> str:
     """A measure with its 95 % interval: Wilson's for shares, Student's t for means."""
     values = [o.counters[study.counter] for o in outcomes]
     if study.counter != "solved":
-        return "{:.0f} ({:.0f} to {:.0f})".format(*interval(values))
+        mean = mean_interval(values)
+        return f"{mean.estimate:.0f} ({mean.low:.0f} to {mean.high:.0f})"
     n, p, z = len(values), fmean(values), 1.96
     middle, half = p + z * z / (2 * n), z * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
     low, high = (100 * (middle + side * half) / (1 + z * z / n) for side in (-1, 1))

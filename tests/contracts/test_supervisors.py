@@ -27,17 +27,18 @@ from islandgp.supervision.expert import Expert
 from islandgp.supervision.llm.message import FailureKind
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
-from islandgp.supervision.yoked import Yoked
+from studies.controls.yoked import Yoked
 from tests.composed import composed
 from tests.llm import samples
 from tests.profiles import examples
 from tests.strategies import population_states
+from tests.studies.configured import CONF, studied
 
 LIMITS = composed().gp.limits
 
 
 def by_configuration(name: str) -> Callable[[], Supervisor]:
-    return lambda: make_supervisor(composed(f"supervisor={name}"), None)
+    return lambda: make_supervisor(studied(f"supervisor={name}"), None)
 
 
 def llm() -> LLM:
@@ -153,15 +154,18 @@ def test_order_does_not_matter(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "option", sorted(p.stem for p in (resource("conf") / "supervisor").glob("*.yaml"))
+    "option",
+    sorted(
+        p.stem for conf in (resource("conf"), CONF) for p in (conf / "supervisor").glob("*.yaml")
+    ),
 )
 def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
-    """Each file of conf/supervisor names a class with Settings, make and the option's own name."""
-    part = composed(f"supervisor={option}").supervisor
+    """Each file of the group names a class with Settings, make and the option's own name."""
+    part = studied(f"supervisor={option}").supervisor
     assert part.name == option
     assert part.factory.name == option
     assert isinstance(part.settings(), part.factory.Settings)
-    settings = composed(f"supervisor={option}")
+    settings = studied(f"supervisor={option}")
     assert run_context(settings, tmp_path).folder == tmp_path
 
 

@@ -138,7 +138,7 @@ def test_the_search_counts_in_the_budget(example: Path, capsys: pytest.CaptureFi
 
 
 @pytest.mark.usefixtures("example", "short_search")
-@pytest.mark.parametrize("supervisor", ["expert", "untargeted", "editor"])
+@pytest.mark.parametrize("supervisor", ["expert", "editor"])
 def test_a_run_goes_on_where_no_behaviour_is_found(
     capsys: pytest.CaptureFixture[str], supervisor: str
 ) -> None:

@@ -278,7 +278,7 @@ def test_actions_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_random_search_inherits_nothing() -> None:
     """Each individual of each generation is a new random tree, and none is mutated."""
-    steps = steps_of("cartpole", "experiment=random_search", "supervisor=fixed")
+    steps = steps_of("cartpole", "search=random", "supervisor=baseline")
     origins = {(i.origin, i.mutation) for step in steps for i in step.record.individuals}
     assert origins == {("random", "")}
     trees = [i.tree for step in steps for i in step.record.individuals]

@@ -77,7 +77,13 @@ def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
 @pytest.mark.slow
 def test_smoke_is_for_any_domain(example: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`experiment=smoke` sets nothing that only the island has."""
-    arguments = (*OWN, "experiment=smoke", "supervisor=fixed", "evaluator=serial", "progress=off")
+    arguments = (
+        *OWN,
+        "experiment=smoke",
+        "supervisor=baseline",
+        "evaluator=serial",
+        "progress=off",
+    )
     assert main(arguments) == 0
     assert "Best robot" in capsys.readouterr().out
     assert list((example / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))

@@ -136,7 +136,7 @@ def test_the_commands_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("supervisor", ["baseline", "fixed", "untargeted"])
+@pytest.mark.parametrize("supervisor", ["baseline", "editor", "expert"])
 def test_every_supervisor_runs(run: Run, supervisor: str) -> None:
     """Each supervisor that needs no server runs on the domain."""
     overrides = ("--config-dir", str(EXAMPLE / "conf"), "domain=pick_place", "experiment=smoke")

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.mock_model`: the table of docs/llm/ablations.md."""
+"""`python -m benchmarks.mock_model`: the table of docs/llm/mock.md."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
         small = ("domain=pick_place", "experiment=smoke", "tracking=off", "progress=off")
         return islandgp("run", *options, *small, "evaluator=serial", *overrides)
 
-    for supervisor in ("baseline", "fixed", "untargeted", "expert"):
+    for supervisor in ("baseline", "editor", "expert"):
         assert "Best robot" in run(f"supervisor={supervisor}")
     with MessagesServer() as server:
         assert "Best robot" in run("supervisor=llm", f"supervisor.policy.base_url={server.url}")
@@ -139,8 +139,8 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     islandgp("replay", recorded / "best.bt", *options, "-o", "best.html")
     islandgp("export", tree, *options, "-o", "carry.xml")
     assert "MoveToPick" in (empty / "carry.xml").read_text(encoding="utf-8")
-    arms = ("--arm", "expert=supervisor=expert", "--arm", "fixed=supervisor=fixed")
+    arms = ("--arm", "expert=supervisor=expert", "--arm", "baseline=supervisor=baseline")
     output = islandgp("compare", *options, *arms, "--name", "smoke", "--worlds", "2", "--no-mlflow")
-    assert "study/expert-fixed/index.html" in output
-    page = empty / "study" / "expert-fixed" / "index.html"
-    assert "expert against fixed" in page.read_text(encoding="utf-8")
+    assert "study/expert-baseline/index.html" in output
+    page = empty / "study" / "expert-baseline" / "index.html"
+    assert "expert against baseline" in page.read_text(encoding="utf-8")

@@ -172,11 +172,10 @@ def test_a_replayed_transcript_names_no_class(tmp_path: Path) -> None:
 def test_a_run_that_starts_from_a_stranger_s_archive_runs_none_of_its_code(
     original: Path, tmp_path: Path
 ) -> None:
-    """`start=RUN` and `supervisor=yoked` read text and JSON."""
+    """`start=RUN` reads text and JSON."""
     run = stranger(original, tmp_path / "run")
     small = ("gp.population=4", "gp.generations=2", "evaluator=serial", "tracking=off")
     main([f"start={run}", *small])
-    main(["supervisor=yoked", f"supervisor.policy.record={run}", *small])
     assert not (tmp_path / "it ran").exists()
 
 

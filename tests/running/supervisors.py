@@ -8,19 +8,19 @@ import numpy as np
 
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext
-from islandgp.supervision.fixed import FixedSettings
+from islandgp.supervision.baseline import BaselineSettings
 
 
 class Answers:
     """A supervisor whose answer is set at its creation."""
 
     name = "answers"
-    Settings = FixedSettings
+    Settings = BaselineSettings
 
     @classmethod
-    def make(cls, settings: FixedSettings, context: RunContext) -> Any:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: BaselineSettings, context: RunContext) -> Any:  # noqa: ARG003 -- the protocol's
         """See `Supervisor`."""
-        return cls(Guidance(settings.rate, None, cls.name))
+        return cls(Guidance(settings.rates[0], None, cls.name))
 
     def __init__(self, answer: Any) -> None:
         self.answer = answer

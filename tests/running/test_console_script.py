@@ -20,9 +20,9 @@ pytestmark = pytest.mark.process
 EXAMPLES = ROOT / "grammar/examples"
 
 SUPERVISOR = """
-from islandgp.supervision.fixed import Fixed
+from islandgp.supervision.baseline import Baseline
 
-class Mine(Fixed):
+class Mine(Baseline):
     pass
 """
 
@@ -43,7 +43,7 @@ def work(setting, job):
 """
 
 OVERRIDES = (
-    "supervisor=fixed",
+    "supervisor=baseline",
     "supervisor.factory=mysup:Mine",
     "evaluator=serial",
     "evaluator.factory=myeval:Mine",

@@ -14,9 +14,9 @@ from tests.running.commands import TINY, fake
 
 WELL = """\
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.fixed import Fixed
+from islandgp.supervision.baseline import Baseline
 
-class Mine(Fixed):
+class Mine(Baseline):
     def advise(self, state, rng):
         return Guidance(0.2, None, "mine")
 """
@@ -51,7 +51,7 @@ def command(cwd: Path, source: str, *options: str) -> int:
     """The exit code of a run with a supervisor of that source."""
     (cwd / "mysup.py").write_text(source, encoding="utf-8")
     sys.modules.pop("mysup", None)
-    supervisor = ["supervisor=fixed", "supervisor.factory=mysup:Mine"]
+    supervisor = ["supervisor=baseline", "supervisor.factory=mysup:Mine"]
     return main([*TINY, "tracking=off", *fake("Instant"), *supervisor, *options])
 
 
@@ -116,8 +116,8 @@ def test_a_supervisor_of_ours_is_not_blamed_on_the_user(
     cwd: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An error in the package's own code has exit code 1 and is reported as a bug."""
-    monkeypatch.setattr("islandgp.supervision.fixed.Guidance", None)
-    options = ["supervisor=fixed", "name=ours"]
+    monkeypatch.setattr("islandgp.supervision.baseline.Guidance", None)
+    options = ["supervisor=baseline", "name=ours"]
     assert main([*TINY, "tracking=off", *fake("Instant"), *options]) == 1
     assert "this is a bug in islandgp" in capsys.readouterr().err.splitlines()[-1]
     assert (cwd / "runs" / "ours").exists()

@@ -71,8 +71,8 @@ def texts() -> st.SearchStrategy[list[str]]:
     text = st.text(signs, min_size=1, max_size=20) | st.integers(300, 302).map("x".__mul__)
     return st.lists(text.map(str.strip).filter(bool), min_size=2, max_size=3, unique=True).map(
         lambda values: [
-            "supervisor=yoked",
-            f"supervisor.policy.record={','.join(map(quoted, values))}",
+            "supervisor=replay",
+            f"supervisor.policy.transcript={','.join(map(quoted, values))}",
         ]
     )
 
@@ -136,7 +136,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
         ["gp.mutation_rate=range(0.1,0.4,0.1)"],
         ["gp.trees.depth=[2,3],[2, 4]"],
         ["supervisor=choice(baseline,expert)"],
-        ["supervisor=glob(*e*,exclude=[yoked,replay,editor*,distilled,untargeted])"],
+        ["supervisor=glob(*e*,exclude=[replay,editor,distilled])"],
         ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
     ],
     quick=2,

@@ -12,7 +12,6 @@ from islandgp.commands.compare_command import command
 from islandgp.errors import IslandError, StudyError
 from islandgp.running import app
 from islandgp.study.select import find
-from tests.composed import plain
 from tests.running.commands import fake
 
 DOCS = Path(__file__).parents[2] / "docs" / "study.md"
@@ -23,8 +22,8 @@ def _documented(start: str) -> list[list[str]]:
     return [shlex.split(line) for line in lines if line.startswith(start)]
 
 
-SWEEP, STUDY_SWEEP = _documented("python -m islandgp")
-SWEEP_ARMS, SMALL, THREE, STUDY = _documented("islandgp compare")
+(SWEEP,) = _documented("python -m islandgp")
+SWEEP_ARMS, SMALL, THREE = _documented("islandgp compare")
 
 
 @pytest.fixture(scope="module")
@@ -116,15 +115,6 @@ def test_an_unreachable_store_costs_no_report(
     assert result.exit_code == 0
     assert "has not got the report" in result.output
     assert (tmp_path / "out" / "index.html").exists()
-
-
-def test_the_study_s_commands_fit_together() -> None:
-    """The sweep composes with the paper's numbers, and the comparison reads its name."""
-    config = plain("experiment=study")
-    assert (config["gp"]["population"], config["gp"]["generations"]) == (30, 41)
-    assert config["name"] == STUDY[STUDY.index("--name") + 1]
-    assert "seed=range(7000,7060)" in STUDY_SWEEP
-    assert "supervisor=baseline,expert" in STUDY_SWEEP
 
 
 @pytest.mark.slow

@@ -130,7 +130,7 @@ def test_the_command_reports_it_in_one_line(
 ) -> None:
     """Exit code 2 for a run, 1 for a sweep, whose report names it; no traceback."""
     monkeypatch.chdir(tmp_path)
-    supervisor = ["supervisor=fixed", "supervisor.factory=tests.running.supervisors:TooMuch"]
+    supervisor = ["supervisor=baseline", "supervisor.factory=tests.running.supervisors:TooMuch"]
     assert main([*TINY, "tracking=off", *fake("Instant"), *supervisor, *arguments]) == (
         1 if arguments else 2
     )

@@ -8,7 +8,6 @@ from pydantic import ValidationError
 
 from islandgp.supervision.base import Guidance
 from islandgp.supervision.baseline import Baseline, BaselineSettings
-from islandgp.supervision.fixed import Fixed, FixedSettings
 from tests.samples import snapshot, state
 
 SETTINGS = BaselineSettings(patience=2, up=1.15, down=0.9, rates=(0.1, 0.5))
@@ -65,11 +64,3 @@ def test_ranges_that_cannot_be(rates: tuple[float, float]) -> None:
     """A range of rates is a range of rates."""
     with pytest.raises(ValidationError, match="expected 0 <= least <= most <= 1"):
         BaselineSettings(patience=2, up=1.15, down=0.9, rates=rates)
-
-
-def test_fixed() -> None:
-    """`fixed` gives the same rate in every state, and injects nothing."""
-    fixed = Fixed(FixedSettings(rate=0.3))
-    for history in ([snapshot(0)], [snapshot(0), snapshot(1, best=1e6, diversity=0.0)]):
-        guidance = fixed.advise(state(history), np.random.default_rng(0))
-        assert (guidance.mutation_rate, guidance.tree, guidance.source) == (0.3, None, "fixed")

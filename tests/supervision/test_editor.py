@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,14 +10,11 @@ import pytest
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.errors import SupervisionError
 from islandgp.gp.edits import Edit, EditTrial, as_record
-from islandgp.gp.record import IndividualRecord, record_values
-from islandgp.records.lines import dump
+from islandgp.gp.record import IndividualRecord
 from islandgp.running.parts import make_supervisor
 from islandgp.supervision.base import GenerationView
 from islandgp.supervision.editor import Editor, requirements
-from islandgp.supervision.editor_controls import EditorYoked
 from islandgp.supervision.guard_width import guard_width, place_for, widened
 from tests.composed import composed
 from tests.evolution.runs import run
@@ -206,64 +202,3 @@ def test_two_counters_do_not_get_the_same_edit() -> None:
     edits = advice(editor("editor", "supervisor.policy.sources=[archive]"), view(*population))
     changes = [(edit.kind, edit.at, edit.branch) for edit in edits]
     assert len(changes) == len(set(changes)) == 1
-
-
-def test_a_random_branch() -> None:
-    """The best tree, branches of any counter."""
-    population = view(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
-    branches = {
-        to_text(edit.branch)
-        for k in range(20)
-        for edit in _drawn("editor_random_branch", population, k)
-        if edit.branch is not None
-    }
-    assert len(branches) >= 3
-
-
-def test_a_random_tree() -> None:
-    """The branch that the best tree lacks, in any tree."""
-    population = view(individual("0.0", COLLECT, 500, pickups=3), individual("0.1", PATROL))
-    edits = [e for k in range(20) for e in _drawn("editor_random_tree", population, k)[:1]]
-    assert {edit.of for edit in edits} == {"0.0", "0.1"}
-    assert {edit.branch for edit in edits} == {parse(CHARGE)}
-
-
-def _drawn(name: str, population: GenerationView, seed: int) -> tuple[Edit, ...]:
-    supervisor = editor(name)
-    supervisor.on_generation(population)
-    return supervisor.advise(state([snapshot()]), np.random.default_rng(seed)).edits
-
-
-def test_a_constant() -> None:
-    """The same counter, also where it is met; another one can be named."""
-    population = view(individual("0.0", COLLECT, 500, charges=3))
-    edit, *_ = advice(editor("editor_constant"), population)
-    assert edit.branch == parse(CHARGE)
-    edit, *_ = advice(editor("editor_constant", "supervisor.policy.counter=deliveries"), population)
-    assert "single_clearing" in edit.reason
-    with pytest.raises(SupervisionError, match=r"expected one of .*charges.*, found 'laps'"):
-        editor("editor_constant", "supervisor.policy.counter=laps")
-
-
-def test_yoked(tmp_path: Path) -> None:
-    """It works on the counters of the other run's editor, for any missing behaviour here."""
-    folder = tmp_path / "led1"
-    folder.mkdir()
-    text = []
-    for step in run():
-        values = record_values(step.record)
-        if values["guidance"]:
-            values["guidance"]["notes"] = {"counters": "charges pickups"}
-        text.append(dump(values) + "\n")
-    (folder / "generations.jsonl").write_text("".join(text), encoding="utf-8")
-    overrides = (f"supervisor.policy.record='{tmp_path}/led{{seed}}'", "gp.generations=8", "seed=0")
-    supervisor = editor("editor_yoked", *overrides)
-    assert isinstance(supervisor, EditorYoked)
-    assert supervisor.counters == (*([("charges", "pickups")] * 7), ())
-    all_of_it = individual(
-        "0.0", PATROL, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99
-    )
-    edits = advice(supervisor, view(all_of_it))
-    assert ["single_charging" in e.reason for e in edits] == [True, False]
-    with pytest.raises(SupervisionError, match="Expected the record of another run"):
-        editor("editor_yoked", "supervisor.policy.record=nowhere")

@@ -162,7 +162,7 @@ def test_a_tree_for_each_behaviour_is_found(
     library = json.loads(file.read_text())
     assert library["trees"] == {name: to_text(tree) for name, tree in first.trees.items()}
     assert library["episodes"] == first.episodes > 0
-    assert automatic("seed=2", "supervisor=untargeted", "name=other") == first
+    assert automatic("seed=2", "supervisor=editor", "name=other") == first
     assert capsys.readouterr().err == ""
 
 

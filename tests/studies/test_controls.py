@@ -14,17 +14,19 @@ from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.gp.record import record_values
 from islandgp.records.lines import dump
-from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.parts import make_supervisor
 from islandgp.supervision.expert import Expert, early_targets
-from islandgp.supervision.untargeted import Untargeted
-from islandgp.supervision.yoked import Yoked, YokedSettings
+from studies.controls.fixed import Fixed, FixedSettings
+from studies.controls.untargeted import Untargeted
+from studies.controls.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run
 from tests.llm.samples import context, state
 from tests.running.commands import fake
-from tests.samples import CLASSES
+from tests.samples import CLASSES, snapshot
+from tests.samples import state as state_after
+from tests.studies.configured import CONF, studied
 
 QUICK = (
     "gp.generations=2",
@@ -51,7 +53,7 @@ def draws(supervisor: Untargeted, at: object, n: int = 700) -> Counter[str | Non
 
 
 def untargeted(library: str = "combined") -> Untargeted:
-    supervisor = make_supervisor(composed("supervisor=untargeted", f"library={library}"), None)
+    supervisor = make_supervisor(studied("supervisor=untargeted", f"library={library}"), None)
     assert isinstance(supervisor, Untargeted)
     return supervisor
 
@@ -193,7 +195,7 @@ def test_without_a_leader_nothing_starts(
 ) -> None:
     """Exit code 2 and one line, even where only the last job of a sweep has none."""
     monkeypatch.chdir(tmp_path)
-    overrides = ["experiment=ablation_another_record", *QUICK]
+    overrides = ["--config-dir", str(CONF), "experiment=ablation_another_record", *QUICK]
     for n, missing_seed in enumerate((1, 2)):
         assert main([*overrides, "seed=0,1", "-m"]) == 2
         captured = capsys.readouterr()
@@ -208,31 +210,17 @@ def test_without_a_leader_nothing_starts(
             led(tmp_path / "runs" / "paper" / "expert-seed1")
 
 
-@pytest.mark.slow
-def test_a_leader_of_the_same_command_may_still_be_to_come(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Leading runs come before those that are led; the other way round nothing starts."""
-    monkeypatch.chdir(tmp_path)
-    folder = f"expert-seed{{seed}}-{'-'.join(sorted(QUICK[:2]))}"
-    # The record is a setting of one arm, so it comes from a file.
-    conf = tmp_path / "conf" / "supervisor"
-    conf.mkdir(parents=True)
-    (conf / "mine.yaml").write_text(
-        f"defaults: [yoked, _self_]\npolicy:\n  seeds: 2\n  record: runs/default/{folder}\n",
-        encoding="utf-8",
-    )
-    arguments = ["--config-dir", str(conf.parent), *QUICK, "seed=0,1", "-m"]
-    assert main(["supervisor=mine,expert", *arguments]) == 2
-    assert "found none; run it first, with seed=1" in capsys.readouterr().err
-    assert not (tmp_path / "runs").exists()
-    assert main(["supervisor=expert,mine", *arguments]) == 0
-    assert len(list((tmp_path / "runs").rglob("summary.json"))) == 4
+def test_fixed() -> None:
+    """`fixed` gives the same rate in every state, and injects nothing."""
+    fixed = Fixed(FixedSettings(rate=0.3))
+    for history in ([snapshot(0)], [snapshot(0), snapshot(1, best=1e6, diversity=0.0)]):
+        guidance = fixed.advise(state_after(history), np.random.default_rng(0))
+        assert (guidance.mutation_rate, guidance.tree, guidance.source) == (0.3, None, "fixed")
 
 
 def test_rate_only() -> None:
     """The supervisor's rates are applied; its trees are not injected."""
-    supervisor = composed("experiment=ablation_rate_only").supervisor
+    supervisor = studied("experiment=ablation_rate_only").supervisor
     assert (supervisor.name, supervisor.adapt_mutation, supervisor.inject) == (
         "expert",
         True,
@@ -248,7 +236,7 @@ def test_rate_only() -> None:
 
 def test_injection_only() -> None:
     """Trees go in; the rate is the one of the start, but for emergencies, which do not last."""
-    supervisor = composed("experiment=ablation_injection_only").supervisor
+    supervisor = studied("experiment=ablation_injection_only").supervisor
     assert (supervisor.name, supervisor.adapt_mutation, supervisor.inject) == (
         "expert",
         False,
@@ -267,7 +255,7 @@ def test_injection_only() -> None:
 
 def test_ablations_have_different_names() -> None:
     """Each arm's runs have their own folder, and every file of the group composes."""
-    files = sorted((resource("conf") / "experiment").glob("ablation_*.yaml"))
-    names = {composed(f"experiment={file.stem}").name for file in files}
+    files = sorted((CONF / "experiment").glob("ablation_*.yaml"))
+    names = {studied(f"experiment={file.stem}").name for file in files}
     assert names == {file.stem for file in files}
     assert len(names) == 6

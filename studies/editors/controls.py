@@ -6,16 +6,16 @@ tree matters, and EditorYoked and Constant if it matters that it looks at the pr
 
 from __future__ import annotations
 
+import json
 from typing import ClassVar, Self
 
 import numpy as np
 
 from islandgp.errors import SupervisionError
-from islandgp.gp.record import GenerationRecord, IndividualRecord
-from islandgp.plain import validate_json
+from islandgp.gp.record import IndividualRecord
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement
-from islandgp.supervision.yoked import Yoked, YokedSettings, damaged_record
+from studies.controls.yoked import DAMAGES, Yoked, YokedSettings, damaged_record
 
 
 class RandomBranch(Editor):
@@ -104,6 +104,7 @@ class EditorYoked(Editor):
     name = "editor_yoked"
     Settings: ClassVar[type[EditorSettings]] = EditorYokedSettings
     counters: tuple[tuple[str, ...], ...] = ()  # of the other run's edits, by generation
+    generation = 0  # the last one of this run
 
     @classmethod
     def check(cls, settings: EditorYokedSettings, context: RunContext) -> None:
@@ -117,20 +118,24 @@ class EditorYoked(Editor):
         supervisor = cls(settings, context)
         try:
             supervisor.counters = tuple(map(counters_of, Yoked.lines(settings, context)))
-        except ValueError as error:
+        except DAMAGES as error:
             raise damaged_record(settings.folder(context.seed), error) from None
         return supervisor
+
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
+        super().on_generation(generation)
+        self.generation = generation.snapshot.generation
 
     def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
         """Requirements on the counters of the other run's edits after the same generation."""
         del fittest
-        assert self._latest is not None
         by_counter = {r.counter: r for r in reversed(self.requirements)}
-        counters = self.counters[self._latest.snapshot.generation]
+        counters = self.counters[self.generation]
         return [by_counter[counter] for counter in counters if counter in by_counter]
 
 
 def counters_of(line: bytes) -> tuple[str, ...]:
-    """The counters of the edits in a generation's record. Raises ValueError if it is damaged."""
-    guidance = validate_json(GenerationRecord, line)["guidance"]
+    """The counters of the edits in a generation's record. Raises one of DAMAGES."""
+    guidance = json.loads(line)["guidance"]
     return () if guidance is None else tuple(guidance["notes"].get("counters", "").split())

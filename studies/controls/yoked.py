@@ -7,26 +7,28 @@ schedule alone helps, both do equally well.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, TypeAdapter
 
-from islandgp.bt.core.language import parse
-from islandgp.errors import SupervisionError, TreeError, brief
-from islandgp.gp.record import GenerationRecord
-from islandgp.plain import validate_json
+import islandgp
+from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext
-from islandgp.supervision.guidance import GUIDANCE
 
 REPEATED: Final = (
     *("phase", "pattern", "target", "intervention"),
     *("risk", "reasoning", "rationale"),
 )
 """Fields of the record that are repeated unchanged."""
+
+GUIDANCE: Final = TypeAdapter(Guidance)
+DAMAGES: Final = (islandgp.TreeError, AttributeError, KeyError, TypeError, ValueError)
+"""Errors of a record that cannot be read."""
 
 
 class YokedSettings(BaseModel, frozen=True, extra="forbid"):
@@ -62,19 +64,15 @@ class Yoked:
 
     @classmethod
     def check(cls, settings: YokedSettings, context: RunContext) -> None:
-        """Raises SupervisionError if the record is missing or too short.
-
-        A run that the same command does before this one need not exist yet.
-        """
-        if settings.folder(context.seed).resolve() not in context.planned_runs:
-            cls.lines(settings, context)
+        """Raises SupervisionError if the record is missing or too short."""
+        cls.lines(settings, context)
 
     @classmethod
     def make(cls, settings: YokedSettings, context: RunContext) -> Yoked:
         """See `Supervisor`. Raises SupervisionError as `check` does."""
         try:
             return cls([repeated(line) for line in cls.lines(settings, context)])
-        except (ValueError, TreeError) as error:
+        except DAMAGES as error:
             raise damaged_record(settings.folder(context.seed), error) from None
 
     @classmethod
@@ -107,17 +105,18 @@ class Yoked:
 def damaged_record(folder: Path, error: Exception) -> SupervisionError:
     """The error for a record of another run that cannot be read."""
     return SupervisionError(
-        f"Expected the record of another run in {folder}, found a damaged one ({brief(error)});"
+        f"Expected the record of another run in {folder}, found a damaged one"
+        f" ({type(error).__name__}: {next(iter(str(error).splitlines()), '')});"
         " run it again under another name, or set supervisor.policy.record."
     )
 
 
 def repeated(line: bytes) -> Guidance:
-    """The guidance in a generation's record. Raises ValueError or TreeError if it is damaged."""
-    recorded = validate_json(GenerationRecord, line)["guidance"]
+    """The guidance in a generation's record. Raises one of DAMAGES if it cannot be read."""
+    recorded = json.loads(line)["guidance"]
     if recorded is None:
         return Guidance(None, None, Yoked.name, reasoning="the other run ended here")
-    tree = None if recorded["tree"] is None else parse(recorded["tree"])
+    tree = None if recorded["tree"] is None else islandgp.parse(recorded["tree"])
     notes = {"led_by": recorded["source"]}
     fields = {name: recorded[name] for name in REPEATED}
     guidance = Guidance(recorded["wanted_rate"], tree, Yoked.name, notes=notes, **fields)

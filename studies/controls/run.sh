@@ -1,0 +1,25 @@
+#!/bin/sh
+# Controls of the expert: `make ablations`, after `make study`. Takes the folder of python.
+set -e
+BIN=$1
+CONF='--config-dir studies/conf'
+SEEDS='seed=range(7000,7030)'
+RUN="$BIN/python -m islandgp $CONF $SEEDS progress=plain -m"
+LIBRARY='library.folder=grammar/examples gp.founders=false' # arms differ in their library as a whole
+$RUN experiment=ablation_another_record supervisor.policy.first=7000 supervisor.policy.seeds=30 \
+  'supervisor.policy.record="runs/study/expert-seed{seed}"'
+for part in rate_only injection_only random_injection combined founders; do
+  $RUN experiment=ablation_$part
+done
+"$BIN/islandgp" compare $CONF --arm expert="name=study supervisor=expert $SEEDS $LIBRARY" \
+  --arm baseline="name=study supervisor=baseline $SEEDS $LIBRARY" \
+  --arm blind="name=ablation_random_injection $SEEDS $LIBRARY" \
+  --arm yoked="name=ablation_another_record $SEEDS $LIBRARY" \
+  --arm trees="name=ablation_injection_only $SEEDS $LIBRARY" \
+  --arm rate="name=ablation_rate_only $SEEDS $LIBRARY" \
+  --arm combined="name=ablation_combined $SEEDS $LIBRARY" \
+  --arm founders="name=ablation_founders $SEEDS library.folder=grammar/examples gp.founders=true" \
+  --primary first_complete --family judgement=expert,blind,yoked,trees --family rate=rate,baseline \
+  --family library=expert,combined --family founders=founders,baseline \
+  --margin first_complete=3 --margin diversity_overall=0.03 --margin mean_max=2500 \
+  --worlds 30 -o studies/controls/results

@@ -1,0 +1,8 @@
+#!/bin/sh
+# The paper's experiment: `make study`. Takes the folder of python.
+set -e
+BIN=$1
+CONF='--config-dir studies/conf'
+"$BIN/python" -m islandgp $CONF experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m
+"$BIN/islandgp" compare $CONF --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
+  --primary first_complete -o studies/paper/results
