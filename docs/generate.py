@@ -29,7 +29,7 @@ from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.running.app import main
-from islandgp.supervision.llm.ledger import cost
+from islandgp.supervision.llm.budget import cost
 from islandgp.supervision.llm.message import Usage
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings

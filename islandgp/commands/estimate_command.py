@@ -15,7 +15,7 @@ import click
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState, StateSettings, population_state
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.ledger import Bill, most_tokens
+from islandgp.supervision.llm.budget import Bill, most_tokens
 from islandgp.supervision.llm.message import MAX_QUOTED, Request, ServerCapabilities, Usage
 from islandgp.supervision.llm.questions import NEAR, Questions
 from islandgp.supervision.llm.settings import LLMSettings
@@ -25,7 +25,6 @@ Job = tuple[LLMSettings, RunContext, int]  # (settings, context, lag in generati
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 ANSWER: Final = 300  # assumed tokens of an answer: a paragraph, or a tree of 20 nodes
 THOUGHTS: Final = 1_500  # assumed tokens of thinking before an answer
-CANDIDATE: Final = 150  # assumed tokens of each further candidate
 INFORMED_CHARACTERS: Final = {"rate": 4_300, "tree": 7_200}
 """Characters that the history adds to an informed prompt, by measurement."""
 ADDED_EDITS: Final = 6_000  # approximate characters of trees and traces in the edits question
@@ -121,8 +120,7 @@ def expected(settings: LLMSettings, context: RunContext, lag: int = 0) -> Bill:
             cache_reads += max(0, times - 1) * system
         else:
             fresh += times * system
-    extra = CANDIDATE * (settings.candidates - 1) if context.inject else 0
-    output = times * (len(requests) * (ANSWER + _thoughts(settings)) + extra)
+    output = times * len(requests) * (ANSWER + _thoughts(settings))
     usage = Usage(round(fresh), output, round(cache_reads), round(cache_writes))
     return Bill.of(times * len(requests) + 1, usage, settings.price)  # and the probe
 

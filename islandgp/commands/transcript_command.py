@@ -16,7 +16,6 @@ import click
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.answers import DecisionAnswer, EditsAnswer, find_object
 from islandgp.supervision.llm.message import Failure, Reply, clean
-from islandgp.supervision.llm.questions import kind_of
 from islandgp.supervision.llm.transcript import (
     Attempt,
     Conclusion,
@@ -64,7 +63,7 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
     path, transcript, wrong = _read(run)
     every = _questions(transcript)
     selected = [q for q in every if generation in (None, q.generation)]
-    selected = [q for q in selected if part in (None, kind_of(q.part))]
+    selected = [q for q in selected if part in (None, q.part)]
     for number, (g, questions) in enumerate(groupby(selected, lambda q: q.generation)):
         blank = "\n" * bool(number)
         _echo(f"{blank}{'Before the first generation' if g < 0 else f'After generation {g}'}", 0)
@@ -127,8 +126,8 @@ def _questions(transcript: Transcript) -> list[ModelQuestion]:
     order = [*FIELDS]
 
     def place(question: ModelQuestion) -> tuple[int, int, str]:
-        kind = kind_of(question.part)
-        return question[0], order.index(kind) if kind in order else len(order), question.part
+        part = question.part
+        return question[0], order.index(part) if part in order else len(order), part
 
     return sorted({_question(entry) for entry in [*entries, *transcript.parts]}, key=place)
 
@@ -148,7 +147,7 @@ def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: b
             _echo(f"{title}:\n{textwrap.indent(prompt.strip(), STEP)}", 2)
         last_turn = max(last_turn, turn)
         _echo(f"attempt {attempt.number}: {_cost(attempt)}", 2)
-        for line in _answer(attempt.answer, FIELDS.get(kind_of(question.part), ()), whole=whole):
+        for line in _answer(attempt.answer, FIELDS.get(question.part, ()), whole=whole):
             _echo(line, 3)
         if end and isinstance(attempt.answer, Reply) and 0 <= turn < len(end.rejected):
             _echo(f"rejected: {end.rejected[turn]}", 3)

@@ -166,7 +166,7 @@ def individuals_with(behaviour: str, s: GenerationStats, classes: Classes) -> in
 
 
 def _of_model(key: str) -> Callable[[Run], float]:
-    """A sum of `supervision.llm.ledger` over the run; 0 without a language model."""
+    """A sum of `supervision.llm.budget` over the run; 0 without a language model."""
     return lambda run: run.costs[-1].llm.get(key, 0)
 
 

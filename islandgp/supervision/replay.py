@@ -21,8 +21,8 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.message import Failure, Reply, Request, ServerCapabilities
+from islandgp.supervision.llm.probe import CapabilitiesByGeneration
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import CapabilitiesByGeneration
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 from islandgp.trust import must_trust_code
 

@@ -44,11 +44,11 @@ from islandgp.results import load
 from islandgp.study.select import find, read
 from islandgp.supervision.distilled import read_policy
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
-from islandgp.supervision.llm.client import read_message, retry_after
-from islandgp.supervision.llm.ledger import Ledger
+from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.settings import Caps, RateSettings
 from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.wire import read_message, retry_after
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.tracking.sync_state import read_state
 from islandgp.viewer.page import page
@@ -174,16 +174,7 @@ RATES: Final = RateSettings(least=0.05, most=0.9, outside="repair")
 CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
     partial(check_decision, rates=RATES),
     partial(check_decision, rates=RATES.model_copy(update={"outside": "clamp"})),
-    *(
-        partial(
-            check_proposal,
-            limits=Limits(8, 50),
-            vocabulary=VOCABULARY,
-            targets=("rare", "first"),
-            candidates=n,
-        )
-        for n in (1, 3)
-    ),
+    partial(check_proposal, limits=Limits(8, 50), vocabulary=VOCABULARY, targets=("rare", "first")),
 )
 
 

@@ -26,14 +26,12 @@ _STATE: Final = re.compile(r"```json\n(.*?)\n```", re.DOTALL)
 _EXAMPLE: Final = re.compile(r"(?:For ([\w, ]+):\n\n)?```\n(.*?)\n```", re.DOTALL)
 _RANGE: Final = re.compile(r"^\| (\w+) \|.*\| ([\d.]+) to ([\d.]+) \|$", re.MULTILINE)
 _LIMITS: Final = re.compile(r"More than (\d+) levels or (\d+) nodes are refused")
-_CANDIDATES: Final = re.compile(r"^- trees: (\d+) trees", re.MULTILINE)
 _FATE: Final = re.compile(r"^Generation \d+, for (\w+)[^\n]* It died out", re.MULTILINE)
 _TRACED: Final = re.compile(r"^The fittest tree.*?```\n(.*?)\n```", re.MULTILINE | re.DOTALL)
+_COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 _URGENT: Final = re.compile(r"^- (\w+): \d+ of \d+ individuals do it", re.MULTILINE)
 _PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
-_COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 
-_QUESTION: Final = "# Question: "  # begins a question of a shared system prompt
 FAULTS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
 STAGNANT: Final = 5  # generations without improvement
 MAX_EXTINCT: Final = 2  # extinct trees for a target, after which it chooses another target
@@ -49,7 +47,7 @@ class MockModel:
 
     def __call__(self, request: Mapping[str, Any]) -> Any:
         """The answer as JSON values, or as a text if it is made unusable."""
-        system, user = _prompts_of(request)
+        system, user = _text(request.get("system", "")), str(request["messages"][0]["content"])
         edits = user.startswith("After generation")
         if (match := _STATE.search(user)) is None and not edits:  # the probe
             return {"greeting": "Hello."}
@@ -70,16 +68,6 @@ class MockModel:
         """A generator seeded by the request, so that the order of requests does not matter."""
         content = json.dumps([self.seed, request.get("system", ""), request["messages"]])
         return np.random.default_rng(list(hashlib.sha256(content.encode()).digest()))
-
-
-def _prompts_of(request: Mapping[str, Any]) -> tuple[str, str]:
-    """The system prompt of the question, without those of others that share it, and the message."""
-    system, user = _text(request.get("system", "")), str(request["messages"][0]["content"])
-    if not user.startswith(_QUESTION):
-        return system, user
-    first, _, user = user.partition("\n\n")
-    section = system.partition(first)[2].split(_QUESTION)[0]
-    return section, user
 
 
 def _text(system: Any) -> str:
@@ -134,14 +122,12 @@ def _tree(
         ideas.insert(0, _grafted(first, traced[1], limits))
     if "differs from all of them" in section:
         ideas = [tree for tree in ideas if tree not in [parse(text) for _, text in examples]]
-    match = _CANDIDATES.search(system)
-    count = int(match[1]) if match else 1
-    while len(ideas) < count:
-        ideas.append(_varied(first, rng))
-    texts = [to_text(tree) for tree in ideas[:count]]
-    reason = f"Mock answer: {target} is lacking."
-    answer: dict[str, Any] = {"rationale": reason, "target": target}
-    return {**answer, "trees": texts} if match else {**answer, "tree": texts[0]}
+    tree = (ideas or [_varied(first, rng)])[0]
+    return {
+        "rationale": f"Mock answer: {target} is lacking.",
+        "target": target,
+        "tree": to_text(tree),
+    }
 
 
 def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:

@@ -14,7 +14,6 @@ from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.questions import heading
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
@@ -167,8 +166,6 @@ class FakeClient:
 
 def kind_of(request: Request) -> str:
     """Which question a request asks: "probe", "rate" or "tree"."""
-    if request.turns[0].startswith(heading("")):  # a prompt that several questions share
-        return request.turns[0].splitlines()[0].removeprefix(heading(""))
     if "mutation_rate" not in request.system and "rationale" not in request.system:
         return "probe"
     return "tree" if '"rationale"' in request.system else "rate"

@@ -15,8 +15,8 @@ from typing import Any, get_args
 import pytest
 
 from islandgp.errors import ConfigError, SupervisionError
+from islandgp.supervision.llm.budget import Ledger, cost, dearest, known_usage, most_tokens
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.ledger import Ledger, cost, dearest, known_usage, most_tokens
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
@@ -519,7 +519,7 @@ def test_costs_that_count_nothing_expect_nothing(tmp_path: Path, costs: bytes) -
 def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
     """What it took is unknown, so it is the most that it can be."""
     with MessagesServer(usage=False) as server:
-        client = AnthropicClient(key=None, base_url=server.url)
+        client = AnthropicClient(None, server.url)
         llm = LLM(settings("caps.output_tokens=9000"), context(), client)
         sources = run_of(llm, 12)
         llm.close()

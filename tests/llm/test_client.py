@@ -19,9 +19,8 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from islandgp.supervision.llm.client import AnthropicClient
+from islandgp.supervision.llm.client import MAX_BODY, AnthropicClient
 from islandgp.supervision.llm.message import MAX_ANSWER, Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.services import MAX_BODY
 from tests.llm.faults import Fault
 from tests.llm.server import MessagesServer
 
@@ -32,7 +31,7 @@ DEADLINE = 0.4  # s
 
 @contextmanager
 def client_of(url: str) -> Iterator[AnthropicClient]:
-    client = AnthropicClient(key=KEY, base_url=url)
+    client = AnthropicClient(KEY, url)
     client.open()
     try:
         yield client
@@ -52,7 +51,7 @@ def mocked(body: bytes, status: int = 200, **headers: str) -> Reply | Failure:
     transport = httpx2.MockTransport(
         lambda _: httpx2.Response(status, content=body, headers=headers)
     )
-    client = AnthropicClient(key=KEY, base_url="http://mock", transport=transport)
+    client = AnthropicClient(KEY, "http://mock", transport=transport)
     try:
         return client.send(ASK, seconds=5)
     finally:
@@ -364,9 +363,9 @@ def test_errors_of_other_servers_have_different_kinds(
 def test_closing_is_prompt_and_final() -> None:
     """A client can be closed unused, and no thread of it stays."""
     before = threading.active_count()
-    AnthropicClient(key=None, base_url="http://127.0.0.1:1").close()
+    AnthropicClient(None, "http://127.0.0.1:1").close()
     with MessagesServer(lambda _: Fault.DRIP) as server:
-        client = AnthropicClient(key=None, base_url=server.url)
+        client = AnthropicClient(None, server.url)
         client.send(ASK, seconds=0.1)
         client.close()
     assert not [t for t in threading.enumerate() if t.name == "llm"]
@@ -407,7 +406,7 @@ def test_a_compressed_body_is_not_unpacked(status: int) -> None:
             status, stream=Bytes(bomb()), headers={"content-encoding": "gzip", "retry-after": "3"}
         )
     )
-    client = AnthropicClient(key=KEY, base_url="http://mock", transport=transport)
+    client = AnthropicClient(KEY, "http://mock", transport=transport)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     answer = client.send(ASK, seconds=10)
     client.close()

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.gp.edits import EDITS, EditRecord, EditTrial
+from islandgp.gp.edits import EDITS
 from islandgp.gp.population import Origin
 from islandgp.supervision.llm.answers import (
     Accepted,
@@ -23,24 +20,18 @@ from islandgp.supervision.llm.answers import (
     check_edits,
     check_proposal,
 )
-from islandgp.supervision.llm.history import RunHistory, listing
+from islandgp.supervision.llm.history import listing
 from islandgp.supervision.llm.message import Reply
-from islandgp.supervision.llm.questions import Questions, drawn_models
+from islandgp.supervision.llm.questions import Questions
 from tests.llm.faults import no_faults
 from tests.llm.mock_model import MockModel
 from tests.llm.samples import context, reply_of, settings, state
 from tests.llm.server import MessagesServer
-from tests.llm.test_informed import small_run
 from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import live, replayed
 
 EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
-MODEL = (
-    "supervisor.policy.samples=2",
-    "supervisor.policy.models={small: 1, large: 2}",
-    "supervisor.policy.choice=bandit",
-    "supervisor.policy.retry.deadline=5",
-)
+MODEL = ("supervisor.policy.retry.deadline=5",)
 OLD = "selector { when foundGarbage { PickupGarbage } PatrolWaypoint }"
 LIVING = {"3.0": OLD, "3.1": "PatrolWaypoint"}
 KNOWN = frozenset(to_text(parse(text)) for text in (*LIVING.values(), "SeekCharger"))
@@ -144,7 +135,7 @@ def test_the_listing_has_the_path_of_each_node() -> None:
 
 @pytest.mark.slow
 def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
-    """Edits of two models join the population; the replay asks nobody and has the same records."""
+    """Edits join the population; the replay asks nobody and has the same records."""
     with MessagesServer(no_faults, MockModel()) as server:
         steps = live(server, tmp_path / "a", *EDITING, *MODEL)
     individuals = [i for s in steps for i in s.record.individuals]
@@ -153,15 +144,9 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     lines = (tmp_path / "a" / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
     entries = [json.loads(line) for line in lines]
     parts = {line["part"] for line in entries if line["line"] == "attempt"}
-    assert parts == {"probe", "rate", "edits", "edits 2"}
+    assert parts == {"probe", "rate", "edits"}
     replay = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
     assert [s.record for s in replay] == [s.record for s in steps]
-    models = {
-        line["request"]["model"]
-        for line in entries
-        if line["line"] == "attempt" and line["part"].startswith("edits")
-    }
-    assert models == {"small", "large"}
     with MessagesServer(no_faults, MockModel()) as server:
         first = live(server, tmp_path / "c", *EDITING, *MODEL, stop=2)
         past = [step.record for step in first]
@@ -175,29 +160,6 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     ]
     assert "Earlier edits, and what they gained" in turns[-1]
     assert "points (" in turns[-1]
-
-
-def test_models_are_drawn_by_weight_or_by_what_their_edits_gained() -> None:
-    """A model of twice the weight is asked twice as often; the bandit prefers who gained."""
-    rng, models, parts = np.random.default_rng(0), "models={small: 1, large: 2}", ["tree", "edits"]
-    draws = [drawn_models(settings(models), {}, parts, rng) for _ in range(300)]
-    assert 160 < Counter(choice["edits"] for choice in draws)["large"] < 240
-    gains, bandit = {"small": (30, 0), "large": (0, 30)}, settings(models, "choice=bandit")
-    assert all(drawn_models(bandit, gains, parts, rng) == {"edits": "small"} for _ in range(30))
-    assert drawn_models(settings(), {}, parts, rng) == {}
-
-
-def test_the_history_counts_the_edits_of_each_model() -> None:
-    """Those that made their tree better, and the others, refused ones included."""
-    generation = small_run()[1].generations[-1]
-    assert generation.guidance is not None
-    edit = EditRecord(**dict.fromkeys((f.name for f in fields(EditRecord)), ""))
-    edits = (edit, replace(edit, refused="a copy"), edit)
-    led = replace(generation.guidance, edits=edits, notes={"edit_models": "small large large"})
-    better = EditTrial(**dict.fromkeys((f.name for f in fields(EditTrial)), 1.0))
-    trials = (replace(better, fitness=2.0), replace(better, fitness=0.0))
-    history = RunHistory().followed_by(replace(generation, guidance=led, trials=trials))
-    assert history.gains == {"small": (1, 0), "large": (0, 2)}
 
 
 def test_every_kind_is_explained() -> None:

@@ -51,14 +51,12 @@ def test_it_judges_by_the_prompt(paper: Questions) -> None:
 
 
 def test_its_answers_can_be_used(paper: Questions) -> None:
-    """With both prompt sets, with and without candidates."""
+    """With both prompt sets."""
     at = small_run()[1].states[-1]
-    for questions in (paper, adviser(), adviser("candidates=3")):
-        n, limits = questions.settings.candidates, questions.context.limits
-        targets = at.targets
-        proposal = check_proposal(reply_of(tree(questions, at)), limits, VOCABULARY, targets, n)
+    for questions in (paper, adviser()):
+        limits = questions.context.limits
+        proposal = check_proposal(reply_of(tree(questions, at)), limits, VOCABULARY, at.targets)
         assert isinstance(proposal, Accepted)
-        assert len(proposal.others) == n - 1
         decision = check_decision(reply_of(rate(questions, at)), questions.settings.rate)
         assert isinstance(decision, Accepted)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.calls import LiveCalls, final, wait
-from islandgp.supervision.llm.ledger import Ledger
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, RetrySettings
 from islandgp.supervision.llm.transcript import Call, Transcript

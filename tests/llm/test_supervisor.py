@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import threading
 from collections.abc import Callable
@@ -438,7 +437,7 @@ def test_a_server_that_is_only_busy_does_not_stop_the_run(kind: FailureKind) -> 
     """The run starts, with a line that it will ask again."""
     line, requests = probed(*[failed(kind)] * 3)
     assert "no answer yet: a made-up" in line
-    assert "the fallback is used, and each generation tries again" in line
+    assert "the fallback is used meanwhile" in line
     assert len(requests) == 3
 
 
@@ -634,28 +633,6 @@ def test_waiting_ends_where_it_is_paid_for() -> None:
     assert len(client.requests) == 1 + 4 * 3 + 3 * 3
 
 
-def test_an_older_transcript_counts_as_it_did(tmp_path: Path) -> None:
-    """Its questions do not have the failure: the run went on asking, and a replay does, too."""
-    plain = answering()
-    llm, _ = supervisor(
-        lambda request, n: plain(request, n) if n == 0 else failed(FailureKind.TIMEOUT),
-        "useless=null",
-        folder=tmp_path,
-    )
-    answers = [advise(llm, state(g)) for g in range(8)]
-    file = tmp_path / "transcript.jsonl"
-    lines = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
-    for line in lines:
-        line.pop("failed", None)
-        line.pop("checksum", None)
-    file.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    older = settings("retry.first_wait=0", "retry.longest_wait=0")
-    assert older.useless is not None
-    replay = Replay(Adviser(older, context()), Transcript(file, fixed=True))
-    streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(8)]
-    assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == answers
-
-
 @sweep(
     ("overrides", "seconds"),
     [
@@ -734,11 +711,8 @@ FACTS = "prices.facts.claude-haiku-4-5-20251001"
     ("overrides", "line"),
     [
         ((), ""),
-        (("cache=true",), ""),
-        (
-            ("cache=true", f"{FACTS}.caches_from=9000"),
-            "at least 9,000 tokens; too short or nearly too short: rate (about",
-        ),
+        (("cache=true", f"{FACTS}.caches_from=1000"), ""),
+        (("cache=true",), "at least 4,096 tokens; too short or nearly too short: rate (about"),
         (("cache=true", "model=claude-haiku-5-5"), ""),
         (("cache=true", "model=mine"), ""),
         (("model=claude-sonnet-4-5",), "claude-sonnet-4-5 retires on 2026-11-30"),

@@ -14,15 +14,12 @@ from typing import Any, Final
 import numpy as np
 
 from islandgp.errors import SupervisionError
-from islandgp.gp.edits import Edit
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.guidance import ask
 from islandgp.supervision.llm.answers import DecisionAnswer
 from islandgp.supervision.llm.calls import Calls, Conversation, converse, in_thread, unasked
-from islandgp.supervision.llm.episode import try_out
-from islandgp.supervision.llm.history import EDIT_MODELS
 from islandgp.supervision.llm.message import (
     CHARGED,
     Failure,
@@ -30,13 +27,17 @@ from islandgp.supervision.llm.message import (
     Request,
     ServerCapabilities,
 )
-from islandgp.supervision.llm.questions import Questions, drawn_models, kind_of
+from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Played
 
 REASON: Final = 600  # most characters of a fallback's reason in the record
-FIELDS: Final = {"rate": [*DecisionAnswer.model_fields], "tree": ["tree", "target", "rationale"]}
-"""Fields of the guidance by the part that sets them; all parts with edits set `edits`."""
+FIELDS: Final = {
+    "rate": [*DecisionAnswer.model_fields],
+    "tree": ["tree", "target", "rationale"],
+    "edits": ["edits"],
+}
+"""Fields of the guidance by the part that sets them."""
 
 
 class Adviser:
@@ -59,36 +60,29 @@ class Adviser:
     ) -> Guidance:
         """Asks for all parts of the guidance; the fallback provides those without a usable answer.
 
-        `rng` is consumed by the choice of models and by the fallback; `capabilities` returns a
-        generation's capabilities, or the failure to probe it.
+        `rng` is consumed by the fallback; `capabilities` returns a generation's capabilities, or
+        the failure to probe it.
 
         Raises:
             SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
         """
         generation, questions = state.now.generation, self.questions
-        models = drawn_models(self.settings, questions.history.gains, questions.parts, rng)
         server = self._given_up(calls, generation) or capabilities(generation)
         if isinstance(server, Failure):
             answers = {part: unasked(calls, generation, part, server) for part in questions.parts}
         else:
-            answers = self._answers(state, calls, server, models)
+            answers = self._answers(state, calls, server)
             if episodes := questions.run_values(state).episodes:
                 calls.transcript.add(Played(generation, "traces", episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
         values: dict[str, Any] = {}
-        edits: dict[Edit, str] = {}  # each once, with the first part that has it
         for part, answer in answers.items():
-            if kind_of(part) == "edits":
-                for edit in answer.guidance.edits if answer.guidance else ():
-                    edits.setdefault(edit, part)
-            elif (advice := answer.guidance or backup) is not None:
+            advice = answer.guidance or (backup if part != "edits" else None)
+            if advice is not None:
                 values |= {name: getattr(advice, name) for name in FIELDS[part]}
-        notes = _notes(answers)
-        if models and edits:
-            notes[EDIT_MODELS] = " ".join(models[part] for part in edits.values())
         source = "llm" if not missing else "llm and fallback" * (missing < len(answers))
-        guidance = Guidance(None, None, source or "fallback", notes=notes, edits=tuple(edits))
+        guidance = Guidance(None, None, source or "fallback", notes=_notes(answers))
         return replace(guidance, **values)
 
     def on_generation(self, generation: GenerationView) -> None:
@@ -116,10 +110,9 @@ class Adviser:
         state: PopulationState,
         calls: Calls,
         capabilities: ServerCapabilities,
-        models: Mapping[str, str],
     ) -> dict[str, Conversation]:
         """Asks for all parts at the same time, or one by one if a cap is near."""
-        requests = self.questions.requests(state, capabilities, models)
+        requests = self.questions.requests(state, capabilities)
         work = {p: partial(self._ask, p, state, calls, request) for p, request in requests.items()}
         room = calls.room_for(tuple(requests.values()), self.settings.repairs)
         # The first is asked in this thread, the others beside it.
@@ -129,9 +122,8 @@ class Adviser:
     def _ask(
         self, part: str, state: PopulationState, calls: Calls, request: Request
     ) -> Conversation:
-        """Asks for one part; chooses the best of several candidates for a tree."""
         questions = self.questions
-        answer = converse(
+        return converse(
             calls,
             state.now.generation,
             part,
@@ -140,11 +132,6 @@ class Adviser:
             repairs=self.settings.repairs,
             repair=questions.repair,
         )
-        if answer.guidance is None or not answer.others:
-            return answer
-        best, played, note = try_out(answer.guidance, answer.others, state, self.context)
-        calls.transcript.add(played)
-        return replace(answer, guidance=best, trial=note)
 
 
 def _notes(answers: Mapping[str, Conversation]) -> dict[str, str]:
@@ -155,8 +142,6 @@ def _notes(answers: Mapping[str, Conversation]) -> dict[str, str]:
         notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
         if answer.prompts:
             notes[f"{name}_prompts"] = " ".join(answer.prompts)
-        if answer.trial:
-            notes["trial"] = answer.trial
         if end.rejected:
             notes[f"{name}_rejected"] = " ".join(end.rejected)
     return notes

@@ -99,11 +99,10 @@ class EditsAnswer(ModelAnswer, frozen=True):
     reasoning: str
 
 
-def proposal_model(targets: Collection[str], candidates: int = 1) -> type[ModelAnswer]:
-    """The model of an answer to a prompt for a tree, or for several candidates."""
-    tree_list = (Annotated[list[str], Field(min_length=1)], ...)
+def proposal_model(targets: Collection[str]) -> type[ModelAnswer]:
+    """The model of an answer to a prompt for a tree, for one of the targets."""
     fields: dict[str, Any] = {
-        **({"tree": (str, ...)} if candidates == 1 else {"trees": tree_list}),
+        "tree": (str, ...),
         "target": (Literal[tuple(targets)], ...),
         "rationale": (str, ...),
     }
@@ -122,7 +121,6 @@ _TYPE_NAMES: Final = {
     "integer": ("NUMBER", "a whole number"),
     "boolean": ("true or false", "true or false"),
     "string": ("TEXT", "a text"),
-    "array of string": ("[TEXT, TEXT, ...]", "a list of texts, one at least"),
     "array of object": ("[EDIT, EDIT, ...]", "a list of edits, one at least"),
 }
 
@@ -182,7 +180,6 @@ class Accepted:
 
     guidance: Guidance  # with the requested fields
     change: str = ""  # change made to the answer, or ""
-    others: tuple[Node, ...] = ()  # further candidates for the tree
 
 
 def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
@@ -278,27 +275,22 @@ def check_proposal(
     limits: Limits,
     vocabulary: Vocabulary,
     targets: tuple[str, ...],
-    candidates: int = 1,
     existing: frozenset[str] | None = None,
 ) -> Accepted | Rejection:
-    """Checks a tree, or several candidates, of which at least one must be valid.
+    """Checks a tree.
 
     With `existing`, the canonical texts of existing trees, these are rejected, and trees that
     `islandgp check` warns of.
     """
-    model: Any = proposal_model(targets, candidates)
+    model: Any = proposal_model(targets)
     proposal = read_answer(reply, model)
     if isinstance(proposal, Rejection):
         return proposal
-    texts = proposal.trees[:candidates] if candidates > 1 else [proposal.tree]
-    checked = [_check_tree(without_fences(text), limits, vocabulary, existing) for text in texts]
-    trees = [tree for tree in checked if isinstance(tree, Node)]
-    if not trees:
-        return next(wrong for wrong in checked if isinstance(wrong, Rejection))
-    change = f"{len(trees)} of {len(texts)} trees" if len(trees) < len(texts) else ""
+    tree = _check_tree(without_fences(proposal.tree), limits, vocabulary, existing)
+    if isinstance(tree, Rejection):
+        return tree
     rationale = proposal.rationale[:MAX_EXPLANATION]
-    guidance = Guidance(None, trees[0], "llm", target=proposal.target, rationale=rationale)
-    return Accepted(guidance, change, tuple(trees[1:]))
+    return Accepted(Guidance(None, tree, "llm", target=proposal.target, rationale=rationale))
 
 
 def without_fences(text: str) -> str:

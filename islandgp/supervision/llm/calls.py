@@ -21,12 +21,11 @@ from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
-from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance
 from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
-from islandgp.supervision.llm.ledger import Ledger, known_usage, most_tokens
+from islandgp.supervision.llm.budget import Ledger, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
     MAX_QUOTED,
@@ -66,13 +65,7 @@ def wait(
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
 
-_SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
-
-
-def _slot(part: str) -> int:
-    """The stream's slot of a part of the guidance, or of a sample of it such as `edits 2`."""
-    name, _, sample = part.partition(" ")
-    return _SLOTS[name] + int(sample or 1) - 1
+SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 
 
 class Calls(Protocol):
@@ -138,7 +131,7 @@ class LiveCalls:
             SupervisionError: no server answers, and `on_outage` is "stop".
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
-        slot = 10 * _slot(call.part) + call.turn
+        slot = 10 * SLOTS[call.part] + call.turn
         rng = stream(self.seed, Stream.NETWORK, generation=call.generation + 1, slot=slot)
         answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
         before, pause = 0, 0.0  # earlier attempts that no longer count; s that were waited
@@ -235,7 +228,7 @@ class LiveCalls:
         answer: Reply | Failure
         with self._sending:
             seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
-            if not (reason := self.ledger.reserve(bound, waited)):
+            if not (reason := self.ledger.over(bound, waited)):
                 self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
         if reason:
             answer = Failure(FailureKind.BUDGET, reason)
@@ -253,14 +246,12 @@ class LiveCalls:
             answer=answer,
             usage=usage,
             at_most=bound if usage is None else usage,
-            usd=None if usage is None else self.ledger.usd(usage, request.model),
+            usd=None if usage is None else self.ledger.usd(usage),
             seconds=round(self.clock() - began, 3),
             waited=round(waited, 3),
             at=at,
         )
         self.transcript.add(attempt)
-        if not reason:
-            self.ledger.settle(attempt, bound)
         return answer
 
     def _with_remedy(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
@@ -283,8 +274,6 @@ class Conversation:
     guidance: Guidance | None  # None: no usable answer
     end: Conclusion  # as recorded in the transcript
     prompts: tuple[str, ...] = ()  # SHA-256 of each rendered prompt, hexadecimal
-    others: tuple[Node, ...] = ()  # further candidates for the tree
-    trial: str = ""  # choice among several candidates, with the reason
 
 
 def converse(
@@ -334,7 +323,7 @@ def converse(
     calls.transcript.add(end)
     if accepted is None:
         return Conversation(None, end, tuple(prompts))
-    return Conversation(accepted.guidance, end, tuple(prompts), accepted.others)
+    return Conversation(accepted.guidance, end, tuple(prompts))
 
 
 def unasked(calls: Calls, generation: int, part: str, failure: Failure) -> Conversation:

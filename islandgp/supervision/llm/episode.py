@@ -1,15 +1,10 @@
-"""Episodes simulated for supervision: descriptions of a tree's episode, and trials of candidates.
-
-Candidates are several trees of one answer, of which the best for its target is injected. Each is
-tried in one episode, all in the same world, in which no tree is trained, under the factors of the
-generation that the tree will join.
-"""
+"""Descriptions of a tree's episode for prompts."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from statistics import fmean
@@ -20,12 +15,8 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
 from islandgp.domain import Domain, Outcome, Scene, Schema
 from islandgp.gp.record import IndividualRecord
-from islandgp.scoring.classes import INTEGRATION, RARE, Classes
-from islandgp.scoring.state import PopulationState
-from islandgp.seeding import Stream, seed_of
-from islandgp.supervision.base import GenerationView, Guidance, RunContext
+from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about
-from islandgp.supervision.llm.transcript import Played
 from islandgp.text import in_points
 
 SPANS: Final = 8  # most spans of an episode, one line each
@@ -171,46 +162,6 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
 
 def _number(value: float) -> str:
     return f"{round(value, 1) + 0.0:g}"
-
-
-def try_out(
-    first: Guidance, others: Sequence[Node], state: PopulationState, context: RunContext
-) -> tuple[Guidance, Played, str]:
-    """Chooses the best candidate for the target; returns it with its episodes and a note.
-
-    Of equals it is the first, which would have been injected without a trial: its gain is the
-    difference to that one.
-    """
-    assert first.tree is not None
-    assert first.target is not None
-    trees = (first.tree, *others)
-    seed = seed_of(context.seed, Stream.TRIAL, generation=state.now.generation)
-    domain = context.domain_in(state.now.generation + 1)
-    outcomes = [domain.run_episode(tree, seed, state.multipliers) for tree in trees]
-    worth = [_worth(o, first.target, state, context.classes) for o in outcomes]
-    best = max(range(len(trees)), key=lambda i: worth[i])
-    gain = outcomes[best].fitness - outcomes[0].fitness
-    note = (
-        f"number {best + 1} of {len(trees)} tried in world {seed}: {worth[best][0]:g} for"
-        f" {first.target}, {in_points(worth[best][1])} points; the first has {worth[0][0]:g} and"
-        f" {in_points(worth[0][1])}"
-    )
-    played = Played(state.now.generation, "trial", len(trees), gain)
-    return replace(first, tree=trees[best]), played, note
-
-
-def _worth(
-    o: Outcome, target: str, state: PopulationState, classes: Classes
-) -> tuple[float, float]:
-    """Sort key of an outcome for a target (Table 7); points break ties.
-
-    For a behaviour it is the behaviour's counter, for `rare` that of the rarest, for
-    `integration` how many behaviours it shows; for `exploration` points alone decide.
-    """
-    name = state.rarest_behaviours[0] if target == RARE else target
-    if name in classes.behaviours:
-        return o.counters[classes.behaviours[name]], o.fitness
-    return float(len(classes.behaviours_of(o.counters)) if target == INTEGRATION else 0), o.fitness
 
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:

@@ -7,9 +7,8 @@ resumed run and a replay have the same. Their size is limited.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import chain, repeat
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Final
 
@@ -38,9 +37,6 @@ SHOWN: Final = 2000  # most characters of rewards that are not a table of events
 MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
 LINES: Final = 60  # most nodes of a listed tree
-
-EDIT_MODELS: Final = "edit_models"
-"""Key of a guidance's note with the model of each edit, if there are several models."""
 
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Variables of `prompts/edits.md` that differ between generations."""
@@ -97,31 +93,24 @@ class RunHistory:
     injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
     decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
     edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
-    gains: Mapping[str, tuple[int, int]] = field(default_factory=dict)
-    """Numbers of edits that improved a tree and of others, by model, over the whole run."""
 
     def followed_by(self, view: GenerationView) -> RunHistory:
         """The history extended by one generation."""
         trees = [tree.followed_by(view) for tree in self.injected]
         trees += [_new(i, view) for i in view.individuals if i.origin == Origin.INJECTED]
-        decisions, edits, gains = [*self.decisions], [*self.edits], {**self.gains}
+        decisions, edits = [*self.decisions], [*self.edits]
         if (guidance := view.guidance) is not None:
             if self.now is not None:
                 decisions.append(PastDecision(guidance, self.now.snapshot, view.snapshot))
-            trials, models = iter(view.trials), guidance.notes.get(EDIT_MODELS, "").split()
-            for edit, model in zip(guidance.edits, chain(models, repeat("")), strict=False):
+            trials = iter(view.trials)
+            for edit in guidance.edits:
                 trial = None if edit.refused else next(trials, None)
                 edits.append(PastEdit(view.snapshot.generation, edit, trial))
-                if model:
-                    won, lost = gains.get(model, (0, 0))
-                    gained = trial is not None and trial.fitness > trial.parent_fitness
-                    gains[model] = (won + gained, lost + (not gained))
         return RunHistory(
             now=view,
             injected=tuple(trees[-MAX_KEPT:]),
             decisions=tuple(decisions[-MAX_KEPT:]),
             edits=tuple(edits[-MAX_PAST_EDITS:]),
-            gains=gains,
         )
 
 

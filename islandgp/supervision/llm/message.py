@@ -1,4 +1,4 @@
-"""The client interface: a request in, a reply or a failure out.
+"""Requests to a language model and its answers.
 
 A failed attempt is a value, not an exception: it is recorded and counted, and followed by another
 attempt or the fallback.
@@ -19,7 +19,6 @@ MAX_ANSWER: Final = 100_000
 """Most characters of an answer that are read; 2048 tokens have about 8,000."""
 
 NO_TEXT: Final = "(no text)"  # replaces an empty answer in a repair turn
-
 MAX_QUOTED: Final = 6000  # most characters of a rejected answer that a repair turn quotes
 
 
@@ -43,32 +42,16 @@ class FailureKind(StrEnum):
     USELESS = "useless"  # too many unusable answers in a row; nothing was sent
 
 
+_K = FailureKind
+CHARGED: Final = frozenset({_K.TIMEOUT, _K.LATE, _K.CUT, _K.MALFORMED, _K.FOREIGN})
+"""Failures whose request may have been processed and charged, by an unknown amount."""
+
 TRANSIENT: Final = frozenset(
-    {
-        FailureKind.TIMEOUT,
-        FailureKind.LATE,
-        FailureKind.UNREACHABLE,
-        FailureKind.CUT,
-        FailureKind.RATE_LIMITED,
-        FailureKind.OVERLOADED,
-        FailureKind.SERVER,
-        FailureKind.MALFORMED,
-    }
+    {*CHARGED, _K.UNREACHABLE, _K.RATE_LIMITED, _K.OVERLOADED, _K.SERVER} - {_K.FOREIGN}
 )
 """Failures after which another attempt may succeed."""
 
-CHARGED: Final = frozenset(
-    {
-        FailureKind.TIMEOUT,
-        FailureKind.LATE,
-        FailureKind.CUT,
-        FailureKind.MALFORMED,
-        FailureKind.FOREIGN,
-    }
-)
-"""Failures whose request may have been processed and charged, by an unknown amount."""
-
-UNSENT: Final = frozenset({FailureKind.UNREACHABLE, FailureKind.UNTRUSTED})
+UNSENT: Final = frozenset({_K.UNREACHABLE, _K.UNTRUSTED})
 """Failures without a connection; they do not count as requests."""
 
 
@@ -120,14 +103,8 @@ class Request:
         return sha256_of([self.system, *self.turns])
 
     def plain(self) -> dict[str, Any]:
-        """The request as JSON values, without secrets in the extra fields.
-
-        Fields that older versions did not have are left out if they are None, so that digests of
-        old records stay valid.
-        """
-        optional = ("thinking", "effort", "extra")
-        values = {**asdict(self), "extra": without_secrets(self.extra)}
-        return {k: v for k, v in values.items() if v is not None or k not in optional}
+        """The request as JSON values, without secrets in the extra fields."""
+        return {**asdict(self), "extra": without_secrets(self.extra)}
 
     def followed_by(self, answer: str, question: str) -> Request:
         """The request extended by an answer and a further user turn; no turn is empty."""

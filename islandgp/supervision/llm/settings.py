@@ -12,7 +12,6 @@ from pydantic import BaseModel, Field, SecretStr, field_validator, model_validat
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
-from islandgp.supervision.llm.services import CLOUDS, Service
 
 DAY: Final = 86_400  # s
 MAX_KEPT: Final = 20  # most injected trees and decisions in the history
@@ -99,18 +98,13 @@ class Prices(BaseModel, frozen=True, extra="forbid"):
     facts: dict[str, Facts] = Field(default_factory=dict)
 
 
-class SweepCaps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
-    """Caps on the sum over all runs in a sweep's folder; None: no cap."""
+class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
+    """Caps on one run; None: no cap."""
 
     requests: int | None = Field(default=None, ge=0)  # sent, including retries and repairs
     input_tokens: int | None = Field(default=None, ge=0)  # including cache reads and writes
     output_tokens: int | None = Field(default=None, ge=0)  # in all answers
     usd: float | None = Field(default=None, ge=0)  # at the prices of `prices`
-
-
-class Caps(SweepCaps, frozen=True, extra="forbid", allow_inf_nan=False):
-    """Caps on one run; None: no cap."""
-
     seconds: float | None = Field(ge=0)  # of attempts and of waiting between them
 
 
@@ -175,6 +169,10 @@ Outage = Literal["fallback", "wait", "stop"]
 """Reaction to a server that does not answer: use the fallback, wait, or stop the run."""
 
 
+ClientFactory = Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
+"""The path of a class or function, "module:name"; see `client.sdk_client`."""
+
+
 class Useless(BaseModel, frozen=True, extra="forbid"):
     """Limit on unusable answers."""
 
@@ -191,9 +189,9 @@ class Fallback(ComponentConfig, frozen=True, extra="ignore"):
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):
     """Settings of the model, its requests and the checks of its answers."""
 
-    service: Service = "anthropic"  # that offers the model
+    client_factory: ClientFactory | None = None  # makes the SDK's client; None: the Anthropic API's
     model: str = Field(min_length=1)  # name or alias
-    base_url: str | None  # None: ANTHROPIC_BASE_URL or that of a cloud, or else the Anthropic API
+    base_url: str | None  # None: ANTHROPIC_BASE_URL, or else that of the client
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # added to it
@@ -211,21 +209,15 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
     exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
-    candidates: int = Field(default=1, ge=1, le=10)  # trees per answer; the best is injected
     refuse_copies: bool = False  # reject copies and trees with warnings of `islandgp check`
     parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
-    samples: int = Field(default=1, ge=1, le=10)  # answers requested to that question
-    models: dict[str, Annotated[float, Field(gt=0)]] | None = Field(default=None, min_length=1)
-    """Models for that question with weights; None: `model` alone."""
-    choice: Literal["weights", "bandit"] = "weights"  # bandit: by the share of successful edits
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Outage = "fallback"  # reaction to a server that does not answer
     useless: Useless | None = None  # limit on unusable answers; None: no limit
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
-    sweep_caps: SweepCaps = SweepCaps()  # of all runs in the folder of the run's sweep
     prices: Prices
-    prompts: str | None  # paper, informed, or a folder; None (of older records): paper
+    prompts: str  # paper, informed, or a folder
     informed: InformedSettings = InformedSettings()  # the parts of informed prompts
     fallback: Fallback
 
@@ -259,11 +251,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
         check_ranges("phases", self.phases)
-        capped = self.caps.usd is not None or self.sweep_caps.usd is not None
-        names = (self.model_name, *self.edit_models)
-        if capped and (unknown := [n for n in names if n not in self.prices.models]):
+        if self.caps.usd is not None and self.price is None:
             raise ValueError(
-                f"caps.usd: expected a model with a known price, found {unknown[0]!r}; the"
+                f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
                 f" prices of {self.prices.date} know {', '.join(self.prices.models)}. Add the"
                 " model to prices.models, or set caps.usd=null"
             )
@@ -294,25 +284,20 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @property
     def address(self) -> str | None:
-        """The server's address; None for that of the service."""
-        if self.service != "anthropic":
+        """The server's address; None for that of the client."""
+        if self.client_factory is not None:
             return self.base_url
         return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
 
     @property
     def place(self) -> str:
-        """The server's address or the service, for messages."""
-        cloud = CLOUDS.get(self.service)
-        return self.address or ("the Anthropic API" if cloud is None else cloud.title)
+        """The server's address or the client, for messages."""
+        return self.address or self.client_factory or "the Anthropic API"
 
     @property
     def price(self) -> Price | None:
-        """The model's price; of several models the highest of each kind; None if one is unknown."""
-        prices = [self.prices.models.get(n) for n in (self.model_name, *self.edit_models)]
-        fields = [price.model_dump() for price in prices if price is not None]
-        if len(fields) < len(prices):
-            return None
-        return Price(**{sort: max(price[sort] for price in fields) for sort in fields[0]})
+        """The model's price; None if it is unknown."""
+        return self.prices.models.get(self.model_name)
 
     @property
     def model_name(self) -> str:
@@ -325,11 +310,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
         rate = self.rate
         return {**ranges, "rate.least": f"{rate.least:g}", "rate.most": f"{rate.most:g}"}
-
-    @property
-    def edit_models(self) -> dict[str, float]:
-        """The weights of `models` by the server's names."""
-        return {self.prices.aliases.get(n, n): weight for n, weight in (self.models or {}).items()}
 
     @property
     def facts(self) -> Facts:

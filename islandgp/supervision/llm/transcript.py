@@ -92,12 +92,11 @@ class Conclusion:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """Episodes that supervision simulated."""
+    """Episodes that supervision simulated for the descriptions in prompts."""
 
     generation: int
-    purpose: str  # "traces": described in a prompt; "trial": of candidates
+    purpose: str  # "traces"
     episodes: int
-    gain: float = 0.0  # of a trial: points of the chosen candidate minus those of the first
 
 
 def to_line(attempt: Attempt, system: str) -> dict[str, Any]:

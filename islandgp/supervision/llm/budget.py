@@ -2,7 +2,7 @@
 
 The ledger sums up the transcript, so a resumed run continues with the right sums. Before an
 attempt its upper bound is added and compared with the caps: a cap is never exceeded, not even by
-an answer that is lost. The caps of a sweep apply to the sum over all runs in its folder.
+an answer that is lost.
 
 Prices and other properties of models are in the dated table of `conf/prices`.
 """
@@ -10,22 +10,18 @@ Prices and other properties of models are in the dated table of `conf/prices`.
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, astuple, dataclass
 from math import inf, isnan, nan
-from operator import add, neg
+from operator import add
 from pathlib import Path
 from typing import Final
 
-from filelock import FileLock
-
 from islandgp.plain import DECODE_ERRORS, read_json
 from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Request, Usage
-from islandgp.supervision.llm.settings import Caps, Price, SweepCaps
-from islandgp.supervision.llm.transcript import NAME, Attempt, Transcript
+from islandgp.supervision.llm.settings import Caps, Price
+from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 TOKENS_PER_PRICE: Final = 1e6  # tokens per price
 
@@ -84,17 +80,14 @@ class Bill:
     def __add__(self, other: Bill) -> Bill:
         return Bill(*map(add, astuple(self), astuple(other)))
 
-    def __neg__(self) -> Bill:
-        return Bill(*map(neg, astuple(self)))
-
-    def over(self, caps: SweepCaps) -> str:
+    def over(self, caps: Caps) -> str:
         """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
         for name, (amount, cap) in self.against(caps).items():
             if cap is not None and amount > cap:
                 return f"{name}={cap}"
         return ""
 
-    def against(self, caps: SweepCaps) -> dict[str, tuple[float, float | None]]:
+    def against(self, caps: Caps) -> dict[str, tuple[float, float | None]]:
         """Pairs of an amount and its cap, by the cap's name."""
         names = ("requests", "input_tokens", "output_tokens", "usd")
         return {
@@ -115,45 +108,13 @@ def known_usage(answer: Reply | Failure) -> Usage | None:
 class Ledger:
     """The costs of a run, summed over its transcript."""
 
-    def __init__(
-        self,
-        transcript: Transcript,
-        price: Price | None,
-        caps: Caps,
-        *,
-        prices: Mapping[str, Price] | None = None,
-        sweep: SweepLedger | None = None,
-    ) -> None:
-        """Makes the ledger of a run.
-
-        Args:
-            transcript: of the run.
-            price: upper bound for all models of the run; None: dollars are not counted.
-            caps: of the run.
-            prices: by model, if there are several.
-            sweep: the ledger of the run's sweep; None: it has no caps.
-        """
+    def __init__(self, transcript: Transcript, price: Price | None, caps: Caps) -> None:
+        """Makes the ledger of a run; price=None: dollars are not counted."""
         self.transcript, self.price, self.caps = transcript, price, caps
-        self.prices, self.sweep = prices or {}, sweep
 
-    def usd(self, usage: Usage, model: str) -> float | None:
+    def usd(self, usage: Usage) -> float | None:
         """Cost of an answer in US dollars; None if the price is unknown."""
-        price = self.prices.get(model, self.price)
-        return None if price is None else cost(usage, price)
-
-    def reserve(self, next_at_most: Usage, waited: float = 0.0) -> str:
-        """Reserves a request in the sweep's ledger, unless it could exceed a cap; see `over`."""
-        reason = self.over(next_at_most, waited)
-        if reason or self.sweep is None:
-            return reason
-        return self.sweep.reserve(Bill.at_most(1, next_at_most, self.price))
-
-    def settle(self, attempt: Attempt, reserved: Usage) -> None:
-        """Replaces a reservation in the sweep's ledger by the attempt's costs, if known."""
-        if self.sweep is not None and attempt.usage is not None:
-            price = self.prices.get(attempt.request.model, self.price)
-            bill = Bill.of(int(is_sent(attempt)), attempt.usage, price)
-            self.sweep.add(bill + -Bill.at_most(1, reserved, self.price))
+        return None if self.price is None else cost(usage, self.price)
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """A text on the cap that another request could exceed; "" for none.
@@ -188,8 +149,6 @@ class Ledger:
             seconds: upper bound of the sum of their seconds.
         """
         bill = Bill.at_most(requests, at_most, self.price)
-        if self.sweep is not None and self.sweep.over(bill):
-            return False
         return seconds <= self.seconds_left() and not (self.most() + bill).over(self.caps)
 
     def most(self) -> Bill:
@@ -201,7 +160,7 @@ class Ledger:
             if a.usage is None:
                 bills.append(Bill.at_most(1, a.at_most, self.price))
             else:
-                bills.append(Bill.of(1, a.usage, self.prices.get(a.request.model, self.price)))
+                bills.append(Bill.of(1, a.usage, self.price))
         return sum(bills[1:], bills[0])
 
     def totals(self) -> dict[str, float]:
@@ -228,74 +187,12 @@ class Ledger:
         played = list(self.transcript.played)
         if played:
             sums["episodes"] = sum(p.episodes for p in played)
-        if trials := [p for p in played if p.purpose == "trial"]:
-            sums["trials"] = len(trials)
-            sums["trial_gain"] = sum(p.gain for p in trials)
         if not isnan(most := self.most().usd):
             sums["cost_usd"] = sum(a.usd or 0.0 for a in sent)
             sums["cost_usd_at_most"] = most
         sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
         sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
         return sums
-
-
-class SweepLedger:
-    """The sum of the costs of all runs in a folder; changes are lines of `spending.jsonl`.
-
-    The upper bound of a request is reserved before it is sent and replaced after the answer; the
-    reservation of a killed process stays. Processes share the file with a lock.
-    """
-
-    def __init__(self, folder: Path, price: Price | None, caps: SweepCaps) -> None:
-        """Sums up the transcripts of the folder's runs if the file is missing."""
-        self.path, self.caps = folder / "spending.jsonl", caps
-        self._lock = FileLock(folder / ".spending.lock")
-        self._read, self._total = 0, Bill(0, 0, 0, 0.0)  # bytes that are in the total
-        folder.mkdir(parents=True, exist_ok=True)
-        with self._lock:
-            if not self.path.exists():
-                run = Caps(seconds=None)
-                bills = [
-                    Ledger(Transcript(file, fixed=True), price, run).most()
-                    for file in sorted(folder.glob(f"*/{NAME}"))
-                ]
-                self._write(sum(bills, self._total))
-
-    def over(self, bill: Bill) -> str:
-        """A text on the cap that a bill could exceed; "" for none."""
-        with self._lock:
-            return self._over(bill)
-
-    def reserve(self, bill: Bill) -> str:
-        """Records a bill before its request is sent, unless it could exceed a cap; see `over`."""
-        with self._lock:
-            if not (reason := self._over(bill)):
-                self._write(bill)
-        return reason
-
-    def add(self, change: Bill) -> None:
-        """Records a change of the sum."""
-        with self._lock:
-            self._write(change)
-
-    def _over(self, bill: Bill) -> str:
-        with self.path.open("rb") as file:
-            file.seek(self._read)
-            new = file.read()
-        end = new.rfind(b"\n") + 1
-        for line in new[:end].splitlines():
-            with suppress(*DECODE_ERRORS):  # an incomplete line of a killed process
-                self._total += Bill(**read_json(line))
-        self._read += end
-        cap = (self._total + bill).over(self.caps)
-        return f"another request could pass the cap sweep_caps.{cap}" if cap else ""
-
-    def _write(self, bill: Bill) -> None:
-        line = json.dumps(asdict(replace(bill, usd=0.0 if isnan(bill.usd) else bill.usd))).encode()
-        with self.path.open("ab") as file:
-            file.write(b"\n" + line + b"\n")  # the first line end completes an incomplete line
-            file.flush()
-            os.fsync(file.fileno())
 
 
 def recorded_requests(folder: Path) -> int:

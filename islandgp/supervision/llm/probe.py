@@ -1,0 +1,178 @@
+"""The probe of a server: which optional parameters it supports.
+
+The probe asks for a greeting and sends a JSON schema. A server that answers with JSON supports
+schemas; one that answers with a greeting ignores them. If the server rejects the request, the next
+one omits a parameter: the one named in the error, or else the temperature, the schema, or both.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+from dataclasses import asdict
+from itertools import count
+from typing import Any, Final
+
+from islandgp.errors import SupervisionError
+from islandgp.plain import from_json
+from islandgp.supervision.llm.answers import find_object
+from islandgp.supervision.llm.calls import Calls
+from islandgp.supervision.llm.message import (
+    TRANSIENT,
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    ServerCapabilities,
+)
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Call, Transcript
+
+_SYSTEM: Final = "Answer in one short sentence."
+_QUESTION: Final = "Please greet me."
+_SCHEMA: Final[dict[str, Any]] = {
+    "type": "object",
+    "properties": {"greeting": {"type": "string"}},
+    "required": ["greeting"],
+    "additionalProperties": False,
+}
+
+
+_NAMES: Final = {
+    "temperature": re.compile(r"temperature|sampling|top[_ ][pk]\b", re.IGNORECASE),
+    "schema": re.compile(r"output_config|output_format|schema|structured|json", re.IGNORECASE),
+}
+"""Patterns in the errors of servers that reject a parameter. The wording is not standardised, so
+they only order the next attempts."""
+
+Parameters = tuple[bool, float | None]
+"""Whether a JSON schema is sent, and the temperature that is sent, if any."""
+
+
+class CapabilitiesByGeneration:
+    """The server's capabilities by generation.
+
+    A run that starts while the server is busy probes it in each generation until it answers.
+    """
+
+    def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
+        self.settings, self.transcript, self.calls = settings, transcript, calls
+
+    def start(self) -> ServerCapabilities | Failure:
+        """The capabilities at a run's start, from the transcript or by a probe."""
+        if self.transcript.start is not None:
+            recorded = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
+            return recorded or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
+        return probe_capabilities(self.calls, self.settings)
+
+    def at(self, generation: int) -> ServerCapabilities | Failure:
+        """The capabilities for the requests of a generation; a failure if there is no answer yet.
+
+        Raises:
+            SupervisionError: as `probe_capabilities`.
+        """
+        if (recorded := self._known(generation)) is not None:
+            return recorded
+        capabilities = probe_capabilities(self.calls, self.settings, generation)
+        if isinstance(capabilities, ServerCapabilities) and self.transcript.learnt is None:
+            self.transcript.learn(generation, asdict(capabilities))
+        return capabilities
+
+    def _known(self, generation: int) -> ServerCapabilities | None:
+        start, learnt = self.transcript.start, self.transcript.learnt
+        if start is not None and start["dialect"] is not None:
+            return from_json(ServerCapabilities, start["dialect"])
+        if learnt is None or learnt[0] > generation:
+            return None
+        return from_json(ServerCapabilities, learnt[1])
+
+
+def probe_capabilities(
+    calls: Calls, settings: LLMSettings, generation: int = -1
+) -> ServerCapabilities | Failure:
+    """Probes the server with at most four calls.
+
+    Args:
+        calls: to make the requests with.
+        settings: of the model.
+        generation: to which the calls belong in the transcript; -1: the start of the run.
+
+    Returns:
+        The capabilities, or a transient failure.
+
+    Raises:
+        SupervisionError: no request of this run can succeed: the key, the model or the address
+            is wrong, or at the start of the run no server listens there.
+    """
+    untried, named = _parameter_choices(settings), set[str]()
+    for turn in count():
+        structured, temperature = mode = min(untried, key=lambda mode: _parameters(mode, named))
+        request = Request(
+            settings.model_name,
+            _SYSTEM,
+            (_QUESTION,),
+            settings.reply_tokens,
+            temperature,
+            _SCHEMA if structured else None,
+            thinking=settings.thinking_value,
+            effort=settings.effort,
+            extra=settings.extra_body,
+        )
+        answer = calls.ask(Call(generation, "probe", turn), request)
+        if isinstance(answer, Reply):
+            if settings.output == "auto" and structured and answer.text:
+                structured = find_object(answer.text, ["greeting"]) is not None
+            return ServerCapabilities(structured, temperature, "as the probe found")
+        never_there = generation < 0 and answer.kind is FailureKind.UNREACHABLE
+        if not never_there and (answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET):
+            return answer
+        untried.remove(mode)
+        if answer.kind is not FailureKind.REJECTED or not untried:
+            raise _hopeless(answer, settings)
+        new = {name for name, pattern in _NAMES.items() if pattern.search(answer.message)}
+        named = named | new if len(new) == 1 else set()  # an error that names both tells nothing
+    raise AssertionError
+
+
+def _parameter_choices(settings: LLMSettings) -> list[Parameters]:
+    """The combinations of parameters to try, the best first; a schema is preferred."""
+    schemas = {"auto": (True, False), "structured": (True,), "text": (False,)}[settings.output]
+    heats = dict.fromkeys((settings.temperature, None))
+    return [(structured, heat) for structured in schemas for heat in heats]
+
+
+def _parameters(mode: Parameters, named: Collection[str]) -> int:
+    """The number of parameters of a combination that the errors so far have named."""
+    sent = {"schema": mode[0], "temperature": mode[1] is not None}
+    return sum(sent[name] for name in named)
+
+
+_OPENAI: Final = (
+    "a server with OpenAI's API only needs LiteLLM's proxy in front of it, see docs/llm.md, Any"
+    " model"
+)
+_REMEDIES: Final = {
+    FailureKind.FOREIGN: _OPENAI,
+    FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",
+    FailureKind.UNTRUSTED: "set SSL_CERT_FILE to the certificate of its authority",
+}
+
+
+def _hopeless(failure: Failure, settings: LLMSettings) -> SupervisionError:
+    address = (settings.address or "").rstrip("/")
+    remedy = _REMEDIES.get(
+        failure.kind, "see the server's message, or use supervisor=expert, which needs no server"
+    )
+    if failure.kind is FailureKind.UNAUTHORISED:
+        custom = settings.client_factory
+        remedy = f"set the credentials of {custom}" if custom else "set another ANTHROPIC_API_KEY"
+    elif failure.kind is FailureKind.NOT_FOUND:
+        remedy = "set supervisor.policy.model, or supervisor.policy.base_url"
+        if address.endswith("/v1"):
+            remedy = f"drop /v1 from the address, as in {address.removesuffix('/v1')}"
+        elif "model" not in failure.message.lower():
+            remedy += f"; {_OPENAI}"
+    return SupervisionError(
+        f"Expected an answer of the model {settings.model_name} from {settings.place}, found"
+        f" {failure.kind} ({failure.message}); {remedy}."
+    )
