@@ -33,9 +33,8 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "expert": ("supervisor=expert",),
     "mock_paper": LLM,
     "mock_informed": (*LLM, INFORMED),
-    "mock_informed_3": (*LLM, INFORMED, "supervisor.policy.candidates=3"),
 }
-"""Overrides of each arm. `_3` has three candidates."""
+"""Overrides of each arm."""
 PARTS: Final[dict[str, tuple[str, ...]]] = {
     f"mock_without_{part}": (*LLM, INFORMED, f"supervisor.policy.informed.{part}={off}")
     for part, off in (
@@ -50,7 +49,7 @@ PARTS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Overrides of the ablation: informed prompts without one of their parts."""
 HEAD: Final = (
-    "arm", "best robot", "Complete", "fallback", "tokens in", "tokens out", "episodes", "gain",
+    "arm", "best robot", "Complete", "fallback", "tokens in", "tokens out", "episodes",
 )  # fmt: skip
 
 
@@ -92,8 +91,6 @@ def table(folder: Path) -> Iterator[str]:
             values = [one.get(key, 0) for one in spent]
             return f"{sum(values) / len(values):,.0f}" if any(values) else ""
 
-        trials = sum(one.get("trials", 0) for one in costs)
-        gain = sum(one.get("trial_gain", 0) for one in costs) / trials if trials else None
         cells = (
             name,
             f"{table_of_runs['validation_mean'].mean():,.0f}",
@@ -102,7 +99,6 @@ def table(folder: Path) -> Iterator[str]:
             mean("input_tokens"),
             mean("output_tokens"),
             mean("episodes"),
-            "" if gain is None else f"{gain:+,.0f}",
         )
         yield f"| {' | '.join(cells)} |"
 

@@ -27,7 +27,6 @@ class Stream(IntEnum):
     UNSEEN = 9  # a comparison's worlds for best robots, by slot; the run seed is 0
     LIBRARY = 10  # the search for single behaviours, by behaviour and slot; the run seed is 0
     VALIDATION = 11  # worlds in which a run chooses its best robot, by slot
-    TRIAL = 12  # the world in which a model's candidates are tried, by generation
     TEST = 13  # worlds in which a run's best trees are tested, by slot; not used for selection
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot

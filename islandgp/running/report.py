@@ -124,12 +124,6 @@ def _supervision(spent: Mapping[str, float], sources: Mapping[str, int]) -> Iter
             f"Language model: {1 - fallback_share(sources):.0%} of the answers,"
             f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
         )
-    if spent.get("trials"):
-        gain = in_points(spent["trial_gain"] / spent["trials"], "+")
-        yield (
-            f"Candidates: the best of each of {spent['trials']:,.0f} answers has"
-            f" {gain} points above the first in its trial"
-        )
 
 
 def _dollars(spent: Mapping[str, float]) -> str:
