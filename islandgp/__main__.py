@@ -16,24 +16,10 @@ def script() -> None:
         leave(end.code)
 
 
-def start_workers() -> None:
-    """Starts the server of workers before the imports, which it does at the same time.
-
-    `main` tries it again, and reports errors.
-    """
-    from contextlib import suppress
-
-    with suppress(Exception):
-        from islandgp.evaluation.forkserver import start_for_command
-
-        start_for_command(sys.argv[1:])
-
-
 if __name__ == "__main__":
     stop_before_work("SIGTERM", "SIGHUP")
     try:
         with Imports():
-            start_workers()
             from islandgp.running.app import main
     except (ImportError, AttributeError):
         from pathlib import Path

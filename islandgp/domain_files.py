@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,13 +38,6 @@ def domain_class(domain: str, config_dir: str | None = None) -> Any:
     """The class of a domain. Raises KeyError if there is no such domain."""
     module, _, attribute = _factory(domain, config_dir).partition(":")
     return getattr(import_module(module), attribute)
-
-
-def default_domain_module() -> str:
-    """The module of the default domain."""
-    text = (resource("conf") / "config.yaml").read_text(encoding="utf-8")
-    (domain,) = re.findall(r"^  - domain: (\w+)", text, re.MULTILINE)
-    return _factory(domain).partition(":")[0]
 
 
 def _factory(domain: str, config_dir: str | None = None) -> str:

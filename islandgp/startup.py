@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 def stop_at_once(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
     """End the process with one line and exit code 130."""
     os.write(2, b"islandgp: stopped\n")
-    try:
-        remove_sockets()
-    finally:
-        os._exit(130)
+    os._exit(130)
 
 
 EXIT_LIMIT = 5.0  # s for threads to end after Ctrl-C
@@ -38,17 +35,6 @@ def leave(code: object) -> NoReturn:
         watchdog.daemon = True
         watchdog.start()
     sys.exit(code)  # type: ignore[arg-type]
-
-
-def remove_sockets() -> None:
-    """Remove the temporary folder with the socket of this process's forkserver."""
-    module = sys.modules.get("multiprocessing.process")
-    if module is None or module.parent_process() is not None:  # the folder is the parent's
-        return
-    if folder := module.current_process()._config.get("tempdir"):
-        for name in os.listdir(folder):
-            os.unlink(os.path.join(folder, name))
-        os.rmdir(folder)
 
 
 def stop_before_work(*names: str) -> None:

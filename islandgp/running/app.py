@@ -28,7 +28,6 @@ from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.evaluation.forkserver import start_for_command
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
@@ -100,7 +99,6 @@ def _must_be_somewhere() -> None:
 
 def _run_all(args: argparse.Namespace, argv: list[str]) -> int:
     """Executes the parsed command; returns the exit code."""
-    start_for_command(argv)
     jobs = _planned(args, argv)
     if key_in(job.config for job in jobs):
         args, argv = parsed_argv([NONE, *argv])

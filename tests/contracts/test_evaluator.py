@@ -5,15 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from threading import Thread, Timer
+from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,9 +19,7 @@ import pytest
 from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
-from islandgp.evaluation import processes
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
-from islandgp.evaluation.forkserver import start_forkserver
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray, batch_size, own_token
 from islandgp.evaluation.serial import Serial
@@ -133,6 +128,15 @@ def test_early_episodes_have_the_same_outcomes(name: str) -> None:
         evaluator.close()
 
 
+def kill_workers() -> None:
+    """`kill -9` of all workers; waits until they are gone."""
+    for process in multiprocessing.active_children():
+        assert process.pid is not None
+        os.kill(process.pid, signal.SIGKILL)
+    while multiprocessing.active_children():
+        time.sleep(0.01)
+
+
 def test_early_episodes_of_workers_that_die_are_run_again() -> None:
     """Whether they die before an early start or after it."""
     pool = Processes(setting(), 2)
@@ -141,9 +145,7 @@ def test_early_episodes_of_workers_that_die_are_run_again() -> None:
             pool.evaluate(JOBS[:4])
             for job in JOBS[:started]:
                 pool.start(job)
-            for process in multiprocessing.active_children():
-                process.kill()
-                process.join()
+            kill_workers()
             for job in JOBS[started:]:
                 pool.start(job)
             assert tuple(pool.evaluate(JOBS)) == expected()
@@ -210,9 +212,7 @@ def test_workers_that_die_between_batches_are_replaced() -> None:
     pool = Processes(setting(), 2)
     try:
         pool.evaluate(JOBS[:4])
-        for process in multiprocessing.active_children():
-            process.kill()
-            process.join()
+        kill_workers()
         assert pool.evaluate(JOBS[:4]) == list(expected()[:4])
     finally:
         pool.close()
@@ -225,81 +225,12 @@ def test_a_stopped_worker_beside_a_dead_one_is_replaced() -> None:
         pool.evaluate(JOBS)
         one, other = multiprocessing.active_children()
         assert one.pid is not None
+        assert other.pid is not None
         os.kill(one.pid, signal.SIGSTOP)
-        other.kill()
+        os.kill(other.pid, signal.SIGKILL)
         assert tuple(pool.evaluate(JOBS)) == expected()
     finally:
         pool.close()
-
-
-def test_workers_of_a_start_that_was_interrupted_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C after a pool's first worker has started: the interpreter would wait for it."""
-    started: list[Any] = []
-
-    def spawn(pool: Any) -> None:
-        spawn_process(pool)
-        started.extend(pool._processes.values())
-        raise KeyboardInterrupt
-
-    spawn_process = ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined] -- not public
-    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", spawn)
-    evaluator = Processes(setting(), 2)
-    with pytest.raises(KeyboardInterrupt):
-        evaluator.evaluate(JOBS)
-    evaluator.close()
-    (worker,) = started
-    worker.join(20)
-    assert worker.exitcode == -signal.SIGKILL
-
-
-@pytest.mark.parametrize("step", ["add_call_item_to_queue", "wait_result_broken_or_wakeup"])
-@pytest.mark.parametrize("limit", [0, 300])
-def test_a_pool_whose_thread_ends_reports_a_lack_of_resources(
-    step: str, limit: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """At once, whatever the time limit, and no tree is blamed; no worker stays."""
-
-    def fail(_: Any) -> None:
-        raise RuntimeError("can't start new thread")
-
-    monkeypatch.setattr(f"concurrent.futures.process._ExecutorManagerThread.{step}", fail)
-    monkeypatch.setattr("threading.excepthook", lambda _: None)  # it prints the traceback
-    pool = Processes(setting(), 2, episode_timeout=limit)
-    began = time.monotonic()
-    try:
-        with pytest.raises(EvaluationError, match="Expected enough memory and threads"):
-            pool.evaluate(JOBS)
-    finally:
-        pool.close()
-    assert time.monotonic() - began < 60
-    for process in multiprocessing.active_children():
-        process.join(20)
-    assert multiprocessing.active_children() == []
-
-
-@pytest.mark.parametrize(
-    ("failure", "error"),
-    [
-        pytest.param(
-            "synchronize.Lock.__new__(synchronize.Lock).__setstate__((0, 1, 1, '/gone'))",
-            "",
-            id="queues gone",
-        ),
-        pytest.param("spawn._main(0, 0)", "", id="parent gone"),
-        pytest.param("open('/gone')", "FileNotFoundError", id="the domain's own"),
-    ],
-)
-@pytest.mark.skipif(os.name != "posix", reason="the server of forks")
-def test_a_worker_without_its_run_prints_nothing(failure: str, error: str) -> None:
-    """A run that is stopped while a worker starts takes its queues away from it."""
-    imports = "import islandgp.evaluation.forked\nfrom multiprocessing import spawn, synchronize"
-    program = f"{imports}\n{failure}"
-    process = subprocess.run(
-        [sys.executable, "-c", program], stdin=subprocess.DEVNULL, capture_output=True, text=True
-    )
-    assert process.returncode == 1
-    assert bool(process.stderr) == bool(error)
-    assert error in process.stderr
 
 
 def test_closing_does_not_wait_for_long_episodes() -> None:
@@ -337,76 +268,6 @@ def test_an_episode_that_never_ends_is_named() -> None:
 def deadly_slow() -> Problem:
     """The setting with a curriculum whose deadly stage takes half a minute."""
     return replace(setting(), curriculum=Deadly(setting().curriculum, seconds=30))  # type: ignore[arg-type]
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
-def test_a_server_of_forks_that_is_killed_while_it_starts_is_replaced() -> None:
-    """The jobs have their outcomes. In a separate process, where none has started yet."""
-    code = f"from {__name__} import evaluate_beside_a_kill; evaluate_beside_a_kill()"
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
-
-
-def evaluate_beside_a_kill() -> None:
-    """Kills the server of forks as soon as it has a process, and evaluates all the same."""
-    from multiprocessing import forkserver
-
-    def kill() -> None:
-        while server._forkserver_pid is None:
-            time.sleep(0.001)
-        os.kill(server._forkserver_pid, signal.SIGKILL)
-
-    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
-    killer = Thread(target=kill)
-    killer.start()
-    pool = Processes(setting(), 2)
-    try:
-        assert tuple(pool.evaluate(JOBS)) == expected()
-    finally:
-        killer.join()
-        pool.close()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
-def test_a_server_of_forks_that_cannot_be_reached_is_replaced() -> None:
-    """As one that is about to die: it accepts no connection, and still counts as alive."""
-    code = f"from {__name__} import evaluate_without_an_address as e; e()"
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
-
-
-def evaluate_without_an_address() -> None:
-    """Removes the address of the server of forks, and evaluates all the same."""
-    from multiprocessing import forkserver
-
-    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
-    start_forkserver("islandgp.domains.island.domain")
-    Path(server._forkserver_address).unlink()
-    pool = Processes(setting(), 2)
-    try:
-        assert tuple(pool.evaluate(JOBS)) == expected()
-    finally:
-        pool.close()
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs a server of forks")
-def test_a_forkserver_may_start_early_for_another_domain() -> None:
-    """Workers import their own domain then. In a separate process, where none has started."""
-    code = f"from {__name__} import evaluate_after_an_early_start as e; e()"
-    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True, timeout=120)
-
-
-def evaluate_after_an_early_start() -> None:
-    """Starts the server of forks, and evaluates with the same one."""
-    from multiprocessing import forkserver
-
-    server: Any = forkserver._forkserver  # type: ignore[attr-defined]
-    start_forkserver("islandgp.domains.gymnasium")
-    early = server._forkserver_pid
-    pool = Processes(setting(), 2)
-    try:
-        assert tuple(pool.evaluate(JOBS)) == expected()
-    finally:
-        pool.close()
-    assert server._forkserver_pid == early
 
 
 @pytest.mark.slow
@@ -527,23 +388,3 @@ def test_an_error_names_the_line_of_the_user_s_code() -> None:
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):
         simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))
-
-
-@pytest.mark.parametrize("place", [0, -1])
-def test_a_lock_that_ctrl_c_left_does_not_stop_the_end(
-    place: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ctrl-C may come when a future's lock is taken and its context is not entered."""
-    pool = Processes(setting(), 2)
-    pool.start(JOBS[0])
-
-    def interrupted(futures: list[Future[Outcome]], *_: object) -> None:
-        futures[place]._condition.acquire()
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(processes, "wait_for", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        pool.evaluate(JOBS)
-    manager = pool._pool._executor_manager_thread
-    pool.close()
-    assert not manager.is_alive()

@@ -147,7 +147,7 @@ def test_the_key_is_in_no_process_list(tmp_path: Path, monkeypatch: pytest.Monke
     with MessagesServer(look) as server:
         overrides = [*SMALL, "evaluator=processes", "evaluator.policy.workers=2", "tracking=off"]
         assert main([*overrides, f"supervisor.policy.base_url={server.url}"]) == 0
-    assert any(b"forkserver" in line for line in commands)
+    assert any(b"popen_loky" in line for line in commands)
     assert [line for line in commands if PIECE in line] == []
 
 

@@ -119,9 +119,5 @@ def processes(group: int) -> dict[int, tuple[int, str]]:
 
 
 def workers(run: subprocess.Popen[str]) -> list[int]:
-    """The processes of a run's evaluator, of which it has started all: children of its server."""
-    running = processes(run.pid)
-    server = [
-        n for n, (parent, line) in running.items() if parent == run.pid and "forkserver" in line
-    ]
-    return sorted(n for n, (parent, _) in running.items() if parent in server)
+    """The processes in which a run's episodes run."""
+    return sorted(n for n, (_, line) in processes(run.pid).items() if "popen_loky" in line)

@@ -16,14 +16,12 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
-from islandgp.evaluation import forkserver
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import identity_config
 from islandgp.resources import resource
-from islandgp.running import app
 from islandgp.running.app import main
 from islandgp.running.resume import differences
 from islandgp.viewer.run_page import NAME_OF_PAGE
@@ -566,30 +564,3 @@ def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
     """Names that MLflow or a run has already."""
     with pytest.raises(ConfigError, match=re.escape(expected)):
         composed(word)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "early"),
-    [
-        (["seed=3"], True),
-        (["--config-dir", "."], True),
-        (["domain=cartpole"], False),
-        (["evaluator=serial"], False),
-        (["experiment=minigrid"], False),
-        (["seed=1,2", "-m"], False),
-        (["--cfg", "job"], False),
-    ],
-)
-def test_workers_are_prepared_before_the_configuration_is_composed(
-    arguments: list[str], early: bool, cwd: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Their server imports the default domain, unless the command may need none or another one."""
-    started: list[str] = []
-
-    def stop(*_: object) -> None:
-        raise ConfigError("Expected nothing more of this test.")
-
-    monkeypatch.setattr(forkserver, "start_forkserver", started.append)
-    monkeypatch.setattr(app, "_planned", stop)
-    assert main([*arguments, f"runs={cwd}"]) == (0 if "--cfg" in arguments else 2)
-    assert started == ["islandgp.domains.island"] * early

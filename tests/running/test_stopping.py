@@ -78,7 +78,6 @@ def test_a_signal_before_the_work_ends_the_process_with_a_line(
     """Exit code 130, before `as_ctrl_c` and after it; within it there is an exception."""
     codes: list[int] = []
     monkeypatch.setattr(startup.os, "_exit", codes.append)
-    monkeypatch.setattr(startup, "remove_sockets", lambda: None)  # other tests need them
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -129,10 +128,7 @@ STARTS = {
     ],
 )
 def test_a_signal_while_a_command_starts(name: str, start: str, module: str) -> None:
-    """A line and exit code 130 while modules are imported, in place of a traceback or -15.
-
-    No file is left, also if the forkserver was started.
-    """
+    """A line and exit code 130 while modules are imported, in place of a traceback or -15."""
     code = AT_AN_IMPORT.format(module=module, signal=name, start=STARTS[start])
     with TemporaryDirectory() as folder:  # of a short name, as the path of a socket is limited
         process = subprocess.run(
@@ -198,7 +194,7 @@ def test_garbage_is_collected_after_imports() -> None:
 @pytest.mark.skipif(os.name != "posix", reason="needs process groups")
 @pytest.mark.parametrize("delay", [0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
 def test_ctrl_c_while_a_run_starts_its_processes(tmp_path: Path, delay: float) -> None:
-    """A terminal signals the forkserver and the workers as well; none of them prints a traceback.
+    """A terminal signals the workers as well; none of them prints a traceback.
 
     Python ends by the signal itself (-2) where it comes in the first lines of the program; a
     shell shows 130 for that, too.

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
 from pathlib import Path
 from time import sleep
 
-from tests.running.commands import processes
+from tests.running.commands import workers
 from tests.torture.lab import REAL, SLOW, Lab, assert_refused, communicate, start, under_way
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # what a command makes a clean stop of
@@ -78,21 +77,16 @@ def requeued(lab: Lab) -> None:
     lab.assert_finishes(home, LONG)
 
 
-def workers_of(process: subprocess.Popen[str]) -> list[int]:
-    """The processes that evaluate, and the one that starts them."""
-    return [n for n, (_, line) in processes(process.pid).items() if "forkserver" in line]
-
-
 def killed_workers(lab: Lab) -> None:
-    """A worker killed now and then, or what starts workers; the run itself goes on."""
+    """A worker killed now and then; the run itself goes on."""
     moments = random.Random(4)
     home = lab.folder()
     process = start(home, *LONG)
     under_way(home, process)
     kills = 0
     while kills < 8:
-        if workers := workers_of(process):
-            os.kill(moments.choice(workers), signal.SIGKILL)
+        if running := workers(process):
+            os.kill(moments.choice(running), signal.SIGKILL)
             kills += 1
             under_way(home, process, 3 + 5 * kills)
     ending = lab.end(process)
@@ -108,7 +102,7 @@ def silent_worker(lab: Lab) -> None:
     arguments = (*LONG, "evaluator.policy.episode_timeout=2")
     process = start(home, *arguments)
     under_way(home, process)
-    os.kill(max(workers_of(process)), signal.SIGSTOP)
+    os.kill(max(workers(process)), signal.SIGSTOP)
     assert_refused(lab.end(process), "no answer of its worker in 2 s", "episode_timeout")
     lab.assert_finishes(home, arguments)
 
