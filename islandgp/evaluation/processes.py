@@ -28,7 +28,7 @@ from islandgp.errors import EvaluationError, brief
 from islandgp.evaluation.base import Job, Problem, blame, simulate
 
 PERIOD: Final = 0.5  # s between two looks at the parent, or at an episode
-GRACE: Final = 2.0  # s for a worker to report an episode that exceeds the limit
+GRACE: Final = 10.0  # s for a worker to start, and to report an episode that exceeds the limit
 ENDING: Final = 5.0  # s for the pool to end after its workers were killed
 PR_SET_PDEATHSIG: Final = 1  # of Linux's prctl
 STOPPING: Final = tuple(

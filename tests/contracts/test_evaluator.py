@@ -19,6 +19,7 @@ import pytest
 from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome
 from islandgp.errors import DomainError, EvaluationError
+from islandgp.evaluation import processes
 from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.ray import Ray, batch_size, own_token
@@ -246,12 +247,13 @@ def test_closing_does_not_wait_for_long_episodes() -> None:
     assert multiprocessing.active_children() == []
 
 
-def test_an_episode_that_never_ends_is_named() -> None:
+def test_an_episode_that_never_ends_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """After the time limit, with tree and seed; the pool is of use afterwards."""
     pool = Processes(deadly_slow(), 2, episode_timeout=300)
     try:
         pool.evaluate(JOBS[:2])  # workers are at hand, however long their start takes
         pool.episode_timeout = 1
+        monkeypatch.setattr(processes, "GRACE", 2)
         began = time.monotonic()
         with pytest.raises(
             EvaluationError,
