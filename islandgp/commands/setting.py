@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from islandgp.evaluation.base import Problem
     from islandgp.viewer.recording import Recording
 
-_QUICK: Final = {"tracking": "off", "supervisor": "fixed"}
+_QUICK: Final = {"tracking": "off", "supervisor": "baseline"}
 """Components that no episode needs, replaced by those that are fast to load."""
 
 _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
