@@ -231,10 +231,10 @@ def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mo
     """`compare` writes its page for a domain of an extra, unseen worlds included."""
     monkeypatch.chdir(tmp_path)
     sweep = ("domain=cartpole", *TINY[:-1], "tracking=off", "progress=off", "name=s")
-    for arm in ("baseline", "fixed"):
+    for arm in ("baseline", "expert"):
         command = (*sweep, f"supervisor={arm}", "seed=range(3)", "-m")
         assert finish(start(tmp_path, *command))[0] == 0
-    arms = [word for arm in ("fixed", "baseline") for word in ("--arm", f"{arm}=supervisor={arm}")]
+    arms = [word for arm in ("expert", "baseline") for word in ("--arm", f"{arm}=supervisor={arm}")]
     result = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "--no-mlflow", "-o", "out")
     assert result.code == 0, result.err
     assert (tmp_path / "out" / "index.html").is_file()

@@ -429,20 +429,20 @@ def test_a_tracked_sweep_is_a_parent_with_children(
 ) -> None:
     """One parent run; each child has name, supervisor and seed; all FINISHED."""
     monkeypatch.chdir(home)
-    assert main([*TINY, *fake("Instant"), "supervisor=baseline,fixed", "seed=3,4", "-m"]) == 0
+    assert main([*TINY, *fake("Instant"), "supervisor=baseline,editor", "seed=3,4", "-m"]) == 0
     runs = tracked(store(home))
     (parent,) = (run for run in runs if run.parent is None)
     children = [run for run in runs if run is not parent]
     assert {run.status for run in runs} == {"FINISHED"}
     assert {run.parent for run in children} == {parent.id}
     assert {(run.tags["supervisor"], run.tags["seed"]) for run in children} == {
-        (supervisor, seed) for supervisor in ("baseline", "fixed") for seed in ("3", "4")
+        (supervisor, seed) for supervisor in ("baseline", "editor") for seed in ("3", "4")
     }
     assert {run.name.split("-gp")[0] for run in children} == {
         f"{run.tags['supervisor']}-seed{run.tags['seed']}" for run in children
     }
     assert len({run.tags["config"] for run in children}) == 2  # the same for all seeds
-    assert "sweep/fixed fitness max mean" in parent.points
+    assert "sweep/editor fitness max mean" in parent.points
 
 
 def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

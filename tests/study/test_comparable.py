@@ -19,7 +19,7 @@ from tests.study.fake_runs import fake_arm, fake_run
 
 
 def _arm(name: str, seeds: range, selection: str = "", **changes: Any) -> Arm:
-    supervisor = name if name in ("expert", "baseline", "fixed") else "expert"
+    supervisor = name if name in ("expert", "baseline", "editor") else "expert"
     runs = [fake_run(supervisor, s, generations=4, path=f"{name}-{s}", **changes) for s in seeds]
     return fake_arm(name, runs, selection)
 
@@ -153,11 +153,11 @@ def test_runs_need_a_generation_in_each_stage() -> None:
 
 def test_three_arms_make_three_pairs() -> None:
     """All pairs, in the order in which the arms were given."""
-    study = compare_arms([_arm(n, range(2)) for n in ("expert", "baseline", "fixed")])
+    study = compare_arms([_arm(n, range(2)) for n in ("expert", "baseline", "editor")])
     assert [(a.name, b.name) for a, b in study.pairs] == [
         ("expert", "baseline"),
-        ("expert", "fixed"),
-        ("baseline", "fixed"),
+        ("expert", "editor"),
+        ("baseline", "editor"),
     ]
 
 

@@ -311,20 +311,20 @@ def test_champions_are_beside_the_reference_trees(
 @pytest.mark.usefixtures("blank")
 def test_families_are_by_question() -> None:
     """The first pair answers the paper's claims; the other pairs are another family."""
-    report = build(_study("expert", "baseline", "fixed"), (), 0)
+    report = build(_study("expert", "baseline", "editor"), (), 0)
     assert len({f.arms for f in report.findings}) == 3
     keys = [t.key for t in report.tables]
-    assert {"table-9-expert-baseline", "table-9-expert-fixed", "table-9-baseline-fixed"} <= set(
+    assert {"table-9-expert-baseline", "table-9-expert-editor", "table-9-baseline-editor"} <= set(
         keys
     )
     assert len(keys) == len(set(keys))
-    table = next(t for t in report.tables if t.key == "table-9-expert-fixed")
+    table = next(t for t in report.tables if t.key == "table-9-expert-editor")
     assert "the family 'other pairs', 28 comparisons" in table.notes[1]
     (claims,) = [t for t in report.tables if t.key == "claims"]
     assert "the family 'the paper's claims', 14 comparisons" in claims.notes[1]
     (questions,) = [t for t in report.tables if t.key.startswith("questions")]
     assert len(questions.rows) == 28
-    assert {row[0] for row in questions.rows} == {"expert minus fixed", "baseline minus fixed"}
+    assert {row[0] for row in questions.rows} == {"expert minus editor", "baseline minus editor"}
     assert {f.size for f in report.findings} == {14, 28, 1, 2}
 
 
@@ -354,7 +354,7 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     plan = parse_plan(
         ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
     )
-    study = _study("expert", "baseline", "fixed")
+    study = _study("expert", "baseline", "editor")
     check_plan(plan, study)
     report = build(study, (), 0, plan=plan)
     primary = report.sections[1].items[0]
