@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
@@ -34,6 +33,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
+from islandgp.gp.cleaning import clean
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
 if TYPE_CHECKING:  # variation imports this module
@@ -221,7 +221,7 @@ def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
 
 def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
     """Removes the parts that `simplify` proves to have no effect."""
-    return simplify(tree, space.vocabulary).tree
+    return clean(tree, space.vocabulary)
 
 
 def tune(

@@ -31,6 +31,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.printer import Named, condition_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
+from islandgp.gp.cleaning import NEW_WORLD
 from islandgp.plain import to_json
 
 STRICT: Final = ConfigDict(strict=True, revalidate_instances="always")
@@ -352,7 +353,11 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
     from islandgp.bt.analysis.lint import warnings  # only for edits
 
     known, new = (
-        [w.message for w in warnings(t, vocabulary) if w.code in ("unreachable", "never-succeeds")]
+        [
+            w.message
+            for w in warnings(t, vocabulary, siblings=NEW_WORLD)
+            if w.code in ("unreachable", "never-succeeds")
+        ]
         for t in (before, after)
     )
     for message in new:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from islandgp.bt.analysis.truth import excludes, implies, shortened
+from islandgp.bt.analysis.satisfiability import excludes, implies, shortened
 from islandgp.bt.core.condition import (
     Compound,
     Condition,

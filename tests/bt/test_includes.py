@@ -33,14 +33,14 @@ subtree work(low) = when foundGarbage and not (lap < low) { MoveToGarbage }
 selector {
   use recharge(least, 3)  # first
   use work(2.5)
-  when lap < low { use recharge(1, 1) }
+  when lap < low { use recharge(50, 1) }
   PatrolWaypoint
 }
 """
 MEANT = """selector {
   when batteryLevel < 20 abort lower { repeater 3 { SeekCharger } }
   when foundGarbage and not lap < 2.5 { MoveToGarbage }
-  when lap < 20 { when batteryLevel < 1 abort lower { repeater 1 { SeekCharger } } }
+  when lap < 20 { when batteryLevel < 50 abort lower { repeater 1 { SeekCharger } } }
   PatrolWaypoint
 }
 """

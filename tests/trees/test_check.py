@@ -183,6 +183,51 @@ def test_warning_in_a_subtree() -> None:
     assert [(w.line, w.column) for w in doubtful] == [(1, 13)]
 
 
+SHADOWED = """selector {
+  when lap > 1 { PatrolWaypoint }
+  when lap > 1 { SeekCharger }
+  when lap > 2 { MoveToGarbage }
+  SeekCharger
+}"""
+
+
+def test_a_branch_that_earlier_ones_exclude_is_reported() -> None:
+    """An action that never fails keeps later branches from running where its guard holds."""
+    found = warnings(SHADOWED, VOCABULARY)
+    assert [(w.line, w.code) for w in found] == [(3, "unreachable"), (4, "unreachable")]
+    assert found[1].message == (
+        "this branch can never run: lap > 2 can't hold, as the branches before it leave only"
+        " lap <= 1"
+    )
+    may_fail = SHADOWED.replace("PatrolWaypoint", "MoveToGarbage")
+    assert not warnings(may_fail, VOCABULARY)
+    (redundant,) = warnings(
+        "selector { when lap > 1 { PatrolWaypoint } when lap <= 1 { MoveToGarbage } SeekCharger }",
+        VOCABULARY,
+    )
+    assert redundant.code == "needless-guard"
+    assert "as the branches before it leave only lap <= 1" in redundant.message
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("when foundGarbage abort self { PickupGarbage }", "its child ends in the tick"),
+        ("when lap > 1 { sequence { SeekCharger when lap > 0 abort self { MoveToGarbage } } }", ""),
+        (
+            "selector { when lap > 1 { SeekCharger } when lap > 0 { when lap > 1 abort lower {"
+            " MoveToGarbage } } PatrolWaypoint }",
+            "",
+        ),
+    ],
+)
+def test_an_abort_rule_without_effect_is_reported(text: str, reason: str) -> None:
+    """Where it can stop neither its child nor a later branch; other warnings come first."""
+    (found,) = warnings(text, VOCABULARY)
+    assert (found.code == "needless-abort") == bool(reason)
+    assert reason in found.message
+
+
 def test_a_warning_names_the_uses_to_which_it_applies() -> None:
     """A branch that can run in some uses of its subtree only is reported with the other uses."""
     text = "subtree chk(p) = when batteryLevel < p { SeekCharger }\nselector { %s PatrolWaypoint }"
@@ -193,10 +238,10 @@ def test_a_warning_names_the_uses_to_which_it_applies() -> None:
     assert warning.message.endswith("0 to 100")
     inner = "subtree twice(q) = sequence { use chk(q) }\n"
     (warning,) = warnings(
-        text.replace("\n", f"\n{inner}") % "use chk(50) use twice(-1) use twice(9) use chk(-2)",
+        text.replace("\n", f"\n{inner}") % "use twice(-1) use twice(9) use chk(-2) use chk(50)",
         VOCABULARY,
     )
-    assert warning.message.endswith("; in the uses at 3:24, 3:51")
+    assert warning.message.endswith("; in the uses at 3:12, 3:39")
 
 
 def test_limits(islandgp: Cli, tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
 """The blackboards on which the nodes of a tree can be ticked, found by one walk through the tree.
 
 The sets may be too large, but never too small: they can prove that a node is not ticked on a
-blackboard, but not that it is. They are more precise than the conditions of `truth`: a branch of a
-selector starts only if the branches before it fail, and is resumed only while none of their
-observed guards becomes true.
+blackboard, but not that it is. They are more precise than the conditions of `context`, which
+follow the same rules.
 """
 
 from __future__ import annotations
@@ -14,8 +13,7 @@ from typing import NamedTuple
 from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
 from islandgp.bt.analysis.machine import Machine
-from islandgp.bt.analysis.outcomes import advance_status
-from islandgp.bt.core.kinds import count_of, kind_of
+from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
 
 

@@ -12,26 +12,28 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.outcomes import advance_status, dead_end, never
-from islandgp.bt.analysis.truth import (
+from islandgp.bt.analysis.context import (
     NodeContext,
-    child_context,
+    abort_effects,
+    always_holds,
+    child_contexts,
     conditions_when_evaluated,
-    excludes,
-    implies,
+    ends_at_once,
     may_interrupt,
+    never,
     root_context,
-    shortened,
 )
+from islandgp.bt.analysis.outcomes import dead_end
+from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, shortened
 from islandgp.bt.core.builder import NodePlace
 from islandgp.bt.core.condition import ConditionExpr, terms
-from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.language import parse_placed, plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.source import Source
 from islandgp.bt.core.templates import NUMBER, name_places
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
 """The ancestors of a node, each with the index of the child that leads to the node."""
@@ -43,7 +45,7 @@ CODES: Final = {
     "long-condition": "a condition that is equivalent to a shorter one",
     "double-inverter": "an inverter of an inverter",
     "never-succeeds": "an action that can never succeed in its place",
-    "needless-abort": "`abort lower` without a later branch to stop",
+    "needless-abort": "an abort rule that stops nothing",
     "unused-subtree": "a named subtree that is never used",
     "unused-constant": "a constant that is never used",
     "unused-parameter": "a parameter that its subtree does not use",
@@ -83,7 +85,12 @@ class _Place(NamedTuple):
 
 
 def warnings(
-    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
+    text: str,
+    vocabulary: Vocabulary,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+    siblings: bool = True,
 ) -> list[LintWarning]:
     """The warnings about a tree file, in its order, each once.
 
@@ -96,13 +103,14 @@ def warnings(
         vocabulary: the actions and keys of the domain.
         name: of the file in messages.
         folder: of the file, as for `parse`.
+        siblings: False: without warnings by what follows from earlier siblings.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
     tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(tree, root_context(vocabulary), ()))
+    places = list(_places(tree, root_context(vocabulary, siblings=siblings), ()))
     undone = cache(partial(_undone_changes, places))
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
@@ -148,8 +156,9 @@ def _uses_of(places: Sequence[NodePlace], others: Sequence[NodePlace]) -> str:
 
 def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
     yield _Place(node, context, above)
-    for index, child in enumerate(node.children):
-        yield from _places(child, child_context(node, context, index), (*above, (node, index)))
+    contexts = child_contexts(node, context)
+    for index, (child, here) in enumerate(zip(node.children, contexts, strict=True)):
+        yield from _places(child, here, (*above, (node, index)))
 
 
 def _unused(file: Any) -> Iterator[LintWarning]:
@@ -205,15 +214,14 @@ def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str,
         reason = _why_not(expr, context.at_start, place)
         yield at + 1, "unreachable", f"this branch can never run: {reason}"
         return
-    if implies(context.at_start, expr):
-        needless = not guard.checks_itself or implies(context.always, expr)
-        if needless and not may_interrupt(guard, context):
-            message = f"this guard is redundant: {_reason(expr, place.above)}"
-            yield at, "needless-guard", message
-            return
-    elif guard.abort == "lower" and context.when_observed is None:
-        message = "abort lower has no effect here: no composite has a later branch to stop"
-        yield at, "needless-abort", message
+    if always_holds(guard, context) and not may_interrupt(guard, context):
+        message = f"this guard is redundant: {_reason(expr, place)}"
+        yield at, "needless-guard", message
+        return
+    effects = dict(zip(("self", "lower"), abort_effects(place.node, context), strict=True))
+    if not effects.get(guard.abort, True):
+        reason = _inert(guard.abort, place)
+        yield at, "needless-abort", f"abort {guard.abort} has no effect here: {reason}"
     if (same := shortened(expr, conditions_when_evaluated(guard, context))) != expr:
         message = f"this condition is equivalent to a shorter one: {condition_text(same)}"
         yield at, "long-condition", message
@@ -281,21 +289,55 @@ def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: 
         for c in _guards(place.above)
         if c in conditions and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
     ]
-    against = [c for c in guards if excludes((c,), needed)][-1:] or guards
-    if not against:
-        declared = place.context.vocabulary.keys
-        meant = (f"{key} is {declared[key].meaning}" for key in sorted(keys))
+    vocabulary = place.context.vocabulary
+    against = [c for c in guards if excludes((c,), needed)][-1:]
+    if not against and excludes(vocabulary.always, needed):
+        meant = (_meaning(key, vocabulary.keys[key]) for key in sorted(keys))
         return f"{lead}, as {' and '.join(meant)}"
+    if not against and excludes((*vocabulary.always, *guards), needed):
+        against = guards
+    if not against:
+        return f"{lead}, {_before(conditions, place, lambda facts: excludes(facts, needed))}"
     guard = "guard above it requires" if len(against) == 1 else "guards above it require"
     return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"
 
 
-def _reason(expr: ConditionExpr, above: Above) -> str:
+def _meaning(name: str, key: Key) -> str:
+    whole = "a whole number, " if key.whole and not key.words else ""
+    return f"{name} is {whole}{key.meaning}"
+
+
+def _reason(expr: ConditionExpr, place: _Place) -> str:
     """The reason why a condition always holds."""
-    sufficient = [c for c in _guards(above) if implies((c,), expr)]
-    if not sufficient:
-        return f"{condition_text(expr)} always holds"
-    return f"the guard above it already requires {condition_text(sufficient[-1])}"
+    sufficient = [c for c in _guards(place.above) if implies((c,), expr)]
+    if sufficient:
+        return f"the guard above it already requires {condition_text(sufficient[-1])}"
+    text, context = f"{condition_text(expr)} always holds", place.context
+    if implies((*context.vocabulary.always, *_guards(place.above)), expr):
+        return text
+    return f"{text}, {_before(context.at_start, place, lambda facts: implies(facts, expr))}"
+
+
+def _before(
+    conditions: Sequence[ConditionExpr], place: _Place, suffices: Callable[[Conditions], bool]
+) -> str:
+    """What the branches before a place leave over, as the reason of a warning."""
+    declared = place.context.vocabulary.always
+    known = (*declared, *_guards(place.above))
+    facts = [c for c in conditions if c not in known]
+    facts = [c for c in facts if suffices((*declared, c))][:1] or facts
+    return f"as the branches before it leave only {' and '.join(map(condition_text, facts))}"
+
+
+def _inert(abort: str, place: _Place) -> str:
+    """The reason why an abort rule has no effect."""
+    if abort == "lower":
+        if place.context.when_observed is None:
+            return "no composite has a later branch to stop"
+        return "its condition does not become true while a later branch runs"
+    if ends_at_once(place.node.children[0], place.context):
+        return "its child ends in the tick in which it starts"
+    return "its condition does not become false while its child runs"
 
 
 def _guards(above: Above) -> list[ConditionExpr]:

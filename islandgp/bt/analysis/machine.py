@@ -15,9 +15,8 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
-from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.condition import opposite
-from islandgp.bt.core.kinds import count_of, kind_of
+from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
 
@@ -123,7 +122,7 @@ class Machine:
         return place
 
     def guards(self, place: int) -> Iterator[int]:
-        """The guards of a branch, down to its first composite or action; as `truth.guard_chain`."""
+        """The guards of a branch, down to its first composite or action; as `guard_chain`."""
         while kind_of(self.nodes[place]).decorates:
             if self.nodes[place].guard:
                 yield place

@@ -22,9 +22,8 @@ from islandgp.bt.analysis.machine import (
     RepeaterMemory,
     TickTarget,
 )
-from islandgp.bt.analysis.outcomes import advance_status
 from islandgp.bt.core.condition import condition
-from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
 
 ActionCalls: TypeAlias = tuple[tuple[int, int], ...]

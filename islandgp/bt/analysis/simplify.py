@@ -11,20 +11,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.outcomes import advance_status, child_ends, child_idle, dead_end
-from islandgp.bt.analysis.truth import (
-    Conditions,
+from islandgp.bt.analysis.context import (
     NodeContext,
+    always_holds,
     child_context,
+    child_contexts,
     conditions_when_evaluated,
+    effective_abort,
     has_interrupting_guard,
-    implies,
     may_interrupt,
     root_context,
-    shortened,
     without_interrupts,
 )
-from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, count_of, kind_of
+from islandgp.bt.analysis.outcomes import child_may_end, dead_end, idle
+from islandgp.bt.analysis.satisfiability import Conditions, implies, shortened
+from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, advance_status, count_of, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     SUCCESS,
@@ -64,9 +65,8 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     advance = advance_status(node)
     busy: list[Node] = []
     idling: list[Node] = []
-    for index, child in enumerate(node.children):
-        idles = child_idle(node, context, index) == advance
-        (idling if idles else busy).append(child)
+    for child, here in zip(node.children, child_contexts(node, context), strict=True):
+        (idling if idle(child, here) == advance else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
     rest = tuple(busy or idling[-1:])
@@ -126,7 +126,7 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
     if count_of(node) == 1:
         return child, head(node)
     counted = kind_of(node).counts
-    if counted not in child_ends(node, context, 0):
+    if counted is not None and not child_may_end(node, context, 0, counted):
         verb = "fails" if counted == FAILURE else "succeeds"
         return child, f"{head(child)} never {verb}, so it is never repeated"
     return None
@@ -150,7 +150,7 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
     if kind.inverts or kind.forces:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
-    if child_ends(node, context, 0) <= {end}:
+    if not child_may_end(node, context, 0, 1 - end):
         verb = "succeeds" if end == SUCCESS else "fails"
         return child, f"{head(child)} {verb} whenever it ends"
     return None
@@ -159,9 +159,7 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
 def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
     # The guard always starts its child, and stops neither its child nor a later branch.
     guard = guard_of(node)
-    if not implies(context.at_start, guard.condition) or may_interrupt(guard, context):
-        return None
-    if guard.checks_itself and not implies(context.always, guard.condition):
+    if not always_holds(guard, context) or may_interrupt(guard, context):
         return None
     return node.children[0], f"{head(node)} always holds here"
 
@@ -206,11 +204,21 @@ def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     return changed, f"the condition of {head(node)} is equivalent to {condition_text(condition)}"
 
 
+def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
+    # The parts that differ never stop a node: the child ends in the tick in which it starts, the
+    # condition does not change while the child or a later branch runs, or there is no later branch.
+    guard = guard_of(node)
+    if not context.siblings or (abort := effective_abort(node, context)) == guard.abort:
+        return None
+    changed = node._replace(args=guard._replace(abort=abort))
+    return changed, f"abort {guard.abort} of {head(node)} has the effect of abort {abort}"
+
+
 _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
 _PARALLEL: Final = (_only_child, _same_parallel_inside)
 _INVERTER: Final = (_double_inverter, _inverted_composite)
 _REPEATER: Final = (_repeats_once, _double_repeater)
-_GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition)
+_GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition, _needless_abort)
 
 
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
@@ -230,7 +238,7 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
-Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
+Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None, bool]
 """A node with its context, without the vocabulary."""
 
 MAX_SHORT: Final = 20_000  # most nodes in this cache
@@ -245,10 +253,15 @@ class Simplified(NamedTuple):
     reasons: tuple[str, ...]  # of each rewrite, in order; empty: the tree is unchanged
 
 
-def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplified:
+def simplify(
+    tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY, *, siblings: bool = True
+) -> Simplified:
     """Apply the rules until none applies.
 
-    The declarations of actions and keys in `vocabulary` allow more rewrites.
+    Args:
+        tree: the root.
+        vocabulary: its declarations of actions and keys allow more rewrites.
+        siblings: False: leave out rewrites by what follows from earlier siblings.
     """
     global _short
     if _short[0] is not vocabulary or len(_short[1]) > MAX_SHORT:
@@ -256,26 +269,28 @@ def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplifie
     short, reasons = _short[1], list[str]()
     while True:
         before = len(reasons)
-        tree = _visit(tree, root_context(vocabulary), reasons, short)
+        tree = _visit(tree, root_context(vocabulary, siblings=siblings), reasons, short)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 
 
 def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
     """Rewrites nodes from the root down, so the context of a node stays valid."""
-    before, place = len(reasons), (node, *context[:3])
+    before, place = len(reasons), (node, *context[:3], context.siblings)
     if place in short:
         return node
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
+    contexts = list(child_contexts(node, context))
     for index, child in enumerate(node.children):
         if not child.children:
             continue  # no rule applies to a leaf
-        shorter_child = _visit(child, child_context(node, context, index), reasons, short)
+        shorter_child = _visit(child, contexts[index], reasons, short)
         if shorter_child is not child:
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
             node = node._replace(children=children)
+            contexts = list(child_contexts(node, context))
     if len(reasons) == before:
         short.add(place)
     return node

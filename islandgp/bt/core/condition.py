@@ -40,6 +40,9 @@ class Compound(NamedTuple):
 
 ConditionExpr: TypeAlias = Condition | Compound
 
+WHOLE: Final = "whole"
+"""Operator of a premise of analyses: the value of the key is a whole number."""
+
 OPPOSITE: Final = {
     "<": ">=",
     ">=": "<",

@@ -355,6 +355,13 @@ def kind_of(node: Node) -> NodeKind:
     return KINDS[node.kind]
 
 
+def advance_status(node: Node) -> int:
+    """The status of a child after which a selector or sequence starts the next one."""
+    status = kind_of(node).advance_status
+    assert status is not None
+    return status
+
+
 def needs_each_tick(tree: Node) -> bool:
     """True if a tree has a node that counts seconds or remembers its last status."""
     return any(node.kind in TIMED or kind_of(node).remembers_end for node in walk(tree))

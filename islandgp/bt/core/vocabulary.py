@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Final
 
-from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, WHOLE
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
 from islandgp.bt.core.field_types import check_fields
 from islandgp.bt.core.kinds import NAME as NAME
@@ -302,6 +302,7 @@ class Vocabulary:
         return (
             *(Condition(name, ">=", key.low) for name, key in numbers.items()),
             *(Condition(n, "<=", key.most) for n, key in numbers.items() if key.most is not None),
+            *(Condition(name, WHOLE, 0.0) for name, key in numbers.items() if key.whole),
         )
 
     def comparable(self, name: str) -> list[str]:

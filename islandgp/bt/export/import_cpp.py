@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
-from islandgp.bt.analysis.truth import without_interrupts
+from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import ABORTS, KINDS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition

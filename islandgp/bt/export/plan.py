@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.truth import guard_chain, has_interrupting_guard
+from islandgp.bt.analysis.context import guard_chain, has_interrupting_guard
 from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, comments_of, names_of, walk
 from islandgp.errors import DomainError

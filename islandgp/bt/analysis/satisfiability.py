@@ -1,19 +1,14 @@
-"""Conditions that hold on the blackboard when a node of a tree is ticked.
-
-A guard with abort self or both holds in each tick in which its child runs; a
-guard with any abort rule holds in the tick in which its child starts. The
-analyses of `check` and `simplify` find guards that can never hold and redundant
-guards by these conditions.
-"""
+"""Whether conditions can hold together, follow from each other, or have a shorter form."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import inf, prod
-from typing import Final, NamedTuple, TypeAlias
+from math import ceil, floor, inf, prod
+from typing import Final, TypeAlias
 
 from islandgp.bt.core.condition import (
+    WHOLE,
     Condition,
     ConditionExpr,
     combine,
@@ -22,61 +17,11 @@ from islandgp.bt.core.condition import (
     terms,
     to_nnf,
 )
-from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import Args, GuardArgs, Node, commented, comments_of
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
 MAX_CASES: Final = 32  # most cases of conditions joined by `or`
 MAX_TERMS: Final = 64  # most comparisons and flags that are analysed together
-
-
-class NodeContext(NamedTuple):
-    """Conditions that hold when a node is ticked, and whether its guards are observed."""
-
-    always: Conditions = ()  # in each tick in which the node runs
-    at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
-    when_observed: Conditions | None = None  # where its guards are observed; None: nowhere
-    vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
-
-
-def root_context(vocabulary: Vocabulary) -> NodeContext:
-    """The context of the root of a tree."""
-    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
-
-
-def guard_chain(branch: Node) -> list[GuardArgs]:
-    """The guards of a branch, down to its first composite or action."""
-    guards = []
-    while kind_of(branch).decorates:
-        if branch.guard:
-            guards.append(branch.guard)
-        branch = branch.children[0]
-    return guards
-
-
-def without_interrupts(branch: Node) -> Node:
-    """The branch with the guards in its `guard_chain` changed, so that none is observed.
-
-    Abort `both` becomes `self`, and `lower` becomes `none`. Returns `branch` itself if nothing
-    changes.
-    """
-    if not kind_of(branch).decorates:
-        return branch
-    args: Args = branch.args
-    if branch.guard:
-        args = branch.guard._replace(abort="self" if branch.guard.checks_itself else "none")
-    child = without_interrupts(branch.children[0])
-    if args == branch.args and child is branch.children[0]:
-        return branch  # it may be a subtree, which keeps its name
-    comments = [line for lines in comments_of(branch) for line in lines]
-    return commented(Node(branch.kind, args, (child,)), comments)
-
-
-def has_interrupting_guard(branch: Node) -> bool:
-    """True if a guard in the branch's `guard_chain` has abort `lower` or `both`."""
-    return any(guard.interrupts for guard in guard_chain(branch))
 
 
 def implies(premises: Conditions, expr: ConditionExpr) -> bool:
@@ -205,53 +150,17 @@ def _has_value(conditions: Sequence[Condition]) -> bool:
     # The bounds are (x, False), just below x, and (x, True), just above it.
     low, high = (-inf, False), (inf, True)
     excluded = set()
+    whole = False
     for _, operator, number, _ in conditions:
+        whole |= operator == WHOLE
         if operator in ("!=", "is"):  # the number of a flag is 0
             excluded.add(number)
         if operator in (">", ">=", "==", "not"):
             low = max(low, (number, operator == ">"))
         if operator in ("<", "<=", "==", "not"):
             high = min(high, (number, operator != "<"))
+    if whole and -inf < low[0] and high[0] < inf:
+        first = floor(low[0]) + 1 if low[1] else ceil(low[0])
+        last = floor(high[0]) if high[1] else ceil(high[0]) - 1
+        return any(x not in excluded for x in range(first, min(last, first + len(excluded)) + 1))
     return low < high and not (low[0] == high[0] and low[0] in excluded)
-
-
-def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
-    """The context of the child with this index, derived from the context of its parent."""
-    always, at_start, when_observed, vocabulary = context
-    kind = kind_of(node)
-    if node.guard:
-        holds = node.guard.condition
-        if node.guard.checks_itself:
-            always = (*always, holds)
-        return NodeContext(always, (*at_start, holds), when_observed, vocabulary)
-    if kind.concurrent:
-        return NodeContext(always, at_start, None, vocabulary)
-    if kind.opaque:
-        return NodeContext(always, always, when_observed if kind.decorates else None, vocabulary)
-    if kind.reactive:  # any child starts in any tick
-        return NodeContext(always, always, None, vocabulary)
-    if kind.counts is not None or kind.delayed:  # starts its child in later ticks
-        return NodeContext(always, always, when_observed, vocabulary)
-    if kind.decorates:
-        return context
-    last = index == len(node.children) - 1
-    # The first branch starts with its composite, unless its guard can start it once more.
-    starts = index == 0 and (last or not has_interrupting_guard(node.children[0]))
-    when_observed = None if last else always
-    return NodeContext(always, at_start if starts else always, when_observed, vocabulary)
-
-
-def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
-    """True if a `when` can stop a later branch in this context."""
-    if context.when_observed is None or not guard.interrupts:
-        return False
-    # A condition that is always true, or never, does not become true.
-    is_excluded = excludes(context.when_observed, guard.condition)
-    return not (is_excluded or implies(context.when_observed, guard.condition))
-
-
-def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditions:
-    """Conditions that hold in each tick in which the condition of a `when` is evaluated."""
-    if context.when_observed is not None and guard.interrupts:
-        return context.when_observed
-    return context.always if guard.checks_itself else context.at_start

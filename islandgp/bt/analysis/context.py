@@ -1,0 +1,308 @@
+"""Conditions that hold on the blackboard when a node of a tree is ticked.
+
+They come from three places:
+
+- A guard with abort self or both holds in each tick in which its child runs; a guard with any abort
+  rule holds in the tick in which its child starts.
+- A child of a composite starts in a tick in which the one before it has failed (in a sequence:
+  succeeded). So the conditions without which that one does not fail hold in this tick.
+- While a later child runs, an observed guard of an earlier one is false: when it becomes true, the
+  composite goes back.
+
+The analyses of `check` and `simplify` find branches that never run and redundant guards by these
+conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Final, NamedTuple
+
+from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
+from islandgp.bt.core.condition import combine, opposite, terms
+from islandgp.bt.core.kinds import advance_status, count_of, kind_of
+from islandgp.bt.core.node import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Args,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    commented,
+    comments_of,
+    guard_of,
+)
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
+
+MAX_ALTERNATIVES: Final = 8  # most terms of a condition that an end of a node implies
+
+
+class NodeContext(NamedTuple):
+    """Conditions that hold when a node is ticked, and whether its guards are observed."""
+
+    always: Conditions = ()  # in each tick in which the node runs
+    at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
+    when_observed: Conditions | None = None  # where its guards are observed; None: nowhere
+    vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
+    siblings: bool = True  # False: what follows from earlier siblings is left out
+
+
+def root_context(vocabulary: Vocabulary, *, siblings: bool = True) -> NodeContext:
+    """The context of the root of a tree."""
+    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary, siblings)
+
+
+def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
+    """The context of the child with this index, derived from the context of its parent."""
+    return next(islice(child_contexts(node, context), index, None))
+
+
+def child_contexts(node: Node, context: NodeContext) -> Iterator[NodeContext]:
+    """The contexts of a node's children, in order, derived from the context of the node."""
+    kind, always = kind_of(node), context.always
+    if kind.remembers_branch:
+        yield from _in_order(node, context)
+    elif kind.reactive:
+        yield from _in_each_tick(node, context)
+    elif node.guard:
+        holds = node.guard.condition
+        if node.guard.checks_itself:
+            always = (*always, holds)
+        yield context._replace(always=always, at_start=(*context.at_start, holds))
+    elif kind.concurrent:
+        yield from [context._replace(when_observed=None)] * len(node.children)
+    elif kind.opaque:
+        observed = context.when_observed if kind.decorates else None
+        inside = context._replace(at_start=always, when_observed=observed)
+        yield from [inside] * len(node.children)
+    elif kind.counts is not None or kind.delayed:  # starts its child in later ticks
+        yield context._replace(at_start=always)
+    elif kind.decorates:
+        yield context
+
+
+def _in_order(node: Node, context: NodeContext) -> Iterator[NodeContext]:
+    """The contexts of the children of a composite that resumes its running child."""
+    advance, last = advance_status(node), len(node.children) - 1
+    always, entered = context.always, context.at_start
+    for index, child in enumerate(node.children):
+        observed = None if index == last else always
+        here = context._replace(always=always, at_start=entered, when_observed=observed)
+        goes_on = not context.siblings or end_facts(child, here, advance) is not None
+        if index < last and goes_on and has_interrupting_guard(child):
+            # Its guard can start the branch once more while a later one runs.
+            here = here._replace(at_start=always)
+        yield here
+        if index == last:
+            return
+        if not context.siblings:
+            entered = always
+            continue
+        facts = end_facts(child, here, advance) or ()
+        quiet = _while_later_runs(child, (*always, *facts))
+        always = (*always, *quiet)
+        same_tick = here.at_start if ends_at_once(child, here) else ()
+        entered = (*always, *(each for each in (*same_tick, *facts) if each not in always))
+
+
+def _in_each_tick(node: Node, context: NodeContext) -> Iterator[NodeContext]:
+    """The contexts of the children of a reactive composite: any of them starts in any tick."""
+    always = context.always
+    for child in node.children:
+        here = context._replace(always=always, at_start=always, when_observed=None)
+        yield here
+        if context.siblings:  # all children before it have ended in this tick
+            always = (*always, *(end_facts(child, here, advance_status(node)) or ()))
+
+
+def _while_later_runs(child: Node, at_end: Conditions) -> Conditions:
+    """The condition that holds in each tick of the branches after a child, if there is one.
+
+    Take the first guards of the child, as long as they interrupt. If they do not hold together when
+    it ends (`at_end`), they do not hold together while a later branch is ticked:
+
+    1. When the child ends, let g be the first of them that is false. It was evaluated since the
+       child started. Otherwise a guard before it was false when the child ended, and so was
+       observed; it is true now, so it has become true, and the composite has gone back.
+    2. So g is observed and false. As soon as it becomes true, the composite goes back to the child
+       or to a branch before it.
+    """
+    together: Conditions = ()
+    while child.guard and child.guard.interrupts:
+        together = (*together, child.guard.condition)
+        if excludes(at_end, combine("and", together)):
+            return (opposite(combine("and", together)),)
+        child = child.children[0]
+    return ()
+
+
+def guard_chain(branch: Node) -> list[GuardArgs]:
+    """The guards of a branch, down to its first composite or action."""
+    guards = []
+    while kind_of(branch).decorates:
+        if branch.guard:
+            guards.append(branch.guard)
+        branch = branch.children[0]
+    return guards
+
+
+def without_interrupts(branch: Node) -> Node:
+    """The branch with the guards in its `guard_chain` changed, so that none is observed.
+
+    Abort `both` becomes `self`, and `lower` becomes `none`. Returns `branch` itself if nothing
+    changes.
+    """
+    if not kind_of(branch).decorates:
+        return branch
+    args: Args = branch.args
+    if branch.guard:
+        args = branch.guard._replace(abort="self" if branch.guard.checks_itself else "none")
+    child = without_interrupts(branch.children[0])
+    if args == branch.args and child is branch.children[0]:
+        return branch  # it may be a subtree, which keeps its name
+    comments = [line for lines in comments_of(branch) for line in lines]
+    return commented(Node(branch.kind, args, (child,)), comments)
+
+
+def has_interrupting_guard(branch: Node) -> bool:
+    """True if a guard in the branch's `guard_chain` has abort `lower` or `both`."""
+    return any(guard.interrupts for guard in guard_chain(branch))
+
+
+def never(guard: GuardArgs, context: NodeContext) -> bool:
+    """True if the condition of a `when` cannot hold when the guard starts."""
+    return excludes(context.at_start, guard.condition)
+
+
+def always_holds(guard: GuardArgs, context: NodeContext) -> bool:
+    """True if a `when` always starts its child and never stops it."""
+    if not implies(context.at_start, guard.condition):
+        return False
+    return not guard.checks_itself or implies(context.always, guard.condition)
+
+
+def may_interrupt(guard: GuardArgs, context: NodeContext) -> bool:
+    """True if a `when` can stop a later branch in this context."""
+    if context.when_observed is None or not guard.interrupts:
+        return False
+    # A condition that is always true, or never, does not become true.
+    is_excluded = excludes(context.when_observed, guard.condition)
+    return not (is_excluded or implies(context.when_observed, guard.condition))
+
+
+def abort_effects(node: Node, context: NodeContext) -> tuple[bool, bool]:
+    """Whether `abort self` and `abort lower` of a `when` could stop a node in this context."""
+    guard = guard_of(node)
+    ends = ends_at_once(node.children[0], context)
+    stops_child = not ends and not implies(context.always, guard.condition)
+    return stops_child, may_interrupt(guard._replace(abort="lower"), context)
+
+
+def effective_abort(node: Node, context: NodeContext) -> str:
+    """The abort rule with which a `when` has the same effect: the default if it is one of them."""
+    guard = guard_of(node)
+    stops_child, interrupts = abort_effects(node, context)
+    for abort in ("both", "none", "self"):
+        other = guard._replace(abort=abort)
+        same_child = not stops_child or other.checks_itself == guard.checks_itself
+        if same_child and (not interrupts or other.interrupts == guard.interrupts):
+            return abort
+    return guard.abort
+
+
+def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditions:
+    """Conditions that hold in each tick in which the condition of a `when` is evaluated."""
+    if context.when_observed is not None and guard.interrupts:
+        return context.when_observed
+    return context.always if guard.checks_itself else context.at_start
+
+
+def ends_at_once(node: Node, context: NodeContext) -> bool:
+    """True if a node always ends in the tick in which it starts; False if it is not known."""
+    if node.action:
+        return RUNNING not in context.vocabulary.action(node.action).statuses
+    kind = kind_of(node)
+    if kind.opaque or kind.delayed or (kind.counts is not None and count_of(node) > 1):
+        return False
+    return all(ends_at_once(child, context) for child in node.children)
+
+
+def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | None:
+    """Conditions that hold in each tick in which a node ends with a status.
+
+    Returns:
+        The conditions besides those of `context`, perhaps not all; None if the node never ends so.
+    """
+    if node.action:
+        return () if status in context.vocabulary.action(node.action).statuses else None
+    kind = kind_of(node)
+    if kind.opaque:
+        return ()
+    if node.guard:
+        return _guard_end(node, node.guard, context, status)
+    if kind.decorates:
+        inside = child_context(node, context, 0)
+        ends = [s for s in (FAILURE, SUCCESS) if kind.ends[s] == status]
+        facts = _either(end_facts(node.children[0], inside, end) for end in ends)
+        return () if status == FAILURE and kind.may_fail else facts
+    if isinstance(node.args, ParallelArgs):
+        return () if status in _parallel_ends(node.args, node, context) else None
+    return _composite_end(node, context, status)
+
+
+def _guard_end(
+    node: Node, guard: GuardArgs, context: NodeContext, status: int
+) -> Conditions | None:
+    child, inside = node.children[0], child_context(node, context, 0)
+    facts = None if never(guard, context) else end_facts(child, inside, status)
+    if status == SUCCESS:
+        if facts is not None and (guard.checks_itself or ends_at_once(child, inside)):
+            return (*facts, guard.condition)
+        return facts
+    if context.siblings and always_holds(guard, context):
+        return facts
+    return _either([(opposite(guard.condition),), facts])
+
+
+def _composite_end(node: Node, context: NodeContext, status: int) -> Conditions | None:
+    """`end_facts` of a selector or sequence."""
+    advance = advance_status(node)
+    known = len(context.always)
+    ways: list[Conditions] = []
+    for child, here in zip(node.children, child_contexts(node, context), strict=True):
+        if status != advance and (facts := end_facts(child, here, status)) is not None:
+            ways.append((*here.always[known:], *facts))
+        if (last := end_facts(child, here, advance)) is None:
+            return _either(ways)
+    return (
+        (*here.always[known:], *last) if status == advance and last is not None else _either(ways)
+    )
+
+
+def _either(ways: Iterable[Conditions | None]) -> Conditions | None:
+    """What holds in all of these ways; None is no way."""
+    possible = [way for way in ways if way is not None]
+    if len(possible) < 2:
+        return possible[0] if possible else None
+    if not all(possible):
+        return ()
+    expr = combine("or", [combine("and", way) for way in possible])
+    return (expr,) if sum(1 for _ in terms(expr)) <= MAX_ALTERNATIVES else ()
+
+
+def _parallel_ends(args: ParallelArgs, node: Node, context: NodeContext) -> list[int]:
+    """The statuses with which a parallel can end."""
+    contexts = list(child_contexts(node, context))
+    success, failure = args.needed(len(node.children))
+    failing, succeeding = (
+        sum(
+            end_facts(child, here, end) is not None
+            for child, here in zip(node.children, contexts, strict=True)
+        )
+        for end in (FAILURE, SUCCESS)
+    )
+    # If all children have ended without a decision, too few succeeded: it fails.
+    fails = failing >= min(failure, len(node.children) - success + 1)
+    return [FAILURE] * fails + [SUCCESS] * (succeeding >= success)
