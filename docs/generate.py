@@ -25,11 +25,11 @@ from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
-from islandgp.commands.estimate_command import ANSWER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.running.app import main
 from islandgp.supervision.llm.budget import cost
+from islandgp.supervision.llm.estimate import ANSWER
 from islandgp.supervision.llm.message import Usage
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings

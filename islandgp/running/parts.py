@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from islandgp.bt.core.node import Node, within
 from islandgp.config.settings import Settings
@@ -15,6 +16,9 @@ from islandgp.plugin import path_of, plugin_errors
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library
+
+if TYPE_CHECKING:
+    from islandgp.supervision.llm.estimate import SupervisedRuns
 
 
 @dataclass(slots=True)
@@ -110,6 +114,26 @@ def make_supervisor(
             kind = type(supervisor).__name__
             raise TypeError(f"expected make to return a supervisor, with advise, found {kind}")
     return supervisor
+
+
+def supervised_runs(all_settings: Iterable[Settings]) -> list[SupervisedRuns]:
+    """The runs that ask a language model; those that differ in the seed alone are put together."""
+    from islandgp.supervision.llm.settings import LLMSettings
+
+    groups: dict[str, list[tuple[Settings, LLMSettings]]] = {}
+    for settings in all_settings:
+        if isinstance(policy := settings.supervisor.settings(), LLMSettings):
+            key = repr(settings.model_copy(update={"seed": 0}))
+            groups.setdefault(key, []).append((settings, policy))
+    if not groups:
+        return []
+    from islandgp.supervision.llm.estimate import SupervisedRuns  # only with a language model
+
+    return [
+        SupervisedRuns(policy, run_context(settings), settings.supervisor.lag, len(group))
+        for group in groups.values()
+        for settings, policy in group[:1]
+    ]
 
 
 def check_parts(settings: Settings) -> None:

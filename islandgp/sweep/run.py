@@ -27,6 +27,7 @@ from islandgp.evaluation.ray import own_token
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted
 from islandgp.resources import program
+from islandgp.running.parts import supervised_runs
 from islandgp.running.printing import echo
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
@@ -64,6 +65,10 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         RunError: another sweep is at work in the same folder, or the launcher starts no job.
     """
     entries = _entries(jobs)
+    if runs := supervised_runs(job.settings for job in jobs):
+        from islandgp.supervision.llm.estimate import upper_bound  # only with a language model
+
+        echo(upper_bound(runs))
     interrupted = False
     with ExitStack() as stack:
         for sweep, by_folder in entries.items():

@@ -7,24 +7,42 @@ import re
 from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from islandgp.commands.estimate_command import (
-    ANSWER,
-    THOUGHTS,
-    as_recorded,
-    at_most,
-    command,
-    expected,
-)
+from islandgp.commands.estimate_command import command
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.resources import resource
+from islandgp.supervision.base import RunContext
+from islandgp.supervision.llm import estimate
 from islandgp.supervision.llm.budget import Bill
+from islandgp.supervision.llm.estimate import (
+    ANSWER,
+    THOUGHTS,
+    SupervisedRuns,
+    as_recorded,
+    upper_bound,
+)
 from islandgp.supervision.llm.prompts import PROMPT_SETS
+from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.samples import advise, answering, context, settings, state, supervisor
+
+
+def expected(*arguments: Any) -> Bill:
+    """The expected bill of a run with these settings, context and lag."""
+    return estimate.expected(run(*arguments))
+
+
+def at_most(*arguments: Any) -> Bill:
+    """The upper bound of the same."""
+    return estimate.at_most(run(*arguments))
+
+
+def run(llm_settings: LLMSettings, run_context: RunContext, lag: int = 0) -> SupervisedRuns:
+    return SupervisedRuns(llm_settings, run_context, lag)
 
 
 def output_of(*arguments: str) -> str:
@@ -35,10 +53,10 @@ def output_of(*arguments: str) -> str:
 
 def test_every_generation_but_the_last_asks_twice() -> None:
     """41 generations: 80 questions and a probe, with so many tokens of answers."""
-    estimate = expected(settings(), context())
-    assert estimate.requests == 81
-    assert estimate.output == 80 * ANSWER
-    assert estimate.usd == pytest.approx((estimate.input + 5 * estimate.output) / 1e6)
+    bill = expected(settings(), context())
+    assert bill.requests == 81
+    assert bill.output == 80 * ANSWER
+    assert bill.usd == pytest.approx((bill.input + 5 * bill.output) / 1e6)
 
 
 def test_answers_that_would_come_too_late_cost_nothing() -> None:
@@ -93,9 +111,9 @@ def test_a_record_gives_the_measured_cost(tmp_path: Path) -> None:
     llm, _ = supervisor(answering(), folder=tmp_path)
     for generation in range(4):
         advise(llm, state(generation))
-    estimate = as_recorded(settings(), context(), 0, Transcript(tmp_path / "transcript.jsonl"))
-    assert estimate.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
-    assert estimate.output == pytest.approx(9 * 100 * 40 / 4)
+    bill = as_recorded(run(settings(), context()), Transcript(tmp_path / "transcript.jsonl"))
+    assert bill.input == pytest.approx(9 * 1000 * 40 / 4)  # the probe is spread over them
+    assert bill.output == pytest.approx(9 * 100 * 40 / 4)
 
 
 def test_bills_add_up() -> None:
@@ -179,6 +197,16 @@ def test_a_cached_prompt_is_written_once_and_read_then() -> None:
         )
         assert cached.input == pytest.approx(plain.input, abs=3)
         assert (cached.usd < 0.9 * plain.usd) is cheaper
+
+
+def test_the_upper_bound_of_a_sweep() -> None:
+    """It is printed before a sweep starts; a run's caps limit each run."""
+    capped = settings("caps.requests=7", "caps.usd=0.5")
+    runs = [SupervisedRuns(capped, context(), 0, 3), run(capped, context())]
+    line = upper_bound(runs)
+    assert line.startswith("The language model: at most 28 requests, ")
+    assert ", 2.00 US dollars in 4 runs;" in line
+    assert ", an unknown price in 1 run;" in upper_bound([run(settings("model=mine"), context())])
 
 
 def test_an_unknown_option_is_one_line() -> None:

@@ -80,6 +80,10 @@ class Bill:
     def __add__(self, other: Bill) -> Bill:
         return Bill(*map(add, astuple(self), astuple(other)))
 
+    def times(self, number: int) -> Bill:
+        """The bill of a number of equal runs."""
+        return Bill(*(number * amount for amount in astuple(self)))
+
     def over(self, caps: Caps) -> str:
         """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
         for name, (amount, cap) in self.against(caps).items():
