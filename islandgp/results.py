@@ -22,7 +22,6 @@ import yaml
 
 from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
-from islandgp.evaluation.base import check_version
 from islandgp.gp.edit_fates import edit_fates
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
@@ -88,7 +87,7 @@ class Results:
 
     def _elites(self) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            if not (folder.path / ARCHIVE).exists():  # unfinished, or of an older version
+            if not (folder.path / ARCHIVE).exists():  # unfinished
                 continue
             archive, _ = read_archive(folder.path)
             for e in archive.elites:
@@ -144,14 +143,13 @@ def load(path: str | Path) -> Results:
         The runs; their frames are read from disk when they are first used.
 
     Raises:
-        RunError: the folder has no run, or a run is damaged or of version 0.1.
+        RunError: the folder has no run, or a run is damaged.
     """
     top = Path(path).resolve()
     folders = tuple(folder for folder in run_folders(top) if folder.begun())
     if not folders:
         raise RunError(f"Expected runs in {top}, found none; give the folder that `runs` named.")
     for folder in folders:
-        check_version(folder.configuration())
         if folder.about() is None:
             raise damaged("a run", folder.path / "about.json", "missing")
     return Results(top, folders)
@@ -160,7 +158,7 @@ def load(path: str | Path) -> Results:
 def _generation(
     record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints
 ) -> Iterator[dict[str, Any]]:
-    s, guidance, archive = record["snapshot"], record["guidance"] or {}, record.get("archive") or {}
+    s, guidance, archive = record["snapshot"], record["guidance"] or {}, record["archive"]
     plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
     fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
     fields = ("source", "phase", "pattern", "target", "crisis", "injected")
@@ -169,8 +167,8 @@ def _generation(
         **fitness,
         "episodes": cost.get("episodes"),
         **{name: guidance.get(name) for name in fields},
-        **{name: archive.get(name) for name in ("coverage", "qd_score")},
-        **_nested(s, "tiers", "specialists", "doing", "counters"),
+        **{name: archive[name] for name in ("coverage", "qd_score")},
+        **_nested(s, "tiers", "specialists", "behaviour_counts", "counters"),
     }
     if constraints:
         counters = [i["counters"] for i in record["individuals"]]

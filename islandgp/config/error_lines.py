@@ -12,7 +12,6 @@ from pydantic import BaseModel, ValidationError
 
 from islandgp.errors import IslandError
 from islandgp.plugin import ComponentConfig, imported
-from islandgp.records.parameters import RENAMED
 from islandgp.scoring.classes import CLASS_NAME
 
 TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
@@ -124,9 +123,7 @@ def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
 
 
 def unknown_key(path: str, keys: list[str]) -> str:
-    """The line for an unknown key, with its new name or the nearest known key."""
-    if path in RENAMED:
-        return f"{path}: unknown key; its name is {RENAMED[path]} since version 0.3"
+    """The line for an unknown key, with the nearest known key."""
     parent, _, key = path.rpartition(".")
     keys = [other for other in keys if other != key]
     near = get_close_matches(key, keys, 1, 0.5)

@@ -22,7 +22,7 @@ from islandgp.config.error_lines import keys_at, unknown_key, unknown_option
 from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError
-from islandgp.records.parameters import RENAMED, flatten, is_secret
+from islandgp.records.parameters import flatten, is_secret
 from islandgp.redaction import HIDDEN
 from islandgp.text_files import decoded
 
@@ -325,7 +325,7 @@ def _unknown(path: str, config: Any) -> str:
     if len(parts) > 1 and parts[-1] in keys:
         return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
     same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]
-    if path not in RENAMED and (near := get_close_matches(path, same, 1, 0.5)):
+    if near := get_close_matches(path, same, 1, 0.5):
         return f"{path}: unknown key; did you mean {near[0]}?"
     for i, part in enumerate(parts[:-1]):
         if part not in config:

@@ -84,14 +84,6 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
         return factory
 
 
-PAPER_SEARCH: Final = {
-    "name": "paper",
-    "factory": "islandgp.search.paper:Paper",
-    "ranking": "fitness",
-}
-"""The search of configurations without one, of versions before 0.3."""
-
-
 class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `evaluator`."""
 
@@ -125,7 +117,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     gp: GP
     budget: Budget = Budget()
     stop: Stop = Stop()
-    search: SearchSettings = SearchSettings.model_validate(PAPER_SEARCH)
+    search: SearchSettings
     archive: ArchiveSettings = ArchiveSettings()
     perturb: Perturbation | None = None  # docs/perturbation.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain

@@ -88,10 +88,9 @@ class Problem:
             The problem.
 
         Raises:
-            RunError: the configuration is of version 0.1, or damaged.
+            RunError: the configuration is damaged.
             UntrustedError: it names a domain that the user's configuration does not name.
         """
-        check_version(config)
         must_trust_domain(config)
         try:
             factory = imported(config["domain"]["factory"])
@@ -124,15 +123,6 @@ class Problem:
             ConfigError, pydantic.ValidationError: the domain does not accept a perturbed world.
         """
         return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
-
-
-def check_version(config: Mapping[str, Any]) -> None:
-    """Raises RunError if a configuration does not name a domain (version 0.1)."""
-    if "domain" not in config:
-        raise RunError(
-            "Expected a run whose configuration names its domain, found one of version 0.1, which"
-            " had none; look at it with that version, or run its command again."
-        )
 
 
 def must_trust_domain(config: Mapping[str, Any]) -> None:

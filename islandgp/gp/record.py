@@ -18,7 +18,7 @@ from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
 from islandgp.plain import field_values, to_json
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, Merit, merit, violation
-from islandgp.scoring.generation_stats import ALIASES, GenerationStats
+from islandgp.scoring.generation_stats import GenerationStats
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,14 +94,13 @@ class GenerationRecord:
     stagnant_generations: int  # since the highest fitness of the stage last rose
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # for the next generation; None after the last
-    archive: ArchiveRecord | None = None  # after it; None in runs of older versions
+    archive: ArchiveRecord  # after it
     trials: tuple[EditTrial, ...] = ()  # its edited trees, in slot order
 
 
 def record_values(record: GenerationRecord) -> dict[str, Any]:
     """A record as JSON values. The fields of edits are left out if there are none."""
     values = field_values(record)
-    values["snapshot"] = {ALIASES.get(key, key): v for key, v in values["snapshot"].items()}
     if not record.trials:
         del values["trials"]
     if record.guidance is not None and not record.guidance.edits:

@@ -75,7 +75,6 @@ class RunMetadata:
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
     start: str = ""  # digest of the archive that it starts from; "" for none
-    manifest: bool = False  # True: manifest.json is written at the end; False in older versions
 
 
 def validation_mean(summary: Mapping[str, Any]) -> float | None:
@@ -173,7 +172,7 @@ def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
     """The fallback's share of several runs' decisions, as text; "" if it made none."""
     counts: Counter[str] = Counter()
     for summary in summaries:
-        counts.update(summary.get("answers", {}))  # a run of an older version lacks them
+        counts.update(summary["answers"])
     if not counts["fallback"]:
         return ""
     part = f", {counts['in_part']:,} of them in part" if counts["in_part"] else ""

@@ -6,11 +6,10 @@ docs/running.md lists its files. A run is finished if there is a summary.json.
 from __future__ import annotations
 
 import traceback
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from copy import deepcopy
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
@@ -31,7 +30,7 @@ from islandgp.records.checkpoint import generation_of, save_state, sound_state
 from islandgp.records.files import RunMetadata, RunSummary, pretty
 from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
-from islandgp.records.parameters import with_present_names, without_credentials
+from islandgp.records.parameters import without_credentials
 from islandgp.trust import must_have_no_links
 
 LOCK_LIMIT: Final = 60.0  # s of waiting for another process that writes a finished run's page
@@ -93,7 +92,7 @@ class RunFolder:
             if self.finished():
                 return
             (self.path / manifest.NAME).unlink(missing_ok=True)  # of an interrupted end
-            write_atomic(self.path / "about.json", pretty(asdict(replace(about, manifest=True))))
+            write_atomic(self.path / "about.json", pretty(asdict(about)))
             write_atomic(self.path / "config.yaml", config.encode())
             (self.path / "error.txt").unlink(missing_ok=True)
 
@@ -176,7 +175,7 @@ class RunFolder:
                 raise ValueError(brief(error)) from error
             if not isinstance(config, dict):
                 raise TypeError("it has no keys")
-            return with_present_names(config)
+            return config
 
     @property
     def agent(self) -> str:
@@ -206,8 +205,6 @@ class RunFolder:
             added = file.damage is manifest.Damage.ADDED
             if not (added or file.restorable or (file.name == files.PAGE and not page)):
                 raise manifest.refused(self.path, file)
-        if manifest.read_manifest(self.path) is None:
-            deque(self.checked_records(), 0)  # of a run of version 0.2
 
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
@@ -318,7 +315,7 @@ class RunFolder:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["record"]["tree"])
             self._lineage.write()
-            end = pretty({**summary, "records": self._digest, "manifest": True})
+            end = pretty({**summary, "records": self._digest})
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
             self._summary = end

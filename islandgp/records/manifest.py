@@ -1,8 +1,7 @@
 """`manifest.json`: size and SHA-256 of each file of a finished run.
 
-It is written before summary.json, which marks a run as finished. So every finished run has a
-manifest; about.json and summary.json record this, so a deleted manifest is reported. The page
-run.html is written later, and its entry is added then.
+It is written before summary.json, which marks a run as finished; so every finished run has one.
+The page run.html is written later, and its entry is added then.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from typing import Final
 
 from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
-from islandgp.plain import DECODE_ERRORS, from_json, read_json
+from islandgp.plain import from_json, read_json
 from islandgp.records.files import PAGE, pretty
 from islandgp.trust import must_have_no_links
 
@@ -104,49 +103,38 @@ def write_manifest(folder: Path, summary: bytes) -> None:
 
 
 def add_to_manifest(folder: Path, name: str) -> None:
-    """Updates the entry of a file of a finished run, if the run has a manifest."""
-    manifest = read_manifest(folder)
-    if manifest is not None:
-        _write(folder, Manifest({**manifest.files, name: _entry(folder / name)}))
+    """Updates the entry of a file of a finished run. Raises RunError as `read_manifest`."""
+    files = read_manifest(folder).files
+    _write(folder, Manifest({**files, name: _entry(folder / name)}))
 
 
-def read_manifest(folder: Path) -> Manifest | None:
-    """The manifest; None for a run of version 0.2. Raises RunError: damaged or deleted."""
+def read_manifest(folder: Path) -> Manifest:
+    """The manifest of a finished run. Raises RunError: damaged or deleted."""
     file = folder / NAME
     if not file.exists():
-        if _promised(folder):
-            raise damaged("the checksums of a finished run", file, "missing")
-        return None
+        raise damaged("the checksums of a finished run", file, "missing")
     with reading("the checksums of a finished run", file):
         return from_json(Manifest, read_json(file.read_bytes()))
 
 
 def damaged_files(folder: Path) -> list[DamagedFile]:
-    """The damaged files of a finished run; [] for a run of version 0.2.
-
-    Raises:
-        RunError: the manifest is damaged.
-    """
-    if not (folder / NAME).exists() and _promised(folder):
+    """The damaged files of a finished run. Raises RunError: the manifest is damaged."""
+    if not (folder / NAME).exists():
         return [DamagedFile(NAME, Damage.MISSING)]
     manifest = read_manifest(folder)
-    if manifest is None:
-        return []
     names = sorted({*manifest.files, *REQUIRED, *_names(folder)})
     return [damage for name in names if (damage := manifest.damage(folder / name))]
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
     """Raises RunError if a file of a finished run is damaged."""
-    manifest = read_manifest(folder)
-    if manifest is not None and (damaged_file := manifest.damage(folder / name)):
+    if damaged_file := read_manifest(folder).damage(folder / name):
         raise refused(folder, damaged_file)
 
 
 def is_as_written(folder: Path, name: str) -> bool:
     """True if a file exists and has not changed. Raises RunError: the manifest is damaged."""
-    manifest = read_manifest(folder)
-    return (folder / name).exists() and not (manifest and manifest.damage(folder / name))
+    return (folder / name).exists() and not read_manifest(folder).damage(folder / name)
 
 
 def refused(folder: Path, damage: DamagedFile) -> RunError:
@@ -171,17 +159,6 @@ def _entry(file: Path) -> ManifestEntry:
 def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry:  # noqa: ARG001 -- another file has others
     with file.open("rb") as stream:
         return ManifestEntry(size, hashlib.file_digest(stream, "sha256").hexdigest())
-
-
-def _promised(folder: Path) -> bool:
-    """True if the run has a manifest according to about.json or summary.json."""
-    for name in ("about.json", "summary.json"):
-        try:
-            if read_json((folder / name).read_bytes()).get("manifest"):
-                return True
-        except (OSError, *DECODE_ERRORS):  # reported where the file itself is read
-            continue
-    return False
 
 
 def _write(folder: Path, manifest: Manifest) -> None:

@@ -13,37 +13,10 @@ from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 RUNTIME_KEYS: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress", "tags"})
 """Top-level keys that do not change a run's records, except for a user's evaluator class."""
 
-RENAMED: Final = {
-    "archive.again": "archive.reevaluations",
-    "allocation.tournament": "allocation.tournament_children",
-    "gp.common_world": "gp.shared_seed",
-    "gp.new_worlds": "gp.reseed_every",
-    "gp.tournament": "gp.tournament_size",
-    "library.shown": "library.examples",
-    "library.yardsticks": "library.reference_trees",
-    "supervisor.policy.several": "supervisor.policy.multiple",
-}
-"""Former names of configuration keys, with the present ones."""
-
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 """User name and password in an address, with the `@` after them."""
 ALLOWED: Final = re.compile(r"[\w. :/-]+")  # valid names in MLflow
-
-
-def with_present_names(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """A recorded configuration with the present names of the keys in RENAMED.
-
-    Args:
-        config: the configuration, or the part of it at `path`.
-        path: the dotted key of `config`; "" for the whole.
-    """
-    present = {}
-    for key, value in config.items():
-        dotted = f"{path}.{key}" if path else str(key)
-        name = RENAMED[dotted].rpartition(".")[2] if dotted in RENAMED else key
-        present[name] = with_present_names(value, dotted) if isinstance(value, Mapping) else value
-    return present
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:

@@ -93,7 +93,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             f" generation {s['fittest']['generation']}",
             first[:1].upper() + first[1:],
             *_known_episodes(costs),
-            *_supervision(costs[-1]["llm"] if costs else {}, s.get("answers", {})),
+            *_supervision(costs[-1]["llm"] if costs else {}, s["answers"]),
             f"Results: {target.path}",
             "",
             best["tree"].rstrip(),
@@ -104,7 +104,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
 
 def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     """True if the fallback's share of a finished run exceeds `most_fallback`."""
-    return bool(summary.get("mostly_fallback"))  # runs of older versions lack it
+    return bool(summary["mostly_fallback"])
 
 
 def _known_episodes(costs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -171,6 +171,6 @@ def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
 def _interval(v: Mapping[str, Any], unit: str, sign: str = "") -> str:
     """A 95 % interval in brackets, or the reason why there is none."""
     low, high = v[f"{unit}low"], v[f"{unit}high"]
-    if len(v["worlds"]) < 2 or low is None or high is None:
+    if low is None or high is None:
         return " (no interval: one world)"
     return f" (95 %: {in_points(low, sign)} to {in_points(high, sign)})"

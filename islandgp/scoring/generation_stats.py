@@ -6,17 +6,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean, pstdev
-from typing import Annotated, Final
-
-from pydantic import Field
 
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import BehaviourLabels, Classes
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.curriculum import Curriculum
-
-ALIASES: Final = {"behaviour_counts": "doing"}
-"""Names in the records of the fields that have another name there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +27,7 @@ class GenerationStats:
     overlapping: float  # Eq. (3), over the behaviours, of which an individual may show several
     working: float  # Eq. (4)
     specialists: dict[str, int]  # individuals by exclusive class
-    behaviour_counts: Annotated[dict[str, int], Field(alias=ALIASES["behaviour_counts"])]
-    """Individuals by behaviour that they show in any episode."""
+    behaviour_counts: dict[str, int]  # individuals by behaviour shown in any episode
     tiers: dict[str, int]  # individuals by tier of Table 4
     counters: dict[str, float]  # means over the population, by counter of the domain
     size: float  # nodes, mean

@@ -78,7 +78,7 @@ class Run:
     @property
     def archives(self) -> tuple[ArchiveRecord, ...]:
         """The archive of elites after each generation; () if a generation has none."""
-        recorded = tuple(r.archive for r in self.records if r.archive is not None)
+        recorded = tuple(r.archive for r in self.records)
         return recorded if len(recorded) == len(self.records) else ()
 
     @property

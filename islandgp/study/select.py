@@ -16,7 +16,6 @@ from typing import Any, Final
 import yaml
 
 from islandgp.errors import RunError, StudyError, brief
-from islandgp.evaluation.base import check_version
 from islandgp.gp.record import Champion, Cost
 from islandgp.plain import DECODE_ERRORS, from_plain
 from islandgp.records.folder import RunFolder, is_copy
@@ -53,7 +52,7 @@ def find(folder: Path) -> list[RunEntry]:
             continue
         run = RunFolder(file.parent)
         config = run.configuration()
-        if {"seed", "name", "supervisor"} <= set(config):
+        if {"domain", "seed", "name", "supervisor"} <= set(config):
             runs.append(RunEntry(file.parent, config, flatten(config), run.finished()))
     return runs
 
@@ -65,10 +64,6 @@ def read(entry: RunEntry) -> Run:
         StudyError: its files are damaged, or come from another version.
     """
     folder = RunFolder(entry.path)
-    try:
-        check_version(entry.config)
-    except RunError as error:
-        raise StudyError(f"{entry.path}: {error}") from None
     try:
         champion = folder.summary()["champion"]
         validation = champion["validation"] or {"worlds": (), "mean": None}

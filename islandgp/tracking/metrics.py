@@ -22,7 +22,7 @@ def metrics(
 ) -> dict[str, float]:
     """One generation's metrics, from its lines in generations.jsonl and costs.jsonl."""
     s, guidance = record["snapshot"], record["guidance"] or {}
-    individuals, archive = record["individuals"], record.get("archive") or {}
+    individuals, archive = record["individuals"], record["archive"]
     violations = [violation(i["counters"], constraints) for i in individuals]
     least, best = max(
         zip(violations, individuals, strict=True),
@@ -48,7 +48,7 @@ def metrics(
         "components": best["components"],
         "tiers": s["tiers"],
         "specialists": s["specialists"],
-        "behaviours": s["doing"],
+        "behaviours": s["behaviour_counts"],
         "counters": s["counters"],
         "archive": {name: archive[name] for name in ("coverage", "qd_score") if name in archive},
     }

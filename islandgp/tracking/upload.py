@@ -22,7 +22,7 @@ from filelock import FileLock
 
 from islandgp.atomic_files import remove_leftovers
 from islandgp.errors import RunError, TrackingError
-from islandgp.evaluation.base import check_version, must_trust_domain
+from islandgp.evaluation.base import must_trust_domain
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
@@ -58,7 +58,6 @@ def must_be_sendable(folder: RunFolder, status: Status) -> None:
 
 def _must_be_trusted(folder: RunFolder) -> None:
     config = folder.configuration()
-    check_version(config)
     if folder.finished():  # an episode is run for its replay
         must_trust_domain(config)
 

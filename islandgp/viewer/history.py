@@ -33,7 +33,6 @@ class RunCurves:
     tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
     stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
     fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
-    archived: bool = False  # True: the run has an archive
     seconds: float = 0.0  # spent in its generations
     constraints: Constraints = field(default_factory=dict)
 
@@ -51,8 +50,7 @@ class RunCurves:
         best = max(everyone, key=self._merit)
         if self.fittest is None or self._merit(best) > self._merit(self.fittest):
             self.fittest = best
-        archive = record.get("archive") or {"coverage": 0.0, "qd_score": 0.0}
-        self.archived = self.archived or bool(record.get("archive"))
+        archive = record["archive"]
         before = self.episodes[-1] if self.episodes else 0.0
         self.episodes.append(before + cost["episodes"])
         self.best.append(best["fitness"])

@@ -182,10 +182,10 @@ TREE_BYTES: Final = 500_000  # most bytes of embedded trees of the archive, the 
 
 
 def archive_map(view: RunView) -> dict[str, Any] | None:
-    """The map of the archive; None if the run has none."""
-    if not view.history.archived:
+    """The map of the archive; None before the first generation."""
+    if not view.history.generations:
         return None
-    settings = ArchiveSettings.model_validate(view.config.get("archive") or {})
+    settings = ArchiveSettings.model_validate(view.config["archive"])
     axes = settings.axes(Classes.model_validate(view.config["classes"]))
     cells = _elites(view)
     elites = sorted(cells or (), key=lambda e: (-e.stage, -e.mean, e.cell))

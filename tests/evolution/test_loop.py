@@ -24,8 +24,7 @@ from islandgp.supervision.base import Guidance
 from tests.composed import composed_plan
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Constant, lines, plan, records, run
-from tests.flatten import version_1
-from tests.goldens import FOLDER, check_golden
+from tests.goldens import check_golden
 from tests.profiles import examples, sweep
 from tests.samples import outcome
 
@@ -331,24 +330,13 @@ def test_three_generations_golden() -> None:
     check_golden("three_generations.json", text + "\n")
 
 
-def test_three_generations_are_those_of_version_1() -> None:
-    """What version 1 wrote of them is still true, number by number.
-
-    Its file is never updated: it is from before domains could be declared.
-    """
-    old = json.loads((FOLDER / "three_generations_v1.json").read_text(encoding="utf-8"))
-    new = json.loads(json.dumps(three_generations()))
-    assert "pickups" in old[0]["individuals"][0], "version 1 had counters as fields"
-    assert [version_1(record) for record in new] == [version_1(record) for record in old]
-
-
 def three_generations() -> list[dict[str, object]]:
     """A small run's records as plain values."""
     run_plan = plan(
         "gp.population=8",
         "gp.generations=3",
         "supervisor.inject=true",
-        "gp.trees.kinds.parallel=0.5",  # version 1 had fewer in its random trees
+        "gp.trees.kinds.parallel=0.5",
     )
     return [
         record_values(record) for record in records(run(run_plan, Constant(0.5, CHARGER), seed=7))

@@ -87,7 +87,7 @@ def test_the_groups_of_columns_are_named() -> None:
     for kind, name in (("runs", n) for n in ("validation_mean", "champion_fitness", "fitness_max")):
         assert f"`{name}`" in part
         assert name in COLUMNS[kind]
-    for group in ("first", "tiers", "specialists", "doing", "components", "counters"):
+    for group in ("first", "tiers", "specialists", "behaviour_counts", "components", "counters"):
         assert f"`{group}.`" in part
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from islandgp.evolution.validation import Best, Candidate, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
-from islandgp.records.manifest import add_to_manifest
 from islandgp.results import load
 from islandgp.running.report import report, summary
 from islandgp.running.totals import totals_of
@@ -73,15 +72,3 @@ def test_the_end_of_a_run_has_its_known_episodes(tmp_path: Path) -> None:
     assert f"Episodes in training: {30 * n}, {2 * n} of them from the cache" in report(
         folder, costs
     )
-
-
-def test_a_summary_of_an_older_version_is_read(tmp_path: Path) -> None:
-    """There an interval of one world has its mean at both ends."""
-    folder = _validated_once(tmp_path / "run", tmp_path)
-    file = folder.path / "summary.json"
-    text = file.read_text(encoding="utf-8")
-    for end in ("low", "high"):
-        text = text.replace(f'{end}": null', f'{end}": 5.0')
-    file.write_text(text, encoding="utf-8")
-    add_to_manifest(folder.path, file.name)
-    assert "no interval: one world" in report(RunFolder(folder.path), [])

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from islandgp.errors import RunError, StudyError
-from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import RENAMED, flatten, with_present_names
+from islandgp.records.parameters import flatten
 from islandgp.results import load
-from islandgp.study.comparable import compare_arms
-from islandgp.study.library import reference_trees
 from islandgp.study.select import (
     RunEntry,
-    arms_of_sweep,
     find,
     in_short,
     matches,
@@ -28,7 +22,6 @@ from islandgp.study.select import (
     read,
     select,
 )
-from islandgp.sweep.folder import SweepFolder, SweepJob
 from tests.study.fake_runs import config, fake_run, individual, write_run
 from tests.tracking.folders import closed_run
 
@@ -219,164 +212,3 @@ def test_spans() -> None:
     """Numbers in short."""
     assert in_short([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
     assert overview([]) == []
-
-
-def test_configurations_of_version_0_2_are_read_with_present_names(tmp_path: Path) -> None:
-    """An arm of 0.2 is comparable with one of today's."""
-    old = "gp: {tournament: 3, new_worlds: never, common_world: true}\n"
-    (tmp_path / "config.yaml").write_text(old + "allocation: {tournament: [18, 25]}\nseed: 1\n")
-    assert RunFolder(tmp_path).configuration() == {
-        "gp": {"tournament_size": 3, "reseed_every": "never", "shared_seed": True},
-        "allocation": {"tournament_children": [18, 25]},
-        "seed": 1,
-    }
-
-
-def test_every_renamed_key_has_its_present_name() -> None:
-    """At any depth; other keys are unchanged, also those with the name of a renamed one."""
-    for old, new in RENAMED.items():
-        *path, last = old.split(".")
-        config: dict[str, Any] = {last: 1, "other": 2}
-        for key in reversed(path):
-            config = {key: config}
-        present = flatten(with_present_names(config))
-        assert present == {new: 1, f"{'.'.join(path)}.other": 2}
-    assert with_present_names({"shown": {"tournament": 1}}) == {"shown": {"tournament": 1}}
-
-
-def test_a_library_of_another_version_is_one_clear_error() -> None:
-    """Expected, found and the remedy."""
-    with pytest.raises(
-        RunError, match=r"found library\.colour: .*; look at the run with the version"
-    ):
-        reference_trees({"library": {"folder": None, "colour": "red"}})
-
-
-def test_arms_of_a_sweep_are_named_and_ordered(tmp_path: Path) -> None:
-    """By supervisor and settings, those without a supervisor last; unfinished runs are noted."""
-    for supervisor in ("baseline", "expert"):
-        for seed in (0, 1):
-            run = fake_run(supervisor, seed)
-            write_run(
-                run, tmp_path / f"{supervisor}-{seed}", finished=(supervisor, seed) != ("expert", 1)
-            )
-    arms, notes = arms_of_sweep(find(tmp_path))
-    assert [(arm.name, arm.selection, arm.seeds) for arm in arms] == [
-        ("expert", "supervisor=expert", (0,)),
-        ("baseline", "supervisor=baseline", (0, 1)),
-    ]
-    assert "expert: 1 unfinished runs are left out (expert-1)" in notes[0]
-
-
-def _sweep(folder: Path, arms: Mapping[tuple[str, ...], dict[str, Any]]) -> None:
-    """Writes a sweep with a run for each arm, given as overrides and changes of fake_run."""
-    jobs = []
-    for number, (choices, changes) in enumerate(arms.items()):
-        write_run(fake_run("expert", 0, **changes), folder / f"job{number}")
-        job = f"job{number}"
-        jobs.append(SweepJob(job, job, "expert", 0, ("gp.population=30", *choices), 4, ""))
-    SweepFolder(folder).open("sweep", jobs)
-
-
-def test_arms_of_a_sweep_may_differ_in_what_it_varies(tmp_path: Path) -> None:
-    """Also in added keys, packages of groups, whole mappings, and keys of a later command only."""
-    _sweep(
-        tmp_path,
-        {
-            (): {},
-            ("+perturb.noise=1",): {"perturb": {"noise": 1}},
-            ("search/breeding=paper",): {"search": {"policy": {"breeding": {"lists": 1}}}},
-            ("gp.founders=true",): {"gp__founders": True},
-        },
-    )
-    arms, _ = arms_of_sweep(find(tmp_path))
-    assert [arm.name for arm in arms] == [
-        "expert",
-        "expert-perturb.noise-1",
-        "expert-search-breeding-paper",
-        "expert-gp.founders-true",
-    ]
-    assert not compare_arms(arms).comparability_warnings
-
-
-def test_arms_of_a_sweep_must_not_differ_in_other_keys(tmp_path: Path) -> None:
-    """Neither in a key with the same beginning nor in one that defines fitness."""
-    _sweep(
-        tmp_path,
-        {
-            ("gp.mutation=1",): {"gp__mutation": 1, "gp__mutation_rate": 0.1},
-            ("gp.mutation=2",): {"gp__mutation": 2, "gp__mutation_rate": 0.2},
-        },
-    )
-    arms, _ = arms_of_sweep(find(tmp_path))
-    with pytest.raises(StudyError, match=r"found:\n  gp\.mutation_rate differs: 0\.1") as info:
-        compare_arms(arms)
-    assert "gp.mutation differs" not in str(info.value)
-
-
-def test_arms_of_a_sweep_have_different_names(tmp_path: Path) -> None:
-    """Overrides that differ in replaced characters only get a number."""
-    lists = {(f"gp.depth={text}",): {"gp__depth": [1, 2]} for text in ("[1,2]", "[[1],2]")}
-    _sweep(tmp_path, lists)
-    arms, _ = arms_of_sweep(find(tmp_path))
-    assert [arm.name for arm in arms] == ["expert-gp.depth-1-2", "expert-gp.depth-1-2-2"]
-
-
-def test_a_long_name_of_an_arm_is_cut(tmp_path: Path) -> None:
-    """It ends in a digest, so names differ; a longer one in --arm is refused."""
-    longer = [(f"gp.tags={'x' * 300}{end}",) for end in "ab"]
-    _sweep(tmp_path, {choices: {} for choices in longer})
-    arms, _ = arms_of_sweep(find(tmp_path))
-    first, second = [arm.name for arm in arms]
-    assert len(first) == len(second) == 80
-    assert first != second
-    assert parse_arm(f"{first}=seed=1") == (first, "seed=1")
-    with pytest.raises(StudyError, match="at most 80 characters, found 81: xxx"):
-        parse_arm(f"{'x' * 81}=seed=1")
-
-
-def test_runs_beside_those_of_a_sweep_are_left_out(tmp_path: Path) -> None:
-    """A copy of a job, or a single run of the same name, is in no arm; a note names it."""
-    _sweep(tmp_path, {("gp.founders=true",): {}, ("gp.founders=false",): {}})
-    write_run(fake_run("expert", 0), tmp_path / "copy")
-    arms, notes = arms_of_sweep(find(tmp_path))
-    assert [len(arm.runs) for arm in arms] == [1, 1]
-    assert notes == [
-        "1 runs that are not jobs of the sweep are left out (copy); --arm selects any run."
-    ]
-
-
-def test_copies_of_runs_in_mlflow_s_folder_are_left_out(tmp_path: Path) -> None:
-    """So --runs may also be the folder of the project."""
-    write_run(fake_run("expert", 0), tmp_path / "runs" / "expert")
-    write_run(fake_run("expert", 0), tmp_path / "mlartifacts" / "7" / "artifacts")
-    assert [run.path.name for run in find(tmp_path)] == ["expert"]
-
-
-def test_a_sweep_without_jobs_has_no_studied_keys(tmp_path: Path) -> None:
-    """A search that was stopped before its first trial; the runs beside it are none of its jobs."""
-    write_run(fake_run("expert", 0), tmp_path / "expert")
-    sweep = SweepFolder(tmp_path)
-    sweep.open("command", [])
-    sweep.close()
-    with pytest.raises(StudyError, match="two arms or more with finished runs, found none;"):
-        arms_of_sweep(find(tmp_path))
-
-
-def test_unfinished_runs_are_counted_if_arms_are_missing(tmp_path: Path) -> None:
-    """The message has the finished arms and the number of unfinished runs."""
-    write_run(fake_run("expert", 0), tmp_path / "expert")
-    write_run(fake_run("baseline", 0), tmp_path / "baseline", finished=False)
-    with pytest.raises(StudyError, match=r"found expert \(unfinished runs: 1\); "):
-        arms_of_sweep(find(tmp_path))
-
-
-def test_a_sweep_must_be_named_and_have_two_arms() -> None:
-    """Otherwise the error lists the sweeps, or the arms."""
-    with pytest.raises(StudyError, match=r"--name or --arm, as there are runs of 2 sweeps") as info:
-        arms_of_sweep([_entry(), _entry(name="other")])
-    assert "name=other supervisor=expert: 1 runs, seeds 0" in str(info.value)
-    with pytest.raises(StudyError, match="two arms or more with finished runs, found expert;"):
-        arms_of_sweep([_entry(), _entry(seed=1)])
-    with pytest.raises(StudyError, match="found none;"):
-        arms_of_sweep([])

@@ -14,22 +14,19 @@ from time import monotonic, sleep
 from urllib.request import urlopen
 
 import pytest
-import yaml
 
 from islandgp.records.folder import Status
-from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.mlflow import MLflow
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from islandgp.tracking.sync import sync
 from islandgp.tracking.sync_state import read_state
 from islandgp.tracking.upload import RunUploader
-from tests.composed import plain
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, group_members, start
 from tests.running.histories import store as open_store
 from tests.running.histories import tracked
 from tests.tracking import servers
-from tests.tracking.folders import SMALL, begun, closed_run, finished, history, place, steps
+from tests.tracking.folders import begun, closed_run, finished, history, place, steps
 from tests.trees.shell import Cli
 
 
@@ -149,17 +146,6 @@ def test_a_damaged_folder_is_reported_and_stops_no_other(
     assert home / "runs/a/one" in report.sent
     assert [*report.failed] == ([] if file == "tracking.json" else [bad.path])
     assert len(store.client.search_runs([store.experiment])) == 2
-
-
-def test_a_run_of_version_0_1_is_one_line(home: Path, store: Store) -> None:
-    """It names no domain, and its records hold other things than the store is sent."""
-    folder = closed_run(home / "runs/a/one", home)
-    text = plain(*SMALL)
-    del text["domain"]
-    (folder.path / "config.yaml").write_text(yaml.safe_dump(text))
-    add_to_manifest(folder.path, "config.yaml")
-    (error,) = sync(home / "runs", store.place).failed.values()
-    assert "found one of version 0.1" in str(error)
 
 
 def test_a_damaged_sweep_is_reported_and_stops_no_other(home: Path) -> None:

@@ -117,42 +117,6 @@ def test_every_damaged_file_is_named(one: Path) -> None:
     )
 
 
-def without_manifest(folder: Path) -> None:
-    """Takes away what versions before 0.3 did not write."""
-    for name in ("about.json", "summary.json"):
-        file = folder / name
-        file.write_text(file.read_text().replace('"manifest": true', '"manifest": false'))
-    (folder / "manifest.json").unlink()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (edit("generations.jsonl", b'"generation":2', b'"generation":3'), "of generation 2"),
-        (edit("generations.jsonl", b"\n", b""), "Expected 5 generations"),
-        (remove("generations.sha256"), "generations.sha256: it differs"),
-        (write("best.bt", "PatrolWaypoint\n"), "best.bt: it is not"),
-        (
-            edit("summary.json", b'"fitness": ', b'"fitness": 9'),
-            "summary.json: the champion is not in the",
-        ),
-        (edit("summary.json", b'"records": "', b'"records": "0'), "a record differs"),
-        (write("summary.json", "{"), "found a damaged file"),
-        (write("config.yaml", "- 1"), "found a damaged file"),
-    ],
-)
-def test_damage_in_a_finished_run_without_a_manifest(
-    change: Callable[[Path], None], message: str, one: Path
-) -> None:
-    """Its records have checksums, and other files must agree with them."""
-    without_manifest(one)
-    assert "not verified: written by an older version" in verified(one)[1]
-    change(one)
-    code, output = verified(one)
-    assert code == 1
-    assert message in output
-
-
 def test_records_in_another_order_are_reported(tmp_path: Path) -> None:
     """The number of the first record out of place."""
     folder = closed_run(tmp_path / "one", tmp_path, 3)

@@ -193,17 +193,6 @@ def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
     assert len(parsed.scripts) == 3
 
 
-def test_a_run_of_an_older_version(tmp_path: Path) -> None:
-    """Without archives in its records, costs of another form, or an archive's file."""
-    folder = closed_run(tmp_path / "run")
-    for generation in range(8):
-        changed_record(folder, generation, lambda record: record.pop("archive"))
-    parsed = Parsed(run_page(folder, Status.FINISHED))
-    assert parsed.data["archive"] is None
-    assert "This run keeps no archive." in parsed.text
-
-
-@pytest.mark.parametrize("damage", ["missing", "damaged"])
 def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
     """The page reports it, and has all the rest."""
     folder = closed_run(tmp_path / "run")

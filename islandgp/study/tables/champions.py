@@ -180,7 +180,7 @@ def one_grid(study: Comparison) -> bool:
         return False
     grids = []
     for run in runs:
-        settings = ArchiveSettings.model_validate(run.config.get("archive") or {})
+        settings = ArchiveSettings.model_validate(run.config["archive"])
         grids.append((settings.axes(run.classes), settings.floor))
     return all(grid == grids[0] for grid in grids)
 

@@ -54,9 +54,9 @@ class Prompt:
         return set(_VARIABLE.findall(self.system + self.user))
 
 
-def prompt_folder(setting: str | None) -> Path:
+def prompt_folder(setting: str) -> Path:
     """The folder of a prompt set: `paper`, `informed`, or the path of another folder."""
-    if setting is None or setting == "paper":
+    if setting == "paper":
         return resource("prompts")
     return resource("prompts") / setting if setting in PROMPT_SETS else Path(setting)
 

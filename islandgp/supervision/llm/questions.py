@@ -97,7 +97,7 @@ class Questions:
             reasons_first if settings.informed.reasoning else dict
         )
         if context.edits:
-            edits_folder = folder if (folder / "edits.md").is_file() else prompt_folder(None)
+            edits_folder = folder if (folder / "edits.md").is_file() else prompt_folder("paper")
             self.prompts["edits"] = load_prompt("edits", edits_folder)
             self.values |= fixed_edit_values(context)
             self.values["edit_answer"] = form(self._order(schema(EditsAnswer)))

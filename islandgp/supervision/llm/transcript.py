@@ -11,7 +11,7 @@ attempt  one attempt at a call: place, request, reply or failure, tokens, dollar
 part     result for one part of the guidance: its source, and the stages that rejected answers
 played   episodes that supervision simulated: generation, purpose, number
 
-Each line has a `checksum` of its other fields, except in transcripts of older versions.
+Each line has a `checksum` of its other fields; a line without one is used as it is.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Sent:
     call: Call
     number: int  # from 1
     at_most: Usage  # upper bound of its tokens
-    seconds: float = 0.0  # upper bound, including the wait before it; 0 in older transcripts
+    seconds: float  # upper bound, including the wait before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Conclusion:
     source: str  # "llm", "llm, repaired", "fallback", ...
     why: str  # reason of a fallback, else ""
     rejected: tuple[str, ...]  # stages of the validation that rejected an answer, in order
-    failed: str = ""  # kind of the failure that ended it, else ""; "" in older transcripts
+    failed: str  # kind of the failure that ended it, else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
         except DECODE_ERRORS as error:
             yield TranscriptLine(number, plain, None, f"{type(error).__name__}: {error}")
         else:
-            yield TranscriptLine(number, plain, entry, change=_change(plain, entry))
+            yield TranscriptLine(number, plain, entry, change=_change(plain))
 
 
 def _object(raw: bytes) -> Mapping[str, Any]:
@@ -195,15 +195,11 @@ def _entry(plain: Mapping[str, Any], systems: dict[str, str]) -> Entry | None:
     return from_json(_KINDS[kind], plain) if kind in _KINDS else None
 
 
-def _change(plain: Mapping[str, Any], entry: Entry | None) -> str:
+def _change(plain: Mapping[str, Any]) -> str:
     """Evidence that a line was changed after it was written, or ""."""
-    if CHECKSUM in plain:
-        rest = {key: value for key, value in plain.items() if key != CHECKSUM}
-        return "" if sha256_of(rest) == plain[CHECKSUM] else "its checksum differs"
-    digest = plain.get("digest")
-    if isinstance(entry, Attempt) and digest not in (None, entry.request.digest):
-        return "the digest of its request differs"
-    return ""
+    rest = {key: value for key, value in plain.items() if key != CHECKSUM}
+    same = CHECKSUM not in plain or sha256_of(rest) == plain[CHECKSUM]
+    return "" if same else "its checksum differs"
 
 
 class Transcript:
@@ -338,7 +334,7 @@ class Transcript:
                 raise SupervisionError(
                     f"Expected {path} as it was written, found line {line.number}"
                     f"{_about(line)} changed: {line.change}; restore the original, or delete the"
-                    " fields `checksum` and `digest` of the line to use it as it is."
+                    " field `checksum` of the line to use it as it is."
                 )
             self._take(line)
 
