@@ -77,9 +77,8 @@ class Run:
 
     @property
     def archives(self) -> tuple[ArchiveRecord, ...]:
-        """The archive of elites after each generation; () if a generation has none."""
-        recorded = tuple(r.archive for r in self.records)
-        return recorded if len(recorded) == len(self.records) else ()
+        """The archive of elites after each generation."""
+        return tuple(r.archive for r in self.records)
 
     @property
     def constraints(self) -> Constraints:

@@ -140,7 +140,7 @@ def test_a_changed_line_is_refused(tmp_path: Path, old: str, new: str) -> None:
 
 
 def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
-    """Without its checksum a changed answer is taken, as those of older transcripts are."""
+    """Without its checksum a changed answer is used."""
     path = tmp_path / NAME
     Transcript(path).add(attempt())
     system, line = map(json.loads, path.read_text(encoding="utf-8").splitlines())
@@ -150,10 +150,6 @@ def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
     (restored,) = Transcript(path).attempts
     assert isinstance(restored.answer, Reply)
     assert restored.answer.text == "mine"
-    line["request"]["turns"] = ["another question"]
-    path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
-    with pytest.raises(SupervisionError, match=r"rate after generation 3\) changed: the digest of"):
-        Transcript(path)
 
 
 def test_a_write_that_fails_leaves_no_piece_behind(

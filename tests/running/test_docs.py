@@ -130,6 +130,7 @@ class Finished:
             "champion": {"record": record, "validation": validation},
             "fittest": {"record": {"fitness": 66997}, "generation": 33},
             "first": {"complete": 0, "excellent": 0},
+            "answers": {},
         }
 
 

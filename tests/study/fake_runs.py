@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from islandgp.evolution.validation import Validation
+from islandgp.gp.archive import ArchiveRecord
 from islandgp.gp.record import (
     Champion,
     Cost,
@@ -21,6 +22,7 @@ from islandgp.gp.record import (
     record_values,
 )
 from islandgp.records.lines import digests, generation_lines
+from islandgp.records.manifest import write_manifest
 from islandgp.records.parameters import flatten
 from islandgp.study.arms import Arm, Run
 from islandgp.study.select import parse_selection
@@ -126,6 +128,7 @@ def fake_run(
             if populations is not None
             else (individual(f"{g}.0", fitness=fitness),),
             guidance=None if g == last else guided or guidance(),
+            archive=ArchiveRecord(coverage=0.5, qd_score=1.0, new=0, improved=0),
         )
         for g, fitness in enumerate(curve)
     )
@@ -164,7 +167,9 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
             "generations": len(run.records),
             "records": [*digests(generation_lines(folder).whole())][-1],
         }
-        (folder / "summary.json").write_text(json.dumps(summary))
+        end = json.dumps(summary)
+        write_manifest(folder, end.encode())
+        (folder / "summary.json").write_text(end)
 
 
 def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:

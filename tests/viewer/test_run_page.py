@@ -111,6 +111,7 @@ def test_the_highest_so_far_begins_again_with_a_stage() -> None:
         record = {
             "snapshot": {"stage": stage, "mean": 0.0, "tiers": {}},
             "individuals": [{"fitness": best}],
+            "archive": {"coverage": 0.0, "qd_score": 0.0},
         }
         history.add(record, cost)
     curves = thinned(history)
@@ -193,6 +194,7 @@ def test_a_run_that_failed_or_was_stopped(tmp_path: Path) -> None:
     assert len(parsed.scripts) == 3
 
 
+@pytest.mark.parametrize("damage", ["missing", "damaged"])
 def test_an_archive_that_cannot_be_read(tmp_path: Path, damage: str) -> None:
     """The page reports it, and has all the rest."""
     folder = closed_run(tmp_path / "run")

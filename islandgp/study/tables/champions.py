@@ -174,12 +174,9 @@ def _constraints(arm: Arm) -> Row:
 
 
 def one_grid(study: Comparison) -> bool:
-    """True if all runs have an archive with the same grid and floor."""
-    runs = [run for arm in study.arms for run in arm.runs]
-    if not all(run.archives for run in runs):
-        return False
+    """True if the archives of all runs have the same grid and floor."""
     grids = []
-    for run in runs:
+    for run in (run for arm in study.arms for run in arm.runs):
         settings = ArchiveSettings.model_validate(run.config["archive"])
         grids.append((settings.axes(run.classes), settings.floor))
     return all(grid == grids[0] for grid in grids)

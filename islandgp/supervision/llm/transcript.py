@@ -59,7 +59,7 @@ class Sent:
     call: Call
     number: int  # from 1
     at_most: Usage  # upper bound of its tokens
-    seconds: float  # upper bound, including the wait before it
+    seconds: float = 0.0  # upper bound, including the wait before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class Conclusion:
     source: str  # "llm", "llm, repaired", "fallback", ...
     why: str  # reason of a fallback, else ""
     rejected: tuple[str, ...]  # stages of the validation that rejected an answer, in order
-    failed: str  # kind of the failure that ended it, else ""
+    failed: str = ""  # kind of the failure that ended it, else ""
 
 
 @dataclass(frozen=True, slots=True)
