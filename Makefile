@@ -76,7 +76,7 @@ axe:             ## axe-core in build/axe, for a slow test of the replay page
 	npm install --silent --no-audit --no-fund --prefix build/axe axe-core@4.14.1
 
 vscode:          ## pack the extension for VS Code: build/islandgp-bt.vsix
-	$(PYTHON) editors/pack.py
+	$(PYTHON) plugins/editor/pack.py
 
 vscode-tools:    ## VS Code's packer and its engine for grammars in build/vscode, for slow tests
 	npm install --silent --no-audit --no-fund --prefix build/vscode @vscode/vsce@3.9.2 \

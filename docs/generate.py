@@ -3,14 +3,13 @@
     python docs/generate.py [--costs]
 
 These are the tables of docs/language.md and docs/llm/, between
-`<!-- begin NAME -->` and `<!-- end -->`, and the TextMate grammar for editors.
+`<!-- begin NAME -->` and `<!-- end -->`.
 `tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. With
 `--costs` it also measures what runs cost, in two runs with the mock, for docs/llm/cost.md.
 """
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections.abc import Mapping
@@ -23,7 +22,7 @@ from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.includes import MAX_FILES
-from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, KINDS, POLICIES, REPEATS, SECONDS, TIMED
+from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, REPEATS, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -45,7 +44,6 @@ TUTORIAL = ROOT / "docs" / "tutorial.md"
 LANGUAGE = ROOT / "docs" / "language.md"
 COST = ROOT / "docs" / "llm" / "cost.md"
 STATE = ROOT / "docs" / "llm" / "state.md"
-TEXTMATE = ROOT / "editors" / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _EXAMPLES = {
@@ -200,71 +198,6 @@ def files(tutorial: str) -> dict[str, str]:
     return dict(re.findall(r"^```bt (\S+)\n(.*?)^```$", tutorial, re.DOTALL | re.MULTILINE))
 
 
-_A_NAME = r"[A-Za-z_]\w*"
-_KEYWORD, _FUNCTION = "keyword.declaration", "entity.name.function"
-_OTHER, _ASSIGNS = "variable.other", "keyword.operator.assignment"
-_KEY = "variable.language"
-
-
-def _rule(match: str, *names: str) -> dict[str, Any]:
-    """A rule whose groups have scopes of these names."""
-    captures = {str(at): {"name": name} for at, name in enumerate(names, 1)}
-    return {"match": match, "captures": captures}
-
-
-def textmate() -> str:
-    """The TextMate grammar, as JSON."""
-    rules: list[dict[str, Any]] = [
-        {"name": "comment.line.number-sign", "match": "#.*$"},
-        _rule(
-            rf"\b(subtree)\s+({_A_NAME})\s*(\([^)]*\))\s*(=)", _KEYWORD, _FUNCTION, _OTHER, _ASSIGNS
-        ),
-        _rule(rf"\b(subtree)\s+({_A_NAME})\s*(=)", _KEYWORD, _FUNCTION, _ASSIGNS),
-        _rule(
-            rf"\b(constant)\s+({_A_NAME})\s*(=)\s*({_A_NAME})", _KEYWORD, _OTHER, _ASSIGNS, _OTHER
-        ),
-        _rule(rf"\b(constant)\s+({_A_NAME})\s*(=)", _KEYWORD, _OTHER, _ASSIGNS),
-        _rule(r'\b(include)\s+("[^"]*")', _KEYWORD, "string.quoted.double"),
-        {
-            "match": r"\b(domain)\s+([A-Za-z_]\w*)",
-            "captures": {
-                "1": {"name": "keyword.declaration"},
-                "2": {"name": "entity.name.namespace"},
-            },
-        },
-        _rule(rf"\b(use)\s+({_A_NAME})\s*(\([^(:)]*\))", "keyword.other.use", _FUNCTION, _OTHER),
-        _rule(rf"\b(use)\s+({_A_NAME})", "keyword.other.use", _FUNCTION),
-        _rule(rf"\b({'|'.join([*COUNTED, *TIMED])})\s+({_A_NAME})", "keyword.control", _OTHER),
-        _rule(rf"([<>]=?|[=!]=)\s*({_A_NAME})", "keyword.operator.comparison", _OTHER),
-        _rule(rf"\b(when)\s+(?!not\b)({_A_NAME})", "keyword.control", _KEY),
-        _rule(rf"\b(and|or|not)\s+(?!not\b)({_A_NAME})", "keyword.operator.logical", _KEY),
-        _rule(rf"\(\s*(?!(?:not|use)\b)({_A_NAME})(?!\w|\s*[:(])", _KEY),
-        _rule(rf"\b({_A_NAME})\s*:\s*({_A_NAME})", "variable.parameter", "constant.language"),
-        _rule(rf"\b({_A_NAME})\s*:", "variable.parameter"),
-        {"name": "keyword.control", "match": _any_of(INNER)},
-        {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
-        {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
-        {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},
-        {
-            "name": "keyword.operator.comparison",
-            "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
-        },
-        {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
-        {"name": "support.function", "match": _A_NAME},
-    ]
-    grammar = {
-        "name": "islandgp behaviour tree",
-        "scopeName": "source.islandgp-bt",
-        "fileTypes": ["bt"],
-        "patterns": rules,
-    }
-    return json.dumps(grammar, indent=2) + "\n"
-
-
-def _any_of(alternatives: Any) -> str:
-    return rf"\b({'|'.join(alternatives)})\b"
-
-
 def _codes(names: Any) -> str:
     return " ".join(f"`{word}`" for word in names)
 
@@ -280,4 +213,3 @@ if __name__ == "__main__":
     if "--costs" in sys.argv[1:]:
         costs = {"costs": cost_table(measured_characters())}
         COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")
-    TEXTMATE.write_text(textmate(), encoding="utf-8")

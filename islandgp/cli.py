@@ -75,9 +75,6 @@ COMMANDS: Final = {
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
     "sync": CommandInfo("send missing records to the tracking server", "runs/default"),
     "examples": CommandInfo("list the example trees, or print one", "all_rounder"),
-    "language-server": CommandInfo(
-        "serve editors: errors, completion, hover, formatting, renaming", ""
-    ),
     "completion": CommandInfo(
         "print the shell code for completion of commands and overrides", "bash"
     ),

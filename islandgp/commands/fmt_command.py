@@ -7,7 +7,7 @@ import sys
 
 import click
 
-from islandgp.bt.editor.format import format_text
+from islandgp.bt.core.format import format_text
 from islandgp.commands.files import FILE, STDIN, read_tree_text, write_text
 from islandgp.errors import IslandError
 

@@ -6,8 +6,8 @@ from typing import Final
 
 import click
 
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import to_text
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import domain_of, domain_place, parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.bt.editor.format import format_text
 from islandgp.commands.files import TreeText
 from islandgp.commands.options import DomainOptions
 from islandgp.commands.setting import vocabulary_of

@@ -9,9 +9,9 @@ from time import process_time
 import pytest
 
 from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_placed, to_text
 from islandgp.bt.core.node import size
-from islandgp.bt.editor.format import format_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import IslandError, LimitError, TreeError, UnknownNameError
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from islandgp.bt.analysis.numbers import numbers_of, with_numbers
 from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import SUCCESS, ActionArgs, Limits, Node, walk
 from islandgp.bt.core.parameters import bound, fits, one_of, real, switch, whole
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import DomainError, TreeError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree

@@ -15,6 +15,7 @@ import islandgp
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.analysis.rules import check_rule, read_rule
 from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import Limits, Node, asked_in, guarded, keys_in, leaf
 from islandgp.bt.core.vocabulary import (
@@ -27,8 +28,6 @@ from islandgp.bt.core.vocabulary import (
     integer,
     number,
 )
-from islandgp.bt.editor.assist import offers
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
@@ -204,20 +203,6 @@ def test_a_program_gives_words(tmp_path: Path) -> None:
         values["mode"] = word
         with pytest.raises(DomainError, match="one of idle, docking, driving as the value of"):
             robot.tick()
-
-
-@pytest.mark.parametrize(
-    ("text", "completions"),
-    [
-        ("when mode ", {"==", "!="}),
-        ("when mode == ", {*MODES, "before"}),
-        ("when charge < ", {"reserve", "items"}),
-        ("constant low = 5 when charge < ", {"reserve", "items", "low"}),
-    ],
-)
-def test_completion(text: str, completions: set[str]) -> None:
-    """Words and keys that can be compared, and the operators that words have."""
-    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= completions
 
 
 @dataclass

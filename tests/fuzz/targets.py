@@ -23,9 +23,9 @@ from hydra._internal.utils import get_args_parser
 from hypothesis import strategies as st
 
 from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree

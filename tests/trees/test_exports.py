@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.parameters import one_of, real, switch, whole
 from islandgp.bt.core.parameters import text as text_argument
 from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared

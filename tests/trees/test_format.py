@@ -8,11 +8,11 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_placed, to_text, words
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.parameters import text as text_argument
 from islandgp.bt.core.vocabulary import Action, Vocabulary
-from islandgp.bt.editor.format import format_text
 from tests.composed import composed
 from tests.profiles import cases, examples
 from tests.strategies import nodes

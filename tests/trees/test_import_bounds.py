@@ -12,9 +12,9 @@ import pytest
 from hypothesis import example, given
 
 from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, ParallelArgs, leaf, walk
-from islandgp.bt.editor.format import format_text
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json

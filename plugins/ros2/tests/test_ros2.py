@@ -191,7 +191,7 @@ def test_maps_that_do_not_fit(
     message: str,
 ) -> None:
     """A missing interface, field, value or action is one clear error."""
-    monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(old, new))
+    monkeypatch.setattr("test_ros2.MAP", MAP.replace(old, new))
     with pytest.raises(IslandError) as excinfo:
         robot("selector { when battery < 20 { Dock } Drive }")
     assert message in str(excinfo.value)
@@ -259,7 +259,7 @@ def test_fields_are_checked_for_the_tree_that_is_loaded(
     battery = "battery: {topic: /battery, type: std_msgs/msg/Float32"
     mode = "mode: {topic: /mode, type: std_msgs/msg/String, field: data, default: idle}\n  "
     assert battery in MAP
-    monkeypatch.setattr("tests.ros2.test_ros2.MAP", MAP.replace(battery, mode + battery))
+    monkeypatch.setattr("test_ros2.MAP", MAP.replace(battery, mode + battery))
     actions = ("Drive", "Crash", "Hang", "Wait", "Refused", "Nowhere", "Dock", "Lost")
     keys = {
         "mode": enumeration("", ["idle", "busy"]),

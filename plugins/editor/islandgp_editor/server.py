@@ -14,13 +14,16 @@ from pygls.lsp.server import LanguageServer
 from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
+from islandgp.bt.core.format import format_text
 from islandgp.bt.core.includes import mentioned
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
-from islandgp.bt.editor.assist import meaning, offers
-from islandgp.bt.editor.format import format_text
-from islandgp.bt.editor.names import (
+from islandgp.commands.check_command import findings, plain_error, plain_finding
+from islandgp.commands.files import TreeText
+from islandgp.errors import IslandError, TreeError
+from islandgp_editor.assist import meaning, offers
+from islandgp_editor.names import (
     Symbol,
     Word,
     defines,
@@ -29,9 +32,6 @@ from islandgp.bt.editor.names import (
     renamed,
     symbol_at,
 )
-from islandgp.commands.check_command import findings, plain_error, plain_finding
-from islandgp.commands.files import TreeText
-from islandgp.errors import IslandError, TreeError
 
 PAUSE: Final = 0.2  # s without a change before a text is checked
 ANY_SIZE: Final = Limits(10**9, 10**9)

@@ -20,7 +20,7 @@ from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.bt.core.parameters import Parameter, signature, value_range
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.vocabulary import NAME, STATUSES, Action, Key, Vocabulary
-from islandgp.bt.editor.names import Word, code_words, words_of
+from islandgp_editor.names import Word, code_words, words_of
 
 Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import sys
 from functools import partial
-from importlib.util import find_spec
 
 import click
 
@@ -14,23 +13,21 @@ from islandgp.commands.setting import configured_domains, vocabulary_of
 from islandgp.errors import ConfigError
 
 
-@click.command()
+@click.command(epilog="\b\nExample:\n  islandgp language-server")
 @with_vocabulary_options
 def command(options: DomainOptions) -> None:
     """Serve an editor over standard input and output (Language Server Protocol).
 
     It supports diagnostics, quick fixes, completion, hover, formatting, definitions, references and
-    renaming, for the domain that a file names. docs/language.md describes the setup of editors.
+    renaming, for the domain that a file names.
     """
-    if find_spec("pygls") is None:
-        raise ConfigError("Expected pygls, found it not installed; pip install 'islandgp[lsp]'")
     if sys.stdin is None or sys.stdout is None:
         raise ConfigError(
             "Expected an editor at the standard input and output, found them closed; let the editor"
             " start this command"
         )
 
-    from islandgp.commands.language_server import Server
+    from islandgp_editor.server import Server
 
     vocabulary_for = partial(vocabulary_of, options=options, in_world=True)
     server = Server(vocabulary_for, configured_domains(options.config_dir))

@@ -11,22 +11,24 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from time import process_time
 
 import pytest
+from language_client import CODE, Editor
 
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse
-from islandgp.bt.editor.assist import meaning, offers, subtrees
-from islandgp.bt.editor.names import definitions, references, renamed, symbol_at
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
+from islandgp_editor.assist import meaning, offers, subtrees
+from islandgp_editor.names import definitions, occurrences, references, renamed, symbol_at
+from tests.bt.test_subtree_parameters import HOSTILE
+from tests.bt.test_words_of_keys import BOT, MODES
 from tests.running.commands import ROOT
-from tests.trees.editor import CODE, Editor
-from tests.trees.shell import Cli
 
 pytestmark = pytest.mark.process
 
-LANGUAGE = ROOT / "docs" / "language.md"
+PAGE = ROOT / "plugins" / "editor" / "README.md"
 NODES = {*KINDS, "use"} - {"action"}
 ACTIONS = {*VOCABULARY.actions}
 KEYS = {*VOCABULARY.keys}
@@ -69,6 +71,28 @@ def test_completion(text: str, completions: set[str], tmp_path: Path) -> None:
     all_offers = offers(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
     assert {offer.text for offer in all_offers} == completions
     assert all(offer.detail for offer in all_offers)
+
+
+@pytest.mark.parametrize(
+    ("text", "completions"),
+    [
+        ("when mode ", {"==", "!="}),
+        ("when mode == ", {*MODES, "before"}),
+        ("when charge < ", {"reserve", "items"}),
+        ("constant low = 5 when charge < ", {"reserve", "items", "low"}),
+    ],
+)
+def test_completion_of_words(text: str, completions: set[str]) -> None:
+    """Words and keys that can be compared, and the operators that words have."""
+    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= completions
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_arguments(name: str) -> None:
+    """The names of a text that the language refuses are found early."""
+    begin = process_time()
+    list(occurrences(HOSTILE[name]))
+    assert process_time() - begin < 1
 
 
 def test_every_completed_action_parses() -> None:
@@ -400,10 +424,10 @@ def with_eglot() -> bool:
 
 @pytest.mark.slow
 def test_emacs(tmp_path: Path) -> None:
-    """A batch Emacs does so with the lines of docs/language.md."""
+    """A batch Emacs does so with the lines of README.md."""
     if not with_eglot():
         pytest.skip("Emacs with eglot is not installed (apt-get install emacs-nox elpa-eglot)")
-    (lines,) = re.findall(r"^```elisp\n(.*?)^```$", LANGUAGE.read_text("utf-8"), re.DOTALL | re.M)
+    (lines,) = re.findall(r"^```elisp\n(.*?)^```$", PAGE.read_text("utf-8"), re.DOTALL | re.M)
     (tmp_path / "docs.el").write_text(lines)
     (tmp_path / "my tree.bt").write_text("selector {\n  PatrolWaypo\n}\n")
     command = ["emacs", "--batch", "--load", str(Path(__file__).with_name("emacs.el"))]
@@ -426,14 +450,6 @@ def test_emacs(tmp_path: Path) -> None:
         ["subtree run = SeekCharger", "sequence { use run PatrolWaypoint }"]
     ]
     assert answers["formatted"] == [[*answers["renamed"][0][:1], "", answers["renamed"][0][1], ""]]
-
-
-def test_without_pygls(islandgp: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The extra that brings it is named."""
-    monkeypatch.setattr("islandgp.commands.language_server_command.find_spec", lambda _: None)
-    result = islandgp("language-server")
-    assert result.code == 2
-    assert "pip install 'islandgp[lsp]'" in result.err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs a POSIX shell")

@@ -1,6 +1,6 @@
 """Packs the extension for VS Code: build/islandgp-bt.vsix.
 
-python editors/pack.py
+python plugins/editor/pack.py
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 FOLDER = Path(__file__).parent / "vscode"
-PACKED = FOLDER.parents[1] / "build" / "islandgp-bt.vsix"
+PACKED = FOLDER.parents[2] / "build" / "islandgp-bt.vsix"
 
 CONTENT_TYPES = """<?xml version="1.0" encoding="utf-8"?>
 <Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">

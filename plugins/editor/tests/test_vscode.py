@@ -13,18 +13,18 @@ from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import pytest
+from language_client import CODE
 
 from tests.running.commands import ROOT
-from tests.trees.editor import CODE
 
-FOLDER = ROOT / "editors" / "vscode"
+FOLDER = ROOT / "plugins" / "editor" / "vscode"
 HARNESS = Path(__file__).with_name("vscode.js")
 needs_node = pytest.mark.skipif(shutil.which("node") is None, reason="Node.js is not installed")
 
 
 def test_the_package_holds_all_files(tmp_path: Path) -> None:
     """`make vscode` packs the same bytes again; each file that package.json names is inside."""
-    pack = runpy.run_path(str(ROOT / "editors" / "pack.py"))["pack"]
+    pack = runpy.run_path(str(ROOT / "plugins" / "editor" / "pack.py"))["pack"]
     packed = [tmp_path / name for name in ("a.vsix", "b.vsix")]
     for file in packed:
         pack(file)

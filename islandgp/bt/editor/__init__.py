@@ -1,1 +1,0 @@
-"""Editing of tree files: completion, meanings of names, canonical format."""

@@ -1,0 +1,1 @@
+"""Tree files in editors: `islandgp language-server` (README.md)."""
