@@ -1,21 +1,16 @@
-"""What a run spends on anything but episodes: operators, supervisor, tracking, checkpoints.
-
-The run's last page is complete after the command, so it is in none of the shares.
-"""
+"""What a run spends on anything but episodes: operators, supervisor, tracking, checkpoints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
-from time import monotonic, sleep, time
+from time import time
 from typing import Final, NamedTuple
 
-from benchmarks.command import WAIT, empty_folder, finish, start_in_terminal
+from benchmarks.command import empty_folder, finish, start_in_terminal
 from benchmarks.figure import Effort, Figure, Goal, at_most
 from islandgp.records.folder import RunFolder
-from islandgp.tracking.sync_state import read_state
-from islandgp.viewer.last_page import wait_for_page
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 2}  # of pairs with MLflow and without
 REPEATS: Final = {
@@ -28,8 +23,6 @@ SHORT: Final = ("gp.population=6", "gp.generations=2", "world.episode.length=5")
 EPISODES: Final = ("gp.validation=0",)
 """All episodes are those of generations, whose time the run writes down."""
 
-WAITS: Final = "tracking.policy.wait=true"
-
 SHORTER: Final = {Effort.TINY: SHORT, Effort.QUICK: ("gp.generations=11",), Effort.FULL: ()}
 
 
@@ -41,25 +34,23 @@ class Run(NamedTuple):
     operators: float  # selection, variation and book-keeping in the loop
     supervision: float  # waiting for advice
     command: float  # from the start of the process to its end
-    page: float  # from the end of the process until the run's last page is complete
-    mlflow: float  # from the end of the process until MLflow has all records; 0 without MLflow
 
     @property
     def rest(self) -> float:
-        """Records, checkpoints, tracking, and the end of the process, without the last page."""
+        """Records, checkpoints, page, tracking, and the end of the process."""
         return self.total - self.episodes - self.operators - self.supervision
 
 
 def measure(effort: Effort) -> list[Figure]:
     """Whole runs of the default experiment as a user starts them, with and without MLflow."""
     with empty_folder() as home:
-        first = _run(home, "tracking=mlflow", WAITS, "name=first", *SHORT, *EPISODES)
+        first = _run(home, "tracking=mlflow", "name=first", *SHORT, *EPISODES)
         numbers = range(REPEATS[effort])
         trained = [_pair(home, f"train{k}", *SHORTER[effort], *EPISODES) for k in numbers]
         seeds = range(SEEDS[effort])
         pairs = [_pair(home, f"{k}", f"seed={k}", *SHORTER[effort]) for k in seeds]
     off, mlflow = (sorted(runs)[len(runs) // 2] for runs in zip(*trained, strict=True))
-    # MLflow's process may take a core from the episodes, so a tracked run is held against the
+    # MLflow's thread may take a core from the episodes, so a tracked run is held against the
     # episodes of the untracked one.
     share_goal, off_goal, mlflow_goal = (
         at_most(limit) if effort is Effort.FULL else None for limit in (5.0, 6.0, 8.0)
@@ -114,20 +105,8 @@ def measure(effort: Effort) -> list[Figure]:
             "command_s_mlflow",
             median(pair[1].command for pair in pairs),
             "s",
-            "the same, tracking=mlflow, in a terminal, where the command does not wait for MLflow",
+            "the same, tracking=mlflow, until all is sent",
             mlflow_goal,
-        ),
-        Figure(
-            "mlflow_ends_s",
-            median(pair[1].mlflow for pair in pairs),
-            "s",
-            "from the end of that command until MLflow's process has sent all records",
-        ),
-        Figure(
-            "page_ends_s",
-            median(pair[0].page for pair in pairs),
-            "s",
-            "from the end of the command without tracking until the run's last page is complete",
         ),
         Figure("paper_ratio", PAPER_S / off.total, "", "the paper's 36,000 s a run / run_s_off"),
     ]
@@ -153,11 +132,6 @@ def _run(home: Path, *overrides: str) -> Run:
     ended = time()
     (summary,) = home.glob(f"runs/{name}/*/summary.json")
     folder = RunFolder(summary.parent)
-    wait_for_page(folder)
-    complete = time()
-    if tracked := "tracking=mlflow" in overrides:
-        _wait_for_mlflow(folder.path)
-    sent = time()
     about, costs = folder.about(), list(folder.costs())
     assert about is not None
     return Run(
@@ -166,15 +140,4 @@ def _run(home: Path, *overrides: str) -> Run:
         operators=sum(cost["operators"] for cost in costs),
         supervision=sum(cost["supervision"] for cost in costs),
         command=ended - began,
-        page=complete - ended,
-        mlflow=sent - ended if tracked else 0.0,
     )
-
-
-def _wait_for_mlflow(run: Path) -> None:
-    """Wait until MLflow has all records of a run."""
-    end = monotonic() + WAIT
-    while (state := read_state(run)) is None or not state.done:
-        if monotonic() > end:
-            raise RuntimeError(f"MLflow did not get all records of {run} in {WAIT} s")
-        sleep(0.01)

@@ -8,7 +8,6 @@ from typing import Final, NamedTuple
 
 from benchmarks.figure import Effort, Figure, at_least
 from benchmarks.pinned import SEED, STAGE, example, settings
-from benchmarks.waiting import episode_seconds, limit
 from islandgp.bt.core.language import to_text
 from islandgp.config.settings import Settings
 from islandgp.evaluation.base import Cached, Job, Problem
@@ -71,16 +70,6 @@ def measure(effort: Effort) -> list[Figure]:
         ]
     last = evolutions[most][-1]
     serial = median(e.evolving - e.evaluating for e in evolutions[most])
-    batches = episode_seconds(chosen)
-    figures += [
-        Figure(
-            f"limit_{n}",
-            limit(batches, n),
-            "%",
-            f"the efficiency that is left when {n} workers wait for a generation's last episodes",
-        )
-        for n in counts[1:]
-    ]
     return [
         *figures,
         Figure(

@@ -2,14 +2,15 @@
 
 import sys
 
-from islandgp.startup import Imports, leave, stop_before_work
+from islandgp.startup import leave, stop_before_work, without_blas_threads
 
 
 def script() -> None:
     """The console script: reads the command's words from sys.argv, and exits."""
     stop_before_work("SIGTERM", "SIGHUP")
-    with Imports():
-        from islandgp.cli import main
+    without_blas_threads()
+    from islandgp.cli import main
+
     try:
         main()
     except SystemExit as end:
@@ -18,9 +19,9 @@ def script() -> None:
 
 if __name__ == "__main__":
     stop_before_work("SIGTERM", "SIGHUP")
+    without_blas_threads()
     try:
-        with Imports():
-            from islandgp.running.app import main
+        from islandgp.running.app import main
     except (ImportError, AttributeError):
         from pathlib import Path
 

@@ -3,15 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib import import_module
 from math import nan, sqrt
 from statistics import fmean, stdev
-from threading import Thread
-
-
-def import_early() -> None:
-    """Imports SciPy in a thread, for a caller that waits for other processes before `interval`."""
-    Thread(target=import_module, args=("scipy.special",), name="scipy", daemon=True).start()
 
 
 def interval(values: Sequence[float]) -> tuple[float, float, float]:

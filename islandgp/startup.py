@@ -1,15 +1,14 @@
-"""Signals and Python's collector during the start of a command; imports only fast modules."""
+"""Signals and threads during the start of a command; imports only fast modules."""
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from types import FrameType, TracebackType
+    from types import FrameType
     from typing import NoReturn
 
 
@@ -49,24 +48,9 @@ def stop_before_work(*names: str) -> None:
             signal.signal(number, stop_at_once)
 
 
-class Imports:
-    """A context for imports: pauses Python's collector, which later leaves their objects out.
+def without_blas_threads() -> None:
+    """Keep NumPy and SciPy from starting threads, unless the environment sets their number.
 
-    Imported objects stay in use, so to look through them again and again only takes time. NumPy and
-    SciPy start no threads for linear algebra, unless the environment sets their number: these would
-    spin on the cores of the workers, and results could depend on the number of cores. (A function
-    with `contextmanager` would need the slow module `contextlib`.)
+    Such threads spin on the cores of the workers, and results could depend on the number of cores.
     """
-
-    def __enter__(self) -> None:
-        gc.disable()
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        gc.freeze()
-        gc.enable()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -40,16 +40,11 @@ def trust(names: Iterable[str]) -> None:
 @contextmanager
 def trusting() -> Iterator[None]:
     """A context; what was trusted inside it is no longer trusted at its end."""
-    before = trusted()
+    before = frozenset(_trusted)
     try:
         yield
     finally:
         _trusted.intersection_update(before)
-
-
-def trusted() -> frozenset[str]:
-    """All trusted names, for another process."""
-    return frozenset(_trusted)
 
 
 def is_trusted(name: str) -> bool:
@@ -70,21 +65,11 @@ def code_in(config: Any, key: str = "") -> Iterator[str]:
         yield config
 
 
-def is_own_code(config: Mapping[str, Any]) -> bool:
-    """True if a run's configuration names code of this package only."""
-    return all(name.startswith("islandgp.") for name in _code_of(config))
-
-
-def _code_of(config: Any) -> Iterator[str]:
-    """The code that a run's configuration names."""
-    if isinstance(config, Mapping):
-        config = {key: value for key, value in config.items() if key not in PLAIN}
-    return code_in(config)
-
-
 def must_trust_code(config: Any) -> None:
     """Raises UntrustedError if a run's configuration names code that is not trusted."""
-    for name in _code_of(config):
+    if isinstance(config, Mapping):
+        config = {key: value for key, value in config.items() if key not in PLAIN}
+    for name in code_in(config):
         if not is_trusted(name):
             raise UntrustedError(
                 f"Expected code that your own configuration names, found {name!r}, which only the"

@@ -6,16 +6,14 @@ import gc
 import os
 import signal
 from collections.abc import Iterator
-from queue import Queue
-from threading import Thread
 from typing import Final
 
 import hypothesis
 import pytest
 
-from islandgp.tracking import artifacts, mlflow
-from islandgp.tracking.follow import Detach, Follower, OnEvent, SyncRequest
-from islandgp.viewer import last_page
+from islandgp.tracking import artifacts
+from islandgp.tracking.sender import sender
+from islandgp.viewer import page_file
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")
@@ -67,28 +65,15 @@ def pytest_collection_finish() -> None:
 def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Skips the replay of the best robot's episode, which takes longer than a small run."""
     if request.node.get_closest_marker("replay") is None:
-        monkeypatch.setattr(last_page, "champion_replay", lambda _: "")
+        monkeypatch.setattr(page_file, "champion_replay", lambda _: "")
         monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
-class InThread(Queue[SyncRequest | Detach | None]):
-    """A worker as a thread of this process: see `islandgp.tracking.mlflow.SyncWorker`."""
-
-    def __init__(self, on_event: OnEvent, _niceness: int = 0) -> None:
-        super().__init__()
-        Thread(target=Follower(on_event).run, args=(self,), daemon=True).start()
-
-    def close(self) -> None:
-        """Ends the worker after its current request."""
-        self.put(None)
-
-
 @pytest.fixture(autouse=True)
-def _worker_in_this_process(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Uses a thread, not a process, as tracking worker: loading MLflow takes seconds."""
-    monkeypatch.setattr(mlflow.MLflow, "worker", InThread)
+def _own_sender() -> Iterator[None]:
+    """Each test has a thread of its own for MLflow, as that of another may wait for a server."""
     yield
-    mlflow.close_client()
+    sender.cache_clear()
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

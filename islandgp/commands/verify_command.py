@@ -14,7 +14,6 @@ from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.lines import Lines, digests, generation_lines, read_digests, wrong_record
 from islandgp.records.manifest import Damage, DamagedFile, damaged_files
 from islandgp.trust import must_have_no_links
-from islandgp.viewer.last_page import wait_for_page
 
 
 def verify(folder: RunFolder) -> str:
@@ -40,7 +39,6 @@ def verify(folder: RunFolder) -> str:
 def _check_files(folder: RunFolder) -> None:
     """Raises RunError if a file is a link, or is not as the run wrote it."""
     must_have_no_links(folder.path)
-    wait_for_page(folder)
     if folder.finished() and (wrong := damaged_files(folder.path)):
         raise RunError("; ".join(f"{file}{_first_change(folder, file)}" for file in wrong))
     folder.configuration()

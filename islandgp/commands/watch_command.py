@@ -1,20 +1,24 @@
-"""`islandgp watch`: opens the page of a run, which is updated during the run."""
+"""`islandgp watch`: opens the page of a run, and keeps it up to date during the run."""
 
 from __future__ import annotations
 
-import re
 import sys
 import webbrowser
 from itertools import chain
 from pathlib import Path
-from typing import Final
+from time import monotonic, sleep
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from islandgp.commands.options import with_trust_options
 from islandgp.errors import RunError
 
-STATUS: Final = re.compile(rb'<body data-status="([A-Z]+)">')
+if TYPE_CHECKING:
+    from islandgp.records.folder import RunFolder, Status
+
+PERIOD: Final = 5.0  # least s between two pages of an unfinished run
+SHARE: Final = 0.1  # largest share of the time for writing them
 
 
 @click.command()
@@ -30,24 +34,26 @@ def command(run: Path, open_browser: bool | None) -> None:
     """Open the page of the run in the folder RUN and print its path.
 
     The page shows the result, the curves, the archive's map, and the best robot with its lineage.
-    During the run it reloads every few seconds.
+    If the run is active, the command writes a new page every few seconds, which the browser shows,
+    until the run ends or Ctrl-C stops the command.
     """
-    path = _page(run)
-    click.echo(path)
+    from islandgp.records.folder import Status
+
+    folder = _run_in(run)
+    status, took = _write(folder)
+    page = run / "run.html"
+    click.echo(page)
     is_opened = sys.stdout.isatty() if open_browser is None else open_browser
-    if is_opened and not webbrowser.open(path.absolute().as_uri()):
+    if is_opened and not webbrowser.open(page.absolute().as_uri()):
         click.echo("Found no browser to open: open the file yourself.", err=True)
+    while status is Status.RUNNING:
+        sleep(max(PERIOD, took / SHARE))
+        status, took = _write(folder)
 
 
-def _page(path: Path) -> Path:
-    """The page of a run, written again if it is missing, changed or outdated.
-
-    Raises:
-        RunError: there is no run in the folder, or it is damaged.
-    """
-    from islandgp.records.folder import RunFolder, Status
-    from islandgp.viewer.last_page import complete_page, replay_or_message, write_page
-    from islandgp.viewer.run_page import NAME_OF_PAGE
+def _run_in(path: Path) -> RunFolder:
+    """The run in a folder. Raises RunError if there is none."""
+    from islandgp.records.folder import RunFolder
 
     folder = RunFolder(path)
     if not path.is_dir() or not folder.begun() or folder.about() is None:
@@ -58,20 +64,22 @@ def _page(path: Path) -> Path:
         raise RunError(
             f"Expected a run in {path}, found {inside}; give a run's own folder, {example}."
         )
-    status, page = folder.status(), path / NAME_OF_PAGE
+    return folder
+
+
+def _write(folder: RunFolder) -> tuple[Status, float]:
+    """Write the run's page, if it is not complete; return the run's status and the seconds.
+
+    Raises:
+        RunError: the run is damaged.
+    """
+    from islandgp.records.folder import Status
+    from islandgp.viewer.page_file import complete_page, write_page
+
+    status, began = folder.status(), monotonic()
     if status is Status.FINISHED:
         folder.must_be_sound(page=False)
         complete_page(folder)
-    if not page.exists() or (status is not Status.RUNNING and _status_of(page) != status):
-        replay = replay_or_message(folder) if status is Status.FINISHED else ""
-        write_page(folder, status, replay=replay)
-    return page
-
-
-def _status_of(page: Path) -> str:
-    """The status of the run in its page; "" if the page has none."""
-    try:
-        match = STATUS.search(page.read_bytes())
-    except OSError:
-        return ""
-    return match[1].decode() if match else ""
+    else:
+        write_page(folder, status)
+    return status, monotonic() - began

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from copy import deepcopy
 from dataclasses import asdict
 from enum import StrEnum
@@ -17,7 +17,7 @@ from time import time
 from typing import Any, Final
 
 import yaml
-from filelock import FileLock, Timeout
+from filelock import FileLock
 
 from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
@@ -32,8 +32,6 @@ from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stam
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import without_credentials
 from islandgp.trust import must_have_no_links
-
-LOCK_LIMIT: Final = 60.0  # s of waiting for another process that writes a finished run's page
 
 
 class Status(StrEnum):
@@ -100,23 +98,6 @@ class RunFolder:
         """Unlocks the folder."""
         self._lock.release()
         self._lineage.discard()
-
-    @contextmanager
-    def alone(self) -> Iterator[None]:
-        """A context in which no other process writes to the folder of a finished run.
-
-        Raises:
-            BusyError: another process writes to it for LOCK_LIMIT.
-            RunError: the run is not finished.
-        """
-        if not self.finished():
-            raise RunError(f"Expected a finished run in {self.path}, found none.")
-        try:
-            with self._lock.acquire(timeout=LOCK_LIMIT, poll_interval=0.02):
-                yield
-        except Timeout:
-            found = f"that another process does so for {LOCK_LIMIT:g} s; end it."
-            raise BusyError(f"Expected to write to {self.path}, found {found}") from None
 
     def fail(self, error: Exception) -> None:
         """Writes error.txt, the message and the traceback, unless the disk is full."""

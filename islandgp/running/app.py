@@ -7,9 +7,7 @@ first run.
 from __future__ import annotations
 
 import argparse
-import atexit
 import errno
-import gc
 import os
 import sys
 import traceback
@@ -55,8 +53,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
-    # Exclude the present objects from garbage collection, which would take long at the exit.
-    atexit.register(gc.freeze)
     try:
         argv = without_key(sys.argv[1:] if arguments is None else arguments)
         if "--version" in argv:
@@ -200,10 +196,7 @@ def _must_not_need_hydra(overrides: Sequence[str]) -> None:
 
 def _run_single(job: Planned, command: str) -> int:
     """Run the only job of a command; return the exit code. Raises the errors of the run."""
-    gc.freeze()  # the collector need not walk over the imported modules, which takes 12 ms
-    end = run(
-        job.settings, job.config, job.folder, home=Path.cwd(), command=command, ends_command=True
-    )
+    end = run(job.settings, job.config, job.folder, home=Path.cwd(), command=command)
     echo(end.text)
     if end.mostly_fallback:
         print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)

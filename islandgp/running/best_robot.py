@@ -18,7 +18,6 @@ from islandgp.evolution.validation import (
     validation_seeds,
 )
 from islandgp.gp.evidence import SHRINKAGE
-from islandgp.intervals import import_early
 from islandgp.records.folder import RunFolder
 from islandgp.running.totals import RunTotals
 from islandgp.supervision.library import library_folder, read_tree
@@ -47,7 +46,6 @@ def best_robot(
     if episodes < 1:
         winner = max(contenders, key=lambda c: c.merit)
     else:
-        import_early()
         winner, verdict = validate(
             entrants(contenders, episodes),
             validation_seeds(settings.seed, frozenset(totals.worlds), episodes),

@@ -13,6 +13,7 @@ from typing import Any, Final
 import yaml
 
 from islandgp.config.settings import Settings
+from islandgp.errors import RunError
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.validation import Best
 from islandgp.gp.archive import archive_record
@@ -20,10 +21,10 @@ from islandgp.gp.plan import Plan
 from islandgp.gp.record import GenerationRecord, Step
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.best_robot import best_robot, candidates_of
-from islandgp.running.page_writer import PageWriter
 from islandgp.running.parts import (
     LibraryCost,
     make_evaluator,
@@ -40,9 +41,10 @@ from islandgp.supervision.base import (
     Supervisor,
     SupervisorLifecycle,
 )
-from islandgp.tracking.base import BackgroundTracker, Tracker
-from islandgp.trust import is_own_code, names_in, trust
-from islandgp.waiting import command_waits
+from islandgp.tracking.base import Tracker
+from islandgp.trust import names_in, trust
+from islandgp.viewer.history import RunCurves
+from islandgp.viewer.page_file import complete_page, write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The dumper of the C library, unless PyYAML was built without it; it is four times as fast."""
@@ -77,7 +79,6 @@ def run(
     command: str = "",
     keep_display: bool = True,
     on_generation: OnGeneration | None = None,
-    ends_command: bool = False,
 ) -> RunResult:
     """Runs an experiment, or continues an interrupted run.
 
@@ -89,8 +90,6 @@ def run(
         command: that repeats the run, for its metadata.
         keep_display: True: the live display stays on the terminal.
         on_generation: called with each generation's record, those of a resumed run included.
-        ends_command: True: the command ends with this run, so the tracker may send the last records
-            afterwards.
 
     Returns:
         The result of the finished run.
@@ -106,43 +105,22 @@ def run(
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker)
-    if ends_command and isinstance(tracker, BackgroundTracker):
-        tracker.allow_background()
     cost = LibraryCost()
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost, _warn)
     plan.budget.check_library(cost.episodes, plan.gp)
-    # Code of the user may take any time to record an episode, or print messages.
-    leaves = ends_command and not _waits(settings) and is_own_code(config)
-    page = PageWriter(target, leaves=leaves)
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker)
         return _evolve_tracked(
-            _OpenRun(
-                settings,
-                plan,
-                cost,
-                target,
-                supervisor,
-                tracker,
-                page,
-                keep_display,
-                on_generation,
-            )
+            _OpenRun(settings, plan, cost, target, supervisor, tracker, keep_display, on_generation)
         )
     except _CallbackError as stop:
         raise stop.error from None
     finally:
         target.close()
-
-
-def _waits(settings: Settings) -> bool:
-    """True if a command waits at its end until all is written and sent."""
-    wait = settings.tracking.policy.get("wait")
-    return command_waits(wait if isinstance(wait, bool) else "auto")
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +133,6 @@ class _OpenRun:
     target: RunFolder
     supervisor: Supervisor
     tracker: Tracker
-    page: PageWriter
     keep_display: bool
     on_generation: OnGeneration | None
 
@@ -170,11 +147,11 @@ class _OpenRun:
 
 def _evolve_tracked(run: _OpenRun) -> RunResult:
     """Evolves, with the run's tracker and page."""
-    status = Status.FAILED
+    status, curves = Status.FAILED, None
     run.tracker.start(run.target)
     try:
         totals = _evolve(run)
-        status = Status.FINISHED
+        status, curves = Status.FINISHED, totals.curves
     except (KeyboardInterrupt, _CallbackError):
         status = Status.KILLED
         raise
@@ -183,10 +160,21 @@ def _evolve_tracked(run: _OpenRun) -> RunResult:
         raise
     finally:
         try:
-            run.page.end(status)
+            _write_page(run.target, status, curves)
         finally:
             where = run.tracker.finish(status)
     return _end(run.target, totals.costs, where)
+
+
+def _write_page(folder: RunFolder, status: Status, curves: RunCurves | None = None) -> None:
+    """Writes the page of a run at its end; an error is printed."""
+    try:
+        if status is Status.FINISHED:
+            complete_page(folder, curves)
+        elif folder.begun():
+            write_page(folder, status, curves)
+    except RunError as error:
+        _warn(f"no new {PAGE}: {error}")
 
 
 def _end(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
@@ -202,7 +190,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     """
     target.must_be_sound(page=False)
     target.restore()
-    PageWriter(target).end(Status.FINISHED)
+    _write_page(target, Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     note = "This run was complete already; resume=never runs it again."
@@ -222,7 +210,6 @@ def _evolve(run: _OpenRun) -> RunTotals:
         for record in islice(target.generations(), done):
             run.report(record)
     totals = totals_of(target, candidates_of(settings))
-    run.page.curves = totals.curves
     evaluator = make_evaluator(settings)
     needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
     steps = evolve(
@@ -248,7 +235,6 @@ def _evolve(run: _OpenRun) -> RunTotals:
     def write(step: Step) -> None:
         totals.add(*target.append(step))
         run.tracker.generation()
-        run.page.generation()
 
     with ThreadPoolExecutor(1, "closing") as closing:
         try:

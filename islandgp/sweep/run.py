@@ -26,7 +26,6 @@ from islandgp.evaluation.processes import end_with_parent
 from islandgp.evaluation.ray import own_token
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted
-from islandgp.resources import program
 from islandgp.running.parts import supervised_runs
 from islandgp.running.printing import echo
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
@@ -208,18 +207,8 @@ def _send(entries: Entries, settings: Sequence[Settings]) -> None:
 
     parts = [s.tracking for s in settings if s.tracking.factory is MLflow]
     trackers = [MLflow.make(part.settings(), Path.cwd()) for part in parts]
-    if not trackers:
-        return
-    patience = max(tracker.patience for tracker in trackers)
-    places = [tracker.place for tracker in trackers]
-    if reason := send_sweeps([sweep.path for sweep in entries], patience, places):
-        paths = " ".join(str(sweep.path) for sweep in entries)
-        print(
-            f"MLflow has not received all records ({reason}). They are safe on disk; this command"
-            " sends them:\n"
-            f"  {program()} sync {paths}",
-            file=sys.stderr,
-        )
+    if trackers and (message := send_sweeps([sweep.path for sweep in entries], trackers)):
+        print(message, file=sys.stderr)
 
 
 def _report_unfinished(entries: Entries) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from islandgp.records.folder import RunFolder, Status
 
@@ -37,17 +37,5 @@ class Tracker(Protocol):
 
         Returns:
             A line for the console with the address of the tracked run, or "".
-        """
-        ...
-
-
-@runtime_checkable
-class BackgroundTracker(Tracker, Protocol):
-    """A tracker that can send the last records after the command has ended."""
-
-    def allow_background(self) -> None:
-        """Called before `start` if the command ends with this run.
-
-        `finish` may then return before the server has all records of a finished run.
         """
         ...

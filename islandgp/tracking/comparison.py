@@ -10,7 +10,6 @@ from typing import Final
 
 from islandgp.errors import StudyError, TrackingError, brief
 from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.tracking.background import store_exists
 from islandgp.tracking.store import Place, Store, points, valid_names
 
 REQUIRED_FILES: Final = ("config.yaml", "generations.jsonl", "costs.jsonl", "summary.json")
@@ -30,7 +29,7 @@ def fetch(place: Place, filter_string: str, cache: Path) -> list[Path]:
     """
     from mlflow.exceptions import MlflowException
 
-    if place.file is not None and not store_exists(place.file):  # MLflow would create it
+    if place.file is not None and not place.file.is_file():  # MLflow would create it
         raise TrackingError(f"Expected an MLflow store in {place.file}, found none; give --uri.")
     try:
         store = Store(place)

@@ -6,20 +6,17 @@ processes do it at once.
 
 from __future__ import annotations
 
-import gc
 import logging
 import os
 import re
-import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from errno import EACCES, EISDIR, ENOSPC
 from getpass import getuser
-from importlib import import_module
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote, urlsplit
 
 from filelock import FileLock
@@ -48,11 +45,9 @@ MLflow takes the colour of a group of runs from a hash of the tag's name and val
 all supervisors in `conf` have different colours.
 """
 
-Preparing = Callable[[str], None]
-
 ENVIRONMENT: Final = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "10",  # s a request; the default is 120
-    # The sync process repeats failed requests itself, after querying the store.
+    # `Sender` repeats failed requests itself, after querying the store.
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "0",
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT": "true",
@@ -69,9 +64,6 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # name of the MLflow experiment
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
-    # True: the command of a single run waits at its end until the store has all records; auto: it
-    # waits unless it runs in a terminal. Folders of runs from before this setting lack it.
-    wait: Literal["auto", True, False] = "auto"
 
     @field_validator("uri")
     @classmethod
@@ -141,18 +133,10 @@ def check_place(place: Place) -> None:
 class Store:
     """An open store. Each method may raise MLflow's errors, e.g. if the server is unreachable."""
 
-    def __init__(self, place: Place, preparing: Preparing = lambda _: None) -> None:
-        """Opens the store.
-
-        Args:
-            place: of the store.
-            preparing: called with the name of each slow step, and with "" at the end.
-
-        Raises:
-            TrackingError: the SQLite file cannot be used.
-        """
+    def __init__(self, place: Place) -> None:
+        """Opens the store. Raises TrackingError if its experiment was deleted."""
         self.place = place
-        self._client = _client(place, preparing)
+        self._client = _client(place)
         self.experiment = self._experiment()
 
     @property
@@ -262,51 +246,26 @@ def points(values: Mapping[str, float], at: int, step: int) -> list[Metric]:
     return [metric(name, v, at, step) for name, v in zip(names, values.values(), strict=True)]
 
 
-UNNEEDED: Final = ("pandas", "scipy", "pyarrow", "pygments")
-"""Packages that MLflow imports if they are installed; mlflow-skinny does without them."""
-
-
-def quiet() -> None:
-    """Turns off MLflow's telemetry, log output and long timeouts."""
+def load() -> str:
+    """Imports MLflow, without its telemetry, log output and long timeouts; returns ""."""
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
     # This logger prints a traceback for each error that is raised anyway.
     logging.getLogger("mlflow.store.db.utils").setLevel(logging.CRITICAL)
+    import mlflow.store.tracking.sqlalchemy_store
+    import mlflow.tracking  # noqa: F401 -- for its later users
+
+    return ""
 
 
-def load_alone() -> None:
-    """Imports MLflow in two thirds of the time, while no other thread imports modules.
-
-    Optional packages that are not needed for tracking are hidden during the import.
-    """
-    quiet()
-    hidden = [name for name in UNNEEDED if name not in sys.modules]
-    sys.modules.update(dict.fromkeys(hidden))  # type: ignore[arg-type] # None: not to be had
-    gc.disable()  # imported objects stay in use
-    try:
-        import_module("mlflow.tracking")  # not an import statement, which would be unused
-        import_module("mlflow.store.tracking.sqlalchemy_store")
-    finally:
-        for name in hidden:
-            del sys.modules[name]
-        gc.freeze()
-        gc.enable()
-
-
-def _client(place: Place, preparing: Preparing) -> MlflowClient:
-    quiet()
+def _client(place: Place) -> MlflowClient:
+    load()
     _authenticate(place)
-    preparing("loading MLflow")
     from mlflow.tracking import MlflowClient
+    from mlflow.tracking._tracking_service.utils import _get_store
 
-    if place.file is not None and not has_data(place.file):
-        preparing(f"making {place.file}")
-    created = place.file is not None and _make(place.file)
-    preparing("")
-    if created:
-        from mlflow.tracking._tracking_service.utils import _get_store
-
+    if place.file is not None and _make(place.file):
         # Its connections may be to a file that was deleted.
         _get_store(place.uri).engine.dispose()  # type: ignore[no-untyped-call]
     return MlflowClient(tracking_uri=place.uri)

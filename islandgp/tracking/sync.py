@@ -12,7 +12,7 @@ from islandgp.records.folder import Status, run_folders
 from islandgp.sweep.folder import SweepFolder
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
-from islandgp.tracking.store import Place, Preparing, Store
+from islandgp.tracking.store import Place, Store
 from islandgp.tracking.upload import RunUploader, must_be_sendable
 
 
@@ -32,7 +32,6 @@ def sync(
     *,
     places: Sequence[Place] = (),
     alive: Callable[[], None] = lambda: None,
-    preparing: Preparing = lambda _: None,
 ) -> Synced:
     """Sends the missing records of all runs and sweeps in a folder.
 
@@ -41,7 +40,6 @@ def sync(
         place: the store to send to; None: that of each run's configuration.
         places: stores with credentials, which the folders lack.
         alive: called when records were sent, or were in the store already.
-        preparing: as for `Store`.
 
     Returns:
         The folders by outcome, including unreachable stores and folders that cannot be sent.
@@ -60,7 +58,7 @@ def sync(
             sweeps[folder.path.parent] = where
             status = folder.status()
             must_be_sendable(folder, status)
-            uploader = RunUploader(folder, _store(stores, where, preparing), alive)
+            uploader = RunUploader(folder, _store(stores, where), alive)
             uploader.send(status)
             (done.sent if uploader.has_sent else done.known).append(folder.path)
             alive()
@@ -72,18 +70,18 @@ def sync(
             if (file := sweep.read()) is None:
                 continue
             status = Status.RUNNING if sweep.at_work() else sweep.status(file)
-            send_sweep(sweep, _store(stores, where, preparing), status)
+            send_sweep(sweep, _store(stores, where), status)
             alive()
         except Exception as error:  # as above
             done.failed[path] = error
     return done
 
 
-def _store(stores: dict[Place, Any], place: Place, preparing: Preparing) -> Store:
+def _store(stores: dict[Place, Any], place: Place) -> Store:
     """The store of a place; a place that was unreachable once is not tried again."""
     if place not in stores:
         try:
-            stores[place] = Store(place, preparing)
+            stores[place] = Store(place)
         except Exception as error:
             stores[place] = error
     store = stores[place]

@@ -25,7 +25,6 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
-from islandgp.tracking.background import store_exists
 from islandgp.tracking.store import ARM, Place, Store
 
 RECENT: Final = 100  # runs whose milestones are read
@@ -105,7 +104,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     Raises:
         TrackingError: there is no such file, the port is taken, or the server does not start.
     """
-    if place.file is not None and not store_exists(place.file):
+    if place.file is not None and not place.file.is_file():
         raise TrackingError(
             f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
             " is there, or leave it out for that of the last run."

@@ -1,6 +1,6 @@
 """Sends the missing parts of a run's folder to MLflow.
 
-Used by the sync process of a run and by `islandgp sync`. It is idempotent: a run is found by its
+Used by the tracker of a run and by `islandgp sync`. It is idempotent: a run is found by its
 id, points are sent from the last step in the store on, and their times are read from the folder,
 so that MLflow recognises a repeated point.
 """
@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from time import monotonic
 from typing import TYPE_CHECKING, Final
 
 from filelock import FileLock
@@ -33,15 +32,13 @@ from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.store import ARM, POINTS, Store, points
 from islandgp.tracking.sync_state import FILE, LOCK, SyncState, read_state, write_state
-from islandgp.viewer.last_page import complete_page
-from islandgp.viewer.run_page import NAME_OF_PAGE
+from islandgp.viewer.page_file import complete_page
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
 
 MARKER_METRIC: Final = "fitness/max"  # a metric that every generation has
 TABLES: Final = json.dumps([{"path": TABLE, "type": "table"}])  # so that the UI shows a table
-PAGE_PERIOD: Final = 30.0  # s between two copies of the page of an unfinished run
 
 
 def must_be_sendable(folder: RunFolder, status: Status) -> None:
@@ -86,7 +83,6 @@ class RunUploader:
         self._lock = FileLock(folder.path / LOCK)
         self._key = key_of(about)
         self._sure = False  # True once tracking.json was compared with the store
-        self._page_due = monotonic()
 
     def send(self, status: Status) -> str:
         """Sends everything missing and returns the MLflow run's id. Errors of MLflow propagate."""
@@ -97,9 +93,7 @@ class RunUploader:
             try:
                 state = self._sent(status)
                 state = self._generations(state)
-                if status is Status.RUNNING:
-                    self._page(state.run)
-                else:
+                if status is not Status.RUNNING:
                     state = self._end(state, status)
             except BaseException:
                 self._sure = False  # the contents of the store are unknown now
@@ -185,14 +179,6 @@ class RunUploader:
                 " records are damaged."
             )
         return batch, step
-
-    def _page(self, run: str) -> None:
-        """Sends the page of an unfinished run every PAGE_PERIOD; afterwards it is an artifact."""
-        file = self.folder.path / NAME_OF_PAGE
-        if file.exists() and monotonic() >= self._page_due:
-            log_files(self.store, run, [Artifact(NAME_OF_PAGE, file)])
-            self._page_due = monotonic() + PAGE_PERIOD
-            self._alive()
 
     def _end(self, state: SyncState, status: Status) -> SyncState:
         done = f"{status} {state.generations}"

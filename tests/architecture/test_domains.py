@@ -13,11 +13,6 @@ ISLAND_WORDS = re.compile(
     r"humanoid|pickup|garbage|charger|clearing.?point|batteryLevel", re.IGNORECASE
 )
 
-EXCEPTIONS = {
-    # file: why it has such a word. Files leave this list; none comes in.
-    "islandgp/running/app.py": "Python's own garbage collector",
-}
-
 
 def test_no_module_imports_a_domain() -> None:
     """Not even inside a function: a domain comes from configuration alone."""
@@ -65,13 +60,13 @@ def sources() -> list[Path]:
 
 
 def test_no_word_of_the_island_outside_the_domains() -> None:
-    """Except in the files of EXCEPTIONS, which all have one."""
+    """Not even in prompts and scripts of pages."""
     files = {
         str(path.relative_to(ROOT))
         for path in sources()
         if ISLAND_WORDS.search(path.read_text(encoding="utf-8"))
     }
-    assert files == set(EXCEPTIONS)
+    assert files == set()
 
 
 def test_the_words_are_those_of_the_island() -> None:

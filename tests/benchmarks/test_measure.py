@@ -21,12 +21,11 @@ FIGURES: Final = {
     " tick_ratio_behaviortreepy walk_us walk_us_py_trees walk_ratio_py_trees"
     " walk_us_behaviortreepy walk_ratio_behaviortreepy",
     "run_s": "run_s_1 run_s_2 run_s_4 speed_up_2 efficiency_2 speed_up_4 efficiency_4"
-    " limit_2 limit_4"
     " start_s serial_s cached_share",
     "remote_overhead": "remote_overhead remote_episode_ms local_episode_ms",
     "overhead_share": "overhead_share_off overhead_share_mlflow mlflow_share episodes_s operators_s"
     " supervision_s rest_s run_s_off run_s_mlflow new_store_s command_s_off"
-    " command_s_mlflow mlflow_ends_s paper_ratio",
+    " command_s_mlflow paper_ratio",
     "startup_s": "help_s config_error_s first_generation_s worker_mb worker_own_mb",
     "growth": "per_garbage_us per_garbage_power per_humanoid_us per_humanoid_power"
     " per_node_us per_node_power per_individual_us per_individual_power",

@@ -334,22 +334,6 @@ def test_lark_is_imported_when_a_text_is_parsed() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_tables_of_the_parser_are_kept(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A second process loads the tables that the first one made; a damaged file is replaced."""
-    file = tmp_path / "grammar.tables"
-    monkeypatch.setattr(cached_files, "_places", lambda *_: [file])
-    text = "sequence {\n  PatrolWaypoint\n}\n"
-    made = language._parser.__wrapped__().parse(text, start="start")
-    number = file.stat().st_ino
-    assert language._parser.__wrapped__().parse(text, start="start") == made
-    assert file.stat().st_ino == number
-    file.write_bytes(file.read_bytes()[:-1])
-    assert language._parser.__wrapped__().parse(text, start="start") == made
-    assert cached_files.read_cached("", "") is not None
-    cached_files.store("", "", b"no tables")
-    assert language._parser.__wrapped__().parse(text, start="start") == made
-
-
 @pytest.mark.skipif(os.name != "posix", reason="permissions")
 @pytest.mark.parametrize("trusted", [True, False])
 def test_a_file_that_others_can_write_is_not_read(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from base64 import b64encode
 from pathlib import Path
-from queue import Queue
 
 import pytest
 import yaml
@@ -15,10 +14,10 @@ from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.app import main
-from islandgp.tracking.follow import Detach, Follower, SyncEvent, SyncRequest, message_of
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
-from islandgp.trust import trust_folder, trusting
+from islandgp.tracking.sync import sync
+from islandgp.trust import trust, trust_folder, trusting
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
@@ -108,14 +107,11 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
         )
         names = frozenset({address} if trusted else ())
         places = (Place.of(settings, tmp_path),) if trusted else ()
-        request = SyncRequest(str(tmp_path), places, trusted=names)
-        requests: Queue[SyncRequest | Detach | None] = Queue()
-        requests.put(message_of(request.to_line()))
-        requests.put(None)
-        events: list[SyncEvent] = []
-        Follower(events.append).run(requests)
+        with trusting():
+            trust(names)
+            sync(tmp_path, places=places)
     assert set(credentials) == ({BASIC} if trusted else set())
-    assert [PIECE in repr(place) for place in request.places] == [False] * trusted
+    assert [PIECE in repr(place) for place in places] == [False] * trusted
 
 
 def test_a_server_that_only_a_folder_names_is_not_asked(

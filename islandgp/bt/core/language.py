@@ -7,12 +7,8 @@ text raises a `TreeError` quickly.
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import cache
-from hashlib import sha256
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -27,7 +23,6 @@ from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.source import Source, shown
 from islandgp.bt.core.source import plain as plain
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.cached_files import read_cached, store
 from islandgp.errors import ConfigError, LimitError, OtherDomainError, TreeError
 from islandgp.resources import resource
 
@@ -264,14 +259,4 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
         "start": ["start", "library", "disjunction"],
     }
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
-    key = f"{sys.implementation.cache_tag} {__version__} {options} {grammar}"
-    name = f"grammar-{sha256(key.encode()).hexdigest()[:16]}.tables"
-    tables = read_cached(__file__, name)
-    if tables is not None:
-        with suppress(Exception):  # of a lark that was changed and has the same version
-            return Lark.load(BytesIO(tables))  # faster than to make them
-    parser, file = Lark(grammar, **options), BytesIO()
-    parser.save(file)
-    with suppress(OSError):
-        store(__file__, name, file.getvalue())
-    return parser
+    return Lark(grammar, **options)
