@@ -7,11 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from islandgp import load_tree
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.language import parse
+from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.bt.export.declared import declared
 from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.errors import DomainError
 from tests.trees.shell import Cli
 
 MODEL = """<root BTCPP_format="4" main_tree_to_execute="Go Home">
@@ -190,3 +193,61 @@ def test_diff_with_a_vocabulary(islandgp: Cli, tmp_path: Path) -> None:
     vocabulary.write_text("[]")
     result = islandgp("diff", old, new, "--vocabulary", vocabulary)
     assert (result.code, result.out) == (2, "")
+
+
+FLAG = """{"domain": "cart", "keys": {}, "actions": {
+  "Stop": {"after": ["Go"]},
+  "Go": {"arguments": {"fast": {
+    "sort": "flag",
+    "default": %s}}}
+}}"""
+
+
+@pytest.mark.parametrize(
+    ("default", "value"), [('"no"', False), ("false", False), ('"yes"', True), ("true", True)]
+)
+def test_the_default_of_a_flag_is_no_or_yes(
+    islandgp: Cli, tmp_path: Path, default: str, value: bool
+) -> None:
+    """Each accepted form works in `check`, in a bound tree and in both exports."""
+    file, tree = tmp_path / "v.json", tmp_path / "t.bt"
+    file.write_text(FLAG % default, encoding="utf-8")
+    other = not value
+    tree.write_text(
+        f"sequence {{ Go(fast: {'yes' if other else 'no'}) Go Stop }}", encoding="utf-8"
+    )
+    assert islandgp("check", tree, "--vocabulary", file).code == 0
+    seen: list[bool] = []
+
+    def go(fast: bool) -> bool:
+        seen.append(fast)
+        return True
+
+    vocabulary = declared(FLAG % default, "", name="v.json")
+    bound = load_tree(tree, vocabulary).bind({"Go": go, "Stop": lambda: True}, {})
+    bound.tick()
+    assert seen == [other, value]
+    xml = islandgp("export", tree, "--vocabulary", file, "--to", "btcpp").out
+    assert f'fast="{str(other).lower()}"' in xml
+    assert f'default="{str(value).lower()}"' in xml
+    python = islandgp("export", tree, "--vocabulary", file, "--to", "pytrees").out
+    assert f"action('Go', fast={other})" in python
+    assert f"action('Go', fast={value})" in python
+
+
+@pytest.mark.parametrize("default", ["1", "0", '"maybe"', '"false"'])
+def test_another_default_of_a_flag_is_refused_with_its_line(default: str) -> None:
+    """The message has the line, the value that was found and those that are expected."""
+    with pytest.raises(DomainError) as refused:
+        declared(FLAG % default, "", name="v.json")
+    assert str(refused.value).startswith(
+        "v.json:5: actions.Go.arguments.fast: expected no | yes as the default of a flag, found"
+        f" {default};"
+    )
+
+
+def test_a_flag_has_the_words_no_and_yes() -> None:
+    """A declaration in Python of another default or of other words is refused."""
+    for wrong in (Parameter("", "flag", 1.0), Parameter("", "flag", "on", words=("off", "on"))):
+        with pytest.raises(DomainError, match="use switch"):
+            Vocabulary("cart", {"Go": Action("", arguments={"fast": wrong})}, {})

@@ -136,7 +136,7 @@ def is_text(value: str) -> bool:
 def fits(parameter: Parameter, value: object) -> bool:
     """True if a parameter can have a value."""
     if parameter.words:
-        return value in parameter.words
+        return isinstance(value, str) and value in parameter.words
     if parameter.sort == "text":
         return isinstance(value, str) and is_text(value)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -198,6 +198,8 @@ def check_parameters(
                     f"Expected names and words of letters, digits and _ that are not keywords of"
                     f" the language for {at}, found {word!r}; rename it."
                 )
+        if (each.sort == "flag") != (each.words == NO_YES and each.sort != "word"):
+            raise DomainError(f"Expected no and yes as the words of a flag, for {at}; use switch.")
         if each.sort == "word" and len(set(each.words)) < max(1, len(each.words)):
             raise DomainError(
                 f"Expected at least one word, each once, for {at}, found {[*each.words]}."

@@ -10,18 +10,26 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from islandgp.bt.core import parameters
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import STATUS_NAMES, Node, asked_in
-from islandgp.bt.core.parameters import Parameter, real, switch, whole
+from islandgp.bt.core.parameters import (
+    NO_YES,
+    Parameter,
+    fits,
+    real,
+    switch,
+    value_range,
+    whole,
+)
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import (
@@ -163,7 +171,7 @@ class _Parameter(BaseModel, extra="forbid"):
 
     meaning: str = ""
     sort: Literal["number", "integer", "word", "flag", "text"]
-    default: FiniteFloat | str
+    default: FiniteFloat | bool | str
     low: FiniteFloat = 0.0
     high: FiniteFloat = 1.0
     step: FiniteFloat | None = None
@@ -171,8 +179,22 @@ class _Parameter(BaseModel, extra="forbid"):
     words: list[str] = []
     unit: str = ""
 
+    @model_validator(mode="after")
+    def _has_default(self) -> _Parameter:
+        parameter = self.parameter()
+        if not parameter.numeric and not fits(parameter, parameter.default):
+            number = isinstance(self.default, float) and not isinstance(self.default, bool)
+            found = f"{self.default:g}" if number else json.dumps(self.default)
+            expected = f"expected {value_range(parameter)} as the default of a {self.sort}"
+            raise ValueError(f"{expected}, found {found}")
+        return self
+
     def parameter(self) -> Parameter:
-        return Parameter(**{**dict(self), "words": tuple(self.words)})
+        words = NO_YES if self.sort == "flag" and not self.words else tuple(self.words)
+        default: float | str = self.default
+        if self.sort == "flag" and isinstance(default, bool):
+            default = NO_YES[default]
+        return Parameter(**{**dict(self), "words": words, "default": default})
 
 
 class _Action(BaseModel, extra="forbid"):
@@ -240,6 +262,17 @@ class _Words(BaseModel):
     keys: dict[str, _Key] = {}
 
 
+def _line(text: str, plain: Any, path: Sequence[str | int]) -> int:
+    """The line of the last key on a path into a JSON text, whose value is `plain`."""
+    at = 0
+    for key in path:
+        if isinstance(plain, dict) and key in plain:
+            match = re.compile(rf"{re.escape(json.dumps(key))}\s*:").search(text, at)
+            at = match.end() if match else at
+            plain = plain[key]
+    return text.count("\n", 0, at) + 1
+
+
 def _schema(text: str, name: str) -> Vocabulary:
     try:
         plain = read_json(text.removeprefix("\ufeff"))
@@ -250,9 +283,12 @@ def _schema(text: str, name: str) -> Vocabulary:
         return Vocabulary(declared.domain, actions, keys)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
-        at, reason = ".".join(map(str, first["loc"])) or "the file", first["msg"]
+        at = ".".join(map(str, first["loc"])) or "the file"
+        path = ("vocabulary", *first["loc"], *["default"] * (first["type"] == "value_error"))
+        line, reason = _line(text, plain, path), first["msg"].removeprefix("Value error, ")
         raise DomainError(
-            f"{name}: {at:.100}: {reason[0].lower()}{reason[1:]}; see `islandgp domain --json`."
+            f"{name}:{line}: {at:.100}: {reason[0].lower()}{reason[1:]}; see `islandgp domain"
+            " --json`."
         ) from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None
