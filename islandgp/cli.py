@@ -31,10 +31,6 @@ class CommandInfo(NamedTuple):
 COMMANDS: Final = {
     "run": CommandInfo("evolve trees: the same as python -m islandgp", "experiment=smoke"),
     "check": CommandInfo("report errors and warnings for tree files", "tree.bt"),
-    "verify-tree": CommandInfo(
-        "prove or refute rules such as never ACTION while CONDITION",
-        'tree.bt "never Drive while energy < 10"',
-    ),
     "fmt": CommandInfo("format tree files", "tree.bt"),
     "show": CommandInfo("draw a tree", "tree.bt"),
     "simplify": CommandInfo("shorten a tree without changing its behaviour", "tree.bt"),

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from islandgp.bt.analysis.rules import Rule, read_rule
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
@@ -19,16 +18,15 @@ _KEYS = {"p": "foundGarbage", "q": "isHumanoidWantToClear", "x": "batteryLevel"}
 _LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
 
 
+def short_text(text: str) -> str:
+    """A text with the island's names in place of the short ones."""
+    names = _ACTIONS | _KEYS
+    return re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text)
+
+
 def short_tree(text: str) -> Node:
     """A tree from its short text."""
-    names = _ACTIONS | _KEYS
-    return parse(re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text), VOCABULARY)
-
-
-def short_rule(text: str) -> Rule:
-    """A rule from its short text."""
-    names = _ACTIONS | _KEYS
-    return read_rule(re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text), VOCABULARY)
+    return parse(short_text(text), VOCABULARY)
 
 
 class Stage:

@@ -13,7 +13,6 @@ import pytest
 
 import islandgp
 from islandgp.bt.analysis.lint import warnings
-from islandgp.bt.analysis.rules import check_rule, read_rule
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_condition, to_text
@@ -145,20 +144,6 @@ def test_check_and_simplify(text: str, code: str) -> None:
     """A word excludes the others; of two keys, their difference is followed and nothing else."""
     assert [each.code for each in warnings(text, BOT)] == [code] * bool(code)
     assert (simplify(read(text), BOT).tree == read(text)) == (code in ("", "unreachable"))
-
-
-@pytest.mark.parametrize(
-    ("rule", "result"),
-    [
-        ("never Dock while charge >= reserve", "proven"),
-        ("never Dock while reserve <= charge", "proven"),
-        ("never Dock while mode == driving", "proven"),
-        ("never Drive while mode == idle", "unknown"),
-    ],
-)
-def test_rules(rule: str, result: str) -> None:
-    """Guards prove rules of words and of two keys; without that, nothing is claimed."""
-    assert check_rule(read(TREE), read_rule(rule, BOT), BOT).result == result
 
 
 def test_evolution_draws_and_moves_them() -> None:

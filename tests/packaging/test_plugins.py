@@ -45,6 +45,7 @@ PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
 TREE = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 COMMANDS = {
     "editor": (("language-server", "--help"), 0, "Serve an editor over standard input and output"),
+    "verify": (("verify-tree", "tree.bt", "never SeekCharger while lap > 3"), 1, ": refuted, in 1"),
     "ros2": (("ros2", "tree.bt", "--map", "tree.bt"), 2, "tree.bt: expected `actions:` and"),
 }
 """The words of a command of each plug-in, its exit code, and what it prints."""

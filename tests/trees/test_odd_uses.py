@@ -9,7 +9,6 @@ import pytest
 
 from tests.trees.shell import Cli, shell
 
-RULE = "never SeekCharger while lap > 3"
 COMMANDS: dict[str, tuple[str, ...]] = {
     "fmt": ("fmt", "@"),
     "check": ("check", "@"),
@@ -17,7 +16,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "tune": ("tune", "@", "--episodes", "200"),
     "export": ("export", "@", "-o", "out.xml"),
     "simplify": ("simplify", "@", "-o", "out.bt"),
-    "verify-tree": ("verify-tree", "@", RULE),
 }
 """Each with @ in place of a file."""
 OK = "selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }\n"
@@ -144,17 +142,6 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         ),
         (["simplify", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
         (["simplify", "ok.bt", "ok.bt"], "expected no more words, found ok.bt"),
-        (["verify-tree", "ok.bt"], "expected RULES..., found none"),
-        (["verify-tree", "ok.bt", "never"], "rule 'never': expected never ACTION while CONDITION"),
-        (["verify-tree", "ok.bt", "never SeekCharger while lap > nan"], "unknown constant or key"),
-        (
-            ["verify-tree", "ok.bt", f"never SeekCharger while {'(' * 3000}lap{')' * 3000}"],
-            "too deep",
-        ),
-        (
-            ["verify-tree", "ok.bt", RULE, "--steps", "0"],
-            "expected a number from 1 to 2,000,000, found 0",
-        ),
     ],
     ids=lambda each: " ".join(each)[:40] if isinstance(each, list) else "",
 )

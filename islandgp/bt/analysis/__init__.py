@@ -1,1 +1,1 @@
-"""Static analysis of trees: simplification, warnings, rules, comparison."""
+"""Static analysis of trees: simplification, warnings, comparison."""

@@ -7,11 +7,16 @@ from collections.abc import Iterator
 from itertools import islice, product
 
 import pytest
+from every_tick import all_boards, every_tick
 from hypothesis import assume, given, settings
 
-from islandgp.bt.analysis.boards import NO_BOARD, BoardSets
-from islandgp.bt.analysis.invariants import boards_of_nodes
-from islandgp.bt.analysis.machine import (
+from islandgp.bt.core.kinds import TIMED, kind_of
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import Node, guard_of, walk
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp_verify.boards import NO_BOARD, BoardSets
+from islandgp_verify.invariants import boards_of_nodes
+from islandgp_verify.machine import (
     ActionMemory,
     BranchMemory,
     Machine,
@@ -19,12 +24,7 @@ from islandgp.bt.analysis.machine import (
     RepeaterMemory,
     SpentError,
 )
-from islandgp.bt.analysis.moves import moves
-from islandgp.bt.core.kinds import TIMED, kind_of
-from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Node, guard_of, walk
-from islandgp.domains.island.vocabulary import VOCABULARY
-from tests.bt.every_tick import all_boards, every_tick
+from islandgp_verify.moves import moves
 from tests.bt.stage import short_tree
 from tests.profiles import examples
 from tests.strategies import few_numbers, nodes

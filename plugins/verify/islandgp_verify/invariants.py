@@ -10,11 +10,11 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
-from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards
-from islandgp.bt.analysis.machine import Machine
 from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
+from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
+from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards
+from islandgp_verify.machine import Machine
 
 
 class NodeBoards(NamedTuple):

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
-from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
+from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 
 Outcomes: TypeAlias = tuple[Boards, Boards, Boards]
 """The blackboards on which a node can end a tick with FAILURE, SUCCESS and RUNNING (or AGAIN)."""

@@ -9,24 +9,30 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from every_tick import all_boards, every_tick
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis.rules import Rule, RuleResult, check_rule, read_rule
 from islandgp.bt.core.condition import ConditionExpr, condition
 from islandgp.bt.core.node import Node, leaf, walk
 from islandgp.cli import islandgp
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
 from islandgp.resources import resource
-from tests.bt.every_tick import all_boards, every_tick
-from tests.bt.stage import short_rule, short_tree
+from islandgp_verify.rules import Rule, RuleResult, check_rule, read_rule
+from tests.bt.stage import short_text, short_tree
+from tests.bt.test_words_of_keys import BOT, TREE, read
 from tests.profiles import examples
 from tests.running.commands import ROOT
 from tests.strategies import conditions, few_numbers, nodes
 
 MOST_TICKS = 4_000
 ALL_ROUNDER = str(resource("grammar") / "examples" / "all_rounder.bt")
+
+
+def short_rule(text: str) -> Rule:
+    """A rule from its short text; see `tests.bt.stage`."""
+    return read_rule(short_text(text), VOCABULARY)
 
 
 def check(tree: Node, action: str, expr: ConditionExpr, steps: int = 10**6) -> RuleResult:
@@ -199,8 +205,8 @@ def test_the_command_as_json(tmp_path: Path) -> None:
 def test_the_page_shows_what_the_commands_print(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The example of docs/language.md, run unchanged."""
-    page = (ROOT / "docs/language.md").read_text(encoding="utf-8")
+    """The example of README.md, run unchanged."""
+    page = (ROOT / "plugins/verify/README.md").read_text(encoding="utf-8")
     ((kind, shell), (_, expected)) = re.findall(
         r"^```(sh|text) rules\n(.*?)^```", page, re.MULTILINE | re.DOTALL
     )
@@ -210,3 +216,17 @@ def test_the_page_shows_what_the_commands_print(
     Path(first[-1]).write_text(CliRunner().invoke(islandgp, first[1:-2]).output, encoding="utf-8")
     outputs = [CliRunner().invoke(islandgp, command[1:]).output for command in others]
     assert "".join(outputs) == expected
+
+
+@pytest.mark.parametrize(
+    ("rule", "result"),
+    [
+        ("never Dock while charge >= reserve", "proven"),
+        ("never Dock while reserve <= charge", "proven"),
+        ("never Dock while mode == driving", "proven"),
+        ("never Drive while mode == idle", "unknown"),
+    ],
+)
+def test_rules_of_words(rule: str, result: str) -> None:
+    """Guards prove rules of words and of two keys; without that, nothing is claimed."""
+    assert check_rule(read(TREE), read_rule(rule, BOT), BOT).result == result

@@ -8,8 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis import boards
-from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, BoardSets
 from islandgp.bt.core.condition import (
     Condition,
     ConditionExpr,
@@ -20,6 +18,8 @@ from islandgp.bt.core.condition import (
 from islandgp.bt.core.language import parse_condition
 from islandgp.bt.core.vocabulary import Key, Vocabulary, flag, integer, number
 from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp_verify import boards
+from islandgp_verify.boards import ANY_BOARD, NO_BOARD, BoardSets
 from tests.strategies import conditions, few_boards, few_numbers
 
 PLACES = VOCABULARY.key_index

@@ -12,8 +12,11 @@ from functools import partial
 from itertools import product
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.board_outcomes import parallel_status
-from islandgp.bt.analysis.machine import (
+from islandgp.bt.core.condition import condition
+from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
+from islandgp_verify.board_outcomes import parallel_status
+from islandgp_verify.machine import (
     ActionMemory,
     BranchMemory,
     Machine,
@@ -22,9 +25,6 @@ from islandgp.bt.analysis.machine import (
     RepeaterMemory,
     TickTarget,
 )
-from islandgp.bt.core.condition import condition
-from islandgp.bt.core.kinds import advance_status, kind_of
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, guard_of
 
 ActionCalls: TypeAlias = tuple[tuple[int, int], ...]
 """The statuses that the ticked actions return, by place."""

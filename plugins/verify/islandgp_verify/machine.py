@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
-from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp.bt.core.condition import opposite
 from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
+from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
+from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 
 MAX_CACHED: Final = 300_000  # most outcomes in the cache
 

@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import click
 
-from islandgp.bt.analysis.rules import STEPS, CounterTick, RuleResult, check_rule, read_rule
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import STATUS_NAMES, Node, walk
 from islandgp.bt.core.printer import head
@@ -17,12 +16,15 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, display_name
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.setting import read_in_domain
+from islandgp_verify.rules import STEPS, CounterTick, RuleResult, check_rule, read_rule
 
 STATUSES: Final = {**dict(enumerate(STATUS_NAMES)), ABORTED: "aborted"}
 SHOWN: Final = 12  # ticks of a counterexample, the last ones
 
 
-@click.command()
+@click.command(
+    epilog='\b\nExample:\n  islandgp verify-tree tree.bt "never Drive while energy < 10"'
+)
 @click.argument("file", type=FILE)
 @click.argument("rules", nargs=-1, required=True)
 @click.option(

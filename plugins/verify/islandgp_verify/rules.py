@@ -19,10 +19,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, NamedTuple
 
-from islandgp.bt.analysis.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
-from islandgp.bt.analysis.invariants import boards_of_nodes
-from islandgp.bt.analysis.machine import Machine, Memory, SpentError
-from islandgp.bt.analysis.moves import ActionCalls, moves
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import TIMED, kind_of
@@ -30,6 +26,10 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, asked_in, keys_in, leaf, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
+from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
+from islandgp_verify.invariants import boards_of_nodes
+from islandgp_verify.machine import Machine, Memory, SpentError
+from islandgp_verify.moves import ActionCalls, moves
 
 STEPS: Final = 200_000  # default of the search; takes some seconds
 MAX_CELLS: Final = 2_000  # most classes of blackboards

@@ -1,0 +1,1 @@
+"""Proofs of rules about trees: `islandgp verify-tree` (README.md)."""
