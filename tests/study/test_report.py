@@ -337,14 +337,14 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
             [fake_run(name, s, best=k + s, guided=guided if injects else None) for s in (0, 1)],
         )
         for k, (name, injects) in enumerate(
-            (("expert", True), ("baseline", False), ("fixed", True))
+            (("expert", True), ("baseline", False), ("editor", True))
         )
     ]
     names = [(f.name, f.pairs) for f in families(compare_arms(arms), DEFAULT_PLAN)]
     assert names == [
         ("the paper's claims", (("expert", "baseline"),)),
-        ("arms that inject trees", (("expert", "fixed"),)),
-        ("other pairs", (("baseline", "fixed"),)),
+        ("arms that inject trees", (("expert", "editor"),)),
+        ("other pairs", (("baseline", "editor"),)),
     ]
 
 
@@ -352,7 +352,7 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     """Primary endpoint not adjusted; a family by name; margins decide what is alike."""
     plan = parse_plan(
-        ["judgement=expert, fixed"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
+        ["judgement=expert, editor"], "first_complete", ["first_complete=3", "mean_max=2500.5"]
     )
     study = _study("expert", "baseline", "editor")
     check_plan(plan, study)
@@ -368,7 +368,7 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     judged = tables["Differences: judgement"]
     assert [r[1] for r in judged.rows] == ["Mean Max Fitness", "First Complete Robot"]
     assert [r[judged.columns.index("margin")] for r in judged.rows] == ["±2,500.5", "±3"]
-    assert [(f.family, f.size) for f in report.findings if f.arms == ("expert", "fixed")][:3] == [
+    assert [(f.family, f.size) for f in report.findings if f.arms == ("expert", "editor")][:3] == [
         ("judgement", 2),
         ("judgement", 2),
         ("judgement, further", 13),
@@ -381,9 +381,9 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
         ((["a"], None, []), "Expected --family NAME=ARM,ARM"),
         ((["=expert,baseline"], None, []), "Expected --family NAME=ARM,ARM"),
         ((["a=expert,expert"], None, []), "with two arms or more"),
-        ((["a=expert,fixed", "a=expert,fixed"], None, []), "Expected each family once"),
-        ((["the paper's claims=expert,fixed"], None, []), "Expected other names"),
-        ((["a=expert,nobody"], None, []), "found 'nobody'; there are expert, baseline, fixed"),
+        ((["a=expert,editor", "a=expert,editor"], None, []), "Expected each family once"),
+        ((["the paper's claims=expert,editor"], None, []), "Expected other names"),
+        ((["a=expert,nobody"], None, []), "found 'nobody'; there are expert, baseline, editor"),
         ((["a=expert,baseline"], None, []), "no family before it"),
         (([], "nothing", []), "Expected a measure in --primary, found 'nothing'; there are max"),
         (([], None, ["mean_max"]), "Expected --margin MEASURE=VALUE"),
@@ -397,7 +397,7 @@ def test_a_plan_that_cannot_be_meant(
     options: tuple[list[str], str | None, list[str]], expected: str
 ) -> None:
     """One message with what was expected and what was found."""
-    arms = [fake_arm(n, [fake_run(n, 0, generations=4)]) for n in ("expert", "baseline", "fixed")]
+    arms = [fake_arm(n, [fake_run(n, 0, generations=4)]) for n in ("expert", "baseline", "editor")]
     study = compare_arms(arms)
     with pytest.raises(StudyError, match=expected):
         check_plan(parse_plan(*options), study)
@@ -448,7 +448,7 @@ def test_a_forced_comparison_is_marked_on_top() -> None:
 @pytest.mark.usefixtures("blank")
 def test_arms_without_supervision_leave_figures_out() -> None:
     """Without patterns there is no Figure 8, without injection no Figure 9, and it is noted."""
-    report = build(_study("baseline", "fixed"), (), 0)
+    report = build(_study("baseline", "editor"), (), 0)
     keys = {p.key for p in report.pictures}
     assert not {"figure-8", "figure-9"} & keys
     assert "No arm injects trees, so there is no Figure 9." in to_page(report)
