@@ -65,9 +65,6 @@ COMMANDS: Final = {
         "show the questions to a language model and its answers",
         "runs/default/llm-seed0 --generation 3",
     ),
-    "distill": CommandInfo(
-        "fit a small offline policy to the decisions of past runs", "runs/default -o policy"
-    ),
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
     "sync": CommandInfo("send missing records to the tracking server", "runs/default"),
     "examples": CommandInfo("list the example trees, or print one", "all_rounder"),

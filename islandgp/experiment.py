@@ -20,18 +20,20 @@ import numpy as np
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.config.settings import Settings
+from islandgp.config.settings import Settings, read_settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import in_floats
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, training_seeds
-from islandgp.evolution.loop import evolve
+from islandgp.evolution.loop import evolve, state_of_population
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
-from islandgp.gp.record import GenerationRecord, Step
+from islandgp.gp.record import GenerationRecord, GuidanceRecord, Step
 from islandgp.results import Results, load
+from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
+from islandgp.trust import must_trust_code
 
 
 @dataclass(frozen=True)
@@ -190,6 +192,37 @@ def _seeds(worlds: Iterable[Any]) -> list[int]:
     if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
         raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
     return [int(w) for w in seeds]
+
+
+def recorded_decisions(
+    path: str | Path, *, trust: bool = False
+) -> Iterator[tuple[PopulationState, GuidanceRecord]]:
+    """Reads the decisions of a run's supervisor from its records.
+
+    Args:
+        path: of the run's folder.
+        trust: True: import classes and functions that only the run's configuration names.
+
+    Yields:
+        The state of the population (Table 5) that the supervisor was asked about, and its answer,
+        for each generation with one.
+
+    Raises:
+        RunError: the folder has no run, or the run is damaged.
+        UntrustedError: without `trust`, the run names code that is not of this package.
+    """
+    (folder,) = load(path).folders
+    config = folder.configuration()
+    if not trust:
+        must_trust_code(config)
+    settings = read_settings(config)
+    plan = settings.plan(settings.make_domain())
+    records = list(folder.generations())
+    history = [record.snapshot for record in records]
+    for record in records:
+        guidance = record.guidance
+        if guidance is not None and guidance.asked_at is not None:
+            yield state_of_population(plan, history[: guidance.asked_at + 1]), guidance
 
 
 def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:

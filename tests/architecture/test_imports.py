@@ -82,7 +82,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "matplotlib": ("study",),
     "lark": ("bt",),
     "jinja2": ("study.writing",),
-    "sklearn": ("study.distill",),
     "numba": ("domains.island.chipmunk", "domains.island.kernel"),
     "llvmlite": ("domains.island.chipmunk", "domains.island.machine_code"),
 }
@@ -97,7 +96,6 @@ SLOW = (
     "pandas",
     "lark",
     "rich",
-    "sklearn",
     "gymnasium",
     "minigrid",
     "cmaes",
@@ -109,7 +107,6 @@ DISTRIBUTIONS = {
     # import name: name on the index
     "hydra": "hydra-core",
     "yaml": "pyyaml",
-    "sklearn": "scikit-learn",
 }
 
 

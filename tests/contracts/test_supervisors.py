@@ -22,12 +22,12 @@ from islandgp.resources import resource
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, SupervisorLifecycle
-from islandgp.supervision.distilled import Answer, Distilled, Policy, Question
 from islandgp.supervision.expert import Expert
 from islandgp.supervision.llm.message import FailureKind
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
 from studies.controls.yoked import Yoked
+from studies.distillation.policy import Answer, Distilled, Policy, Question
 from tests.composed import composed
 from tests.llm import samples
 from tests.profiles import examples

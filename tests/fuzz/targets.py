@@ -42,7 +42,6 @@ from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.study.select import find, read
-from islandgp.supervision.distilled import read_policy
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.message import Reply
@@ -209,12 +208,7 @@ def runs() -> tuple[Path, Path]:
     """A finished run's folder, and one of a run that was stopped."""
     complete = closed_run(place() / "made/whole", place()).path
     stopped = closed_run(place() / "made/stopped", place(), 3).path
-    leaf = {"answer": 0.4, "cases": 3}
-    rate = {"feature": "generation", "at_most": 3.0, "yes": leaf, "no": leaf}
-    report = {"cases": 3.0}
-    policy = {"format": 1, "teacher": "expert", "target": leaf, "rate": rate, "report": report}
     for folder in (complete, stopped):
-        (folder / "policy.json").write_bytes(as_json(policy))
         sync_state = {"uri": "sqlite:///m.db", "experiment": "e", "identity": "i1", "run": "r"}
         (folder / "tracking.json").write_bytes(as_json(sync_state))
     return complete, stopped
@@ -223,7 +217,7 @@ def runs() -> tuple[Path, Path]:
 FILES: Final = (
     "generations.jsonl", "summary.json", "about.json", "config.yaml", "costs.jsonl",
     "generations.sha256", "checkpoint.json", "checkpoint.previous.json", "tracking.json",
-    "policy.json", "best.bt",
+    "best.bt",
 )  # fmt: skip
 
 
@@ -312,7 +306,6 @@ READERS: Final[tuple[Callable[[Path], object], ...]] = (
     _setting,
     _frames,
     _compare,
-    read_policy,
     _resume,
 )
 

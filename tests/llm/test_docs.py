@@ -1,4 +1,4 @@
-"""docs/llm.md, docs/llm and studies/distillation: commands run, and names exist."""
+"""docs/llm.md and docs/llm: commands run, and names exist."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ DOCS = resource("conf").parent / "docs"
 PAGES = [
     DOCS / "llm.md",
     *sorted((DOCS / "llm").glob("*.md")),
-    DOCS.parent / "studies/distillation/README.md",
 ]
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 OUTSIDE = re.sub(r"^```.*?^```$", "", TEXT, flags=re.DOTALL | re.MULTILINE)
@@ -66,7 +65,6 @@ def test_no_command_is_left_out() -> None:
         "islandgp transcript",
         "python -m tests.llm.demo",
         "python -m benchmarks.mock_model",
-        "islandgp distill",
         "export",
     )
     assert len(COMMANDS) > 8

@@ -16,6 +16,7 @@ from click.testing import CliRunner, Result
 from islandgp.cli import islandgp
 from islandgp.errors import UntrustedError
 from islandgp.evaluation.base import Problem
+from islandgp.experiment import recorded_decisions
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
 from islandgp.tracking.place import place_from
@@ -77,7 +78,6 @@ def command(*arguments: str) -> Result:
 COMMANDS = {
     "best": ("best", "RUN", "--workers", "1"),
     "sync": ("sync", "RUN", "--uri", "sqlite:///mlflow.db"),
-    "distill": ("distill", "RUN", "-o", "policy"),
     "compare": ("compare", "--runs", "RUN", "--arm", "a=seed=0", "--arm", "b=seed=0", "--force"),
     "watch": ("watch", "RUN", "--no-open"),
     "verify": ("verify", "RUN"),
@@ -100,7 +100,7 @@ def test_no_command_imports_what_only_a_run_names(
     assert not (tmp_path / "it ran").exists()
 
 
-@pytest.mark.parametrize("name", ["best", "sync", "distill"])
+@pytest.mark.parametrize("name", ["best", "sync"])
 def test_a_refusal_names_the_class_and_the_remedy(
     original: Path, name: str, tmp_path: Path
 ) -> None:
@@ -118,15 +118,15 @@ def test_a_refusal_names_the_class_and_the_remedy(
 
 
 @pytest.mark.parametrize("part", KEYS)
-def test_distill_looks_at_all_code_that_a_run_names(
+def test_decisions_look_at_all_code_that_a_run_names(
     original: Path, part: str, tmp_path: Path
 ) -> None:
-    """It reads the whole configuration, which imports each class and function."""
+    """`recorded_decisions` reads the whole configuration, which imports each class and function."""
     run = stranger(
         original, tmp_path / "run", part, "evil:Fn" if part == "function" else "evil:Domain"
     )
-    result = command("distill", str(run), "-o", "policy")
-    assert isinstance(result.exception, UntrustedError)
+    with pytest.raises(UntrustedError):
+        next(recorded_decisions(run))
     assert not (tmp_path / "it ran").exists()
 
 

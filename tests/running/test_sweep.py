@@ -136,7 +136,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
         ["gp.mutation_rate=range(0.1,0.4,0.1)"],
         ["gp.trees.depth=[2,3],[2, 4]"],
         ["supervisor=choice(baseline,expert)"],
-        ["supervisor=glob(*e*,exclude=[replay,editor,distilled])"],
+        ["supervisor=glob(*e*,exclude=[replay,editor])"],
         ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
     ],
     quick=2,

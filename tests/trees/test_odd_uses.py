@@ -112,8 +112,6 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["check", "robot's.bt"], "there is no file robot's.bt"),
         (["check", ""], "'FILES...': expected a path, found an empty text"),
         (["show", "ok.bt", "-o", ""], "'-o' / '--output': expected a path, found an empty text"),
-        (["distill", "ok.bt", "-o", ""], "'-o' / '--out': expected a path, found an empty text"),
-        (["distill", "nowhere", "-o", "x"], "'RUNS...': there is no file or folder nowhere"),
         (["domain", "island", "no.bt"], "'[NAME] [TREE.bt]...': there is no file no.bt"),
         (["check", "--config-dir", "robot's", "ok.bt"], "there is no folder robot's"),
         (["diff", "ok.bt"], "expected NEW, found none"),

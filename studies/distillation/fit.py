@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import Any, Final, TypeVar
 
 from islandgp.errors import StudyError
-from islandgp.supervision.distilled import Answer, Policy, Question, Rule, decide
+from studies.distillation.policy import Answer, Policy, Question, Rule, decide
 
 T = TypeVar("T", str, float)
 
@@ -24,7 +24,7 @@ class Case:
     """One decision of the teacher."""
 
     run: int  # index of its run
-    known: Mapping[str, float]  # features of the state, by `supervision.distilled.features`
+    known: Mapping[str, float]  # features of the state, by `policy.features`
     target: str | None  # None: the tree is not from the teacher
     rate: float | None  # None: the rate is not from the teacher
 

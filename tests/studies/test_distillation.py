@@ -1,4 +1,4 @@
-"""`islandgp distill`: a policy read off past decisions, checked on runs that were held back."""
+"""A policy that is fitted to past decisions, and checked on runs that were held back."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from islandgp.cli import islandgp
 from islandgp.errors import StudyError, SupervisionError
 from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
 from islandgp.seeding import Stream, stream
-from islandgp.study.distill import Case, Shape, distil, report_lines
-from islandgp.supervision.distilled import (
+from studies.distillation.__main__ import main as distill
+from studies.distillation.fit import Case, Shape, distil, report_lines
+from studies.distillation.policy import (
     Answer,
     Distilled,
     Policy,
@@ -25,8 +24,8 @@ from islandgp.supervision.distilled import (
     read_policy,
     rules,
 )
-from tests.composed import composed
 from tests.llm.samples import context, state
+from tests.studies.configured import CONF, studied
 
 CRISIS = context().crisis
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=20", "evaluator=serial")
@@ -102,45 +101,40 @@ def test_features_are_numbers_of_the_state() -> None:
     assert all(isinstance(value, float) for value in values.values())
 
 
-@pytest.fixture(scope="module")
-def distilled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three small runs of the expert, and the policy that the command makes of them."""
-    home = tmp_path_factory.mktemp("learnt")
-    common = [*SMALL, "tracking=off", "progress=off", f"runs='{home}/my runs'"]
-    assert main([*common, "supervisor=expert", "seed=range(3)", "-m"]) == 0
-    arguments = ["distill", str(home / "my runs"), "-o", str(home / "the policy"), "--cases", "2"]
-    result = CliRunner().invoke(islandgp, arguments)
-    assert result.exit_code == 0, result.output
-    assert "Teacher: expert, 3 runs" in result.output
-    return home
-
-
 @pytest.mark.slow
-def test_the_policy_plays(distilled: Path) -> None:
+def test_the_policy_plays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A run of it follows its rules; the same command again makes the same policy."""
-    folder = distilled / "the policy"
-    common = [*SMALL, "tracking=off", "progress=off", f"runs='{distilled}/played'"]
-    play = ["supervisor=distilled", f"supervisor.policy.folder='{folder}'", "seed=7"]
-    assert main([*common, *play]) == 0
-    run = RunFolder(next((distilled / "played").rglob("generations.jsonl")).parent)
-    policy = read_policy(folder)
+    runs, folder = tmp_path / "my runs", tmp_path / "the policy"
+    common = ["--config-dir", str(CONF), *SMALL, "tracking=off", "progress=off"]
+    expert = ["supervisor=expert", "search=paper", f"runs='{runs}'", "seed=range(3)", "-m"]
+    assert main([*common, *expert]) == 0
+    for out in (folder, tmp_path / "b"):
+        distill([str(runs), "-o", str(out), "--cases", "2"])
+    assert "Teacher: expert, 3 runs" in capsys.readouterr().out
+    assert (tmp_path / "b/policy.json").read_bytes() == (folder / "policy.json").read_bytes()
+    played = tmp_path / "played"
+    play = ["supervisor=distilled", f"supervisor.policy.folder='{folder}'", f"runs='{played}'"]
+    assert main([*common, *play, "search=paper", "seed=7"]) == 0
+    run = RunFolder(next(played.rglob("generations.jsonl")).parent)
     answers = [record.guidance for record in run.generations()][:-1]
     assert {g.source for g in answers if g} == {"distilled"}
-    targets = {str(a.answer) for a in _answers(policy.target)}
+    targets = {str(a.answer) for a in _answers(read_policy(folder).target)}
     assert {g.target for g in answers if g} <= targets
-    command = ["distill", str(distilled / "my runs"), "-o", str(distilled / "b"), "--cases", "2"]
-    assert CliRunner().invoke(islandgp, command).exit_code == 0
-    assert (distilled / "b" / "policy.json").read_bytes() == (folder / "policy.json").read_bytes()
-    mixed = [
-        "distill",
-        str(distilled / "my runs"),
-        str(distilled / "played"),
-        "-o",
-        str(distilled / "c"),
-    ]
-    result = CliRunner().invoke(islandgp, mixed)
-    assert isinstance(result.exception, StudyError)
-    assert "found those of distilled, expert" in str(result.exception)
+    with pytest.raises(SystemExit) as end:
+        distill([str(runs), str(played), "-o", str(tmp_path / "c")])
+    assert end.value.code == 2
+    assert "found those of distilled, expert" in capsys.readouterr().err
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_without_runs_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, one line, and no file."""
+    with pytest.raises(SystemExit) as end:
+        distill([str(tmp_path), "-o", str(tmp_path / "out")])
+    assert (end.value.code, len(capsys.readouterr().err.splitlines())) == (2, 1)
+    assert not (tmp_path / "out").exists()
 
 
 def _answers(rule: object) -> list[Answer]:
@@ -161,7 +155,7 @@ def test_advice_follows_the_policy() -> None:
     policy = Policy(
         format=1, teacher="me", target=rule, rate=Answer(answer=0.23, cases=2), report={}
     )
-    settings = composed("supervisor=distilled").supervisor.settings()
+    settings = studied("supervisor=distilled").supervisor.settings()
     run_context = context()
     supervisor = Distilled(policy, _expert(settings, run_context), run_context.crisis)
     for at, target in ((state(), "charging"), (state(complete=2), "integration")):
@@ -230,7 +224,7 @@ def test_policies_that_do_not_fit_are_report_lines(
     }
     text = change if isinstance(change, str) else json.dumps({**good, **change})  # type: ignore[dict-item] # a mapping
     (tmp_path / "policy.json").write_text(text, encoding="utf-8")
-    settings = composed("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
+    settings = studied("supervisor=distilled", f"supervisor.policy.folder={tmp_path}")
     with pytest.raises(SupervisionError, match=message):
         Distilled.check(settings.supervisor.settings(), context())
 
@@ -238,6 +232,6 @@ def test_policies_that_do_not_fit_are_report_lines(
 def test_a_missing_policy_is_report_lines(tmp_path: Path) -> None:
     """With the command that makes one."""
     for folder in ("null", str(tmp_path)):
-        settings = composed("supervisor=distilled", f"supervisor.policy.folder={folder}")
-        with pytest.raises(SupervisionError, match="islandgp distill"):
+        settings = studied("supervisor=distilled", f"supervisor.policy.folder={folder}")
+        with pytest.raises(SupervisionError, match="python -m studies"):
             Distilled.check(settings.supervisor.settings(), context())

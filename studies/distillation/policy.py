@@ -1,4 +1,4 @@
-"""Advises by a small policy that `islandgp distill` fitted to another supervisor's decisions.
+"""Advises by a small policy that was fitted to another supervisor's decisions.
 
 The policy is two decision trees over the population's state, one for the target (Table 7) and one
 for the mutation rate, stored as JSON. Phase and pattern are classified by the expert's rules.
@@ -6,17 +6,16 @@ for the mutation rate, stored as JSON. Phase and pattern are classified by the e
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, Discriminator, FiniteFloat, Tag, ValidationError
+from pydantic import BaseModel, Discriminator, FiniteFloat, Tag
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import read_json
-from islandgp.scoring.classes import Classes
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.expert import Expert, ExpertSettings
@@ -50,13 +49,13 @@ Rule = Annotated[
 
 
 class Policy(BaseModel, frozen=True, extra="forbid"):
-    """Content of the file policy.json, written by `islandgp distill`."""
+    """Content of the file policy.json, written by `python -m studies.distillation`."""
 
     format: Literal[1]
     teacher: str  # the supervisor whose decisions it was fitted to
     target: Rule
     rate: Rule
-    report: dict[str, float]  # agreement with the teacher, as described in `study.distill`
+    report: dict[str, float]  # agreement with the teacher, as described in `fit.distil`
 
 
 Question.model_rebuild()
@@ -75,8 +74,8 @@ class DistilledSettings(ExpertSettings, frozen=True, extra="forbid"):
         """Reads the policy. Raises SupervisionError if there is none."""
         if not self.folder:
             raise SupervisionError(
-                "Expected a policy, found none; make one with islandgp distill RUNS... -o FOLDER,"
-                " and name it with supervisor.policy.folder=FOLDER."
+                "Expected a policy, found none; make one with python -m studies.distillation"
+                " RUNS... -o FOLDER, and name it with supervisor.policy.folder=FOLDER."
             )
         return read_policy(Path(self.folder))
 
@@ -89,13 +88,13 @@ def read_policy(folder: Path) -> Policy:
             raise SupervisionError(
                 f"Expected a policy of at most {MAX_BYTES:,} bytes in {path}, found more."
             )
-        return Policy.model_validate(read_json(path.read_bytes()))
+        return Policy.model_validate(json.loads(path.read_bytes()))
     except OSError as error:
         raise SupervisionError(
-            f"Expected a policy in {path}, found none ({error.strerror}); islandgp distill makes"
-            " one."
+            f"Expected a policy in {path}, found none ({error.strerror}); python -m"
+            " studies.distillation makes one."
         ) from None
-    except (ValidationError, ValueError) as error:
+    except (RecursionError, ValueError) as error:
         line = str(error).splitlines()[0]
         raise SupervisionError(f"Expected a policy in {path}, found another file: {line}") from None
 
@@ -195,7 +194,7 @@ def _check(policy: Policy, context: RunContext) -> None:
 
 def _fields(context: RunContext) -> set[str]:
     """The names of `features`; without the history and fields that are not numbers."""
-    classes: Classes = context.classes
+    classes = context.classes
     numbers = (
         name
         for name in field_meanings(context.schema, classes)
