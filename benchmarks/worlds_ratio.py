@@ -21,17 +21,15 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.domain import Domain
 from islandgp.domains.gymnasium import domain as gymnasium_domain
-from islandgp.domains.minigrid import robot
 
-DOMAINS: Final = Path(robot.__file__).parents[1]
+FOLDER: Final = Path(gymnasium_domain.__file__).parent / "trees"
 TREES: Final = {
-    "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
-    "lunarlander": DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
-    "minigrid": DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+    "cartpole": FOLDER / "cartpole.bt",
+    "lunarlander": FOLDER / "lunarlander.bt",
 }
 EPISODES: Final = {Effort.TINY: 1, Effort.QUICK: 6, Effort.FULL: 12}  # in a pair, seeds 0, 1, ...
 ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 15}
-GOALS: Final = {"cartpole": 1.5, "lunarlander": 1.2, "minigrid": 1.5}
+GOALS: Final = {"cartpole": 1.5, "lunarlander": 1.2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +43,8 @@ class Taken:
 
 def measure(effort: Effort) -> list[Figure]:
     """Pairs of some episodes and the same actions in the bare environments."""
-    if find_spec("minigrid") is None or find_spec("gymnasium") is None:
-        raise Missing("needs pip install 'islandgp[minigrid,gymnasium]'")
+    if find_spec("gymnasium") is None:
+        raise Missing("needs pip install 'islandgp[gymnasium]'")
     figures = []
     for name, file in TREES.items():
         chosen = settings(f"domain={name}")
@@ -71,19 +69,6 @@ def measure(effort: Effort) -> list[Figure]:
             Figure(f"{name}_step_us", 1e6 * ours / steps, "us", "a step of the episodes"),
             Figure(f"{name}_bare_us", 1e6 * bare / steps, "us", "a step of the bare environment"),
         ]
-        if name == "minigrid":
-            blind = turns(
-                [sides[0], _bare(episodes, blind=True)], ROUNDS[effort], clock=process_time
-            )
-            figures.append(
-                Figure(
-                    "minigrid_blind_ratio",
-                    ratio(blind, 0, 1),
-                    "",
-                    "the same / the bare environment without its observation, on which no policy"
-                    " could act",
-                )
-            )
     return figures
 
 
@@ -93,11 +78,7 @@ def _episodes(domain: Domain, tree: Node, count: int) -> Callable[[], object]:
 
 def _taken(domain: Any, tree: Node, seed: int) -> Taken:
     """Runs an episode and takes down its actions."""
-    if isinstance(domain, gymnasium_domain.Gymnasium):
-        level, env = domain.world.environment, domain.environment(render=False)
-    else:
-        short = domain.world.levels[seed % len(domain.world.levels)]
-        level, env = robot.levels()[short], robot.environment(short)
+    level, env = domain.world.environment, domain.environment(render=False)
     step, actions = env.step, []
 
     def recorded(action: int) -> Any:
@@ -112,7 +93,7 @@ def _taken(domain: Any, tree: Node, seed: int) -> Taken:
     return Taken(level, seed, tuple(actions))
 
 
-def _bare(episodes: list[Taken], *, blind: bool = False) -> Callable[[], object]:
+def _bare(episodes: list[Taken]) -> Callable[[], object]:
     """The environments with these actions and nobody who looks."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -122,9 +103,6 @@ def _bare(episodes: list[Taken], *, blind: bool = False) -> Callable[[], object]
             level: gymnasium.make(level, disable_env_checker=True)
             for level in {episode.level for episode in episodes}
         }
-    if blind:
-        for env in environments.values():
-            env.unwrapped.gen_obs = lambda: None
 
     def run() -> None:
         for episode in episodes:

@@ -103,6 +103,7 @@ ONE_POPULATION: Final = ("gp.population=60", "search.policy.restarts=1")
 ALL_ROUNDER: Final = ROOT / "grammar" / "examples" / "all_rounder.bt"
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PICK_PLACE: Final = ROOT / "examples" / "pick_place"
+MINIGRID: Final = ROOT / "examples" / "minigrid"
 WORLDS: Final[dict[str, World]] = {
     "island": World(("domain=island", "budget.episodes=1414"), ALL_ROUNDER, library=True),
     "cartpole": World(
@@ -117,7 +118,7 @@ WORLDS: Final[dict[str, World]] = {
     ),
     "minigrid": World(
         ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
-        DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+        *(MINIGRID / "by_hand.bt", MINIGRID / "conf"),
     ),
     "island_4000": World(("domain=island", "budget.episodes=4000"), ALL_ROUNDER, arms=("racing",)),
     "pick_place_experiment": World(
@@ -137,7 +138,7 @@ WORLDS: Final[dict[str, World]] = {
     ),
     "minigrid_15000": World(
         ("domain=minigrid", "budget.episodes=15000", "gp.population=60", "gp.episodes=2"),
-        DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+        *(MINIGRID / "by_hand.bt", MINIGRID / "conf"),
         arms=("racing",),
     ),
 }
@@ -368,7 +369,7 @@ def main() -> None:
     parser.add_argument("--report", action="store_true", help="only write the report")
     parser.add_argument("--random-trees", action="store_true", help="only the table of these")
     options = parser.parse_args()
-    sys.path.insert(0, str(PICK_PLACE))
+    sys.path[:0] = [str(PICK_PLACE), str(MINIGRID)]
     names = options.worlds.split(",")
     if unknown := [name for name in names if name not in WORLDS]:
         parser.error(f"expected worlds among {', '.join(WORLDS)}, found {unknown[0]}")

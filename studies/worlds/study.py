@@ -27,7 +27,8 @@ from islandgp.statistics import benjamini_hochberg, bootstrap, mean_interval, pa
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOMAINS: Final = ROOT / "islandgp" / "domains"
 PAGE: Final = Path(__file__).with_name("README.md")
-CONF: Final = ROOT / "studies" / "conf"
+CONF: Final = ROOT / "studies" / "conf"  # its domain/minigrid.yaml is a link to that of the example
+MINIGRID: Final = ROOT / "examples" / "minigrid"
 GALLERY: Final = ROOT / "docs" / "domains.md"
 
 SEEDS: Final = range(6000, 6020)  # of runs; nothing was tried on them
@@ -70,7 +71,7 @@ STUDIES: Final = (
         ("gp.population=20", "gp.generations=16", "gp.episodes=3"),
         "solved",
         "share of missions done",
-        DOMAINS / "minigrid" / "trees" / "by_hand.bt",
+        MINIGRID / "by_hand.bt",
         (
             *("DoorKey-8x8", "MultiRoom-N6", "LockedRoom", "UnlockPickup", "KeyCorridorS3R3"),
             *("BlockedUnlockPickup", "DoorKey-16x16", "KeyCorridorS4R3"),
@@ -120,7 +121,7 @@ def episodes(study: Study, tree: str, seeds: Sequence[int], level: str = "") -> 
 def experiment(domain: str, level: str = "") -> islandgp.Experiment:
     """A domain as it comes, with one level or all."""
     overrides = [f"domain={domain}", *([f"world.levels=[{level}]"] if level else [])]
-    return islandgp.compose(*overrides, *QUIET)
+    return islandgp.compose(*overrides, *QUIET, config_dir=CONF)
 
 
 def measured(study: Study, tree: str) -> float:
@@ -306,4 +307,5 @@ def replace_parts(page: Path, **parts: str) -> None:
 
 
 if __name__ == "__main__":
+    sys.path.insert(0, str(MINIGRID))
     main()

@@ -69,8 +69,7 @@ NAMES_ONLY = ("", "evolution", "bt", "gp")  # packages whose __init__ holds noth
 MAY_IMPORT: dict[str, tuple[str, ...]] = {
     # library: the modules that may
     "pymunk": ("domains.island",),
-    "minigrid": ("domains.minigrid",),
-    "gymnasium": ("domains.minigrid", "domains.gymnasium"),
+    "gymnasium": ("domains.gymnasium",),
     "hydra": ("config", "running", "sweep", "experiment", "commands"),
     "omegaconf": ("config", "running", "sweep", "commands"),
     "mlflow": ("tracking",),
@@ -97,7 +96,6 @@ SLOW = (
     "lark",
     "rich",
     "gymnasium",
-    "minigrid",
     "cmaes",
     "numba",
     "llvmlite",

@@ -33,8 +33,7 @@ FIGURES: Final = {
     " all_rounder_time all_rounder_rest all_rounder_samples random_engine"
     " random_sensing random_tree random_time random_rest random_samples",
     "worlds_ratio": "cartpole_ratio cartpole_step_us cartpole_bare_us lunarlander_ratio"
-    " lunarlander_step_us lunarlander_bare_us minigrid_ratio minigrid_step_us minigrid_bare_us"
-    " minigrid_blind_ratio",
+    " lunarlander_step_us lunarlander_bare_us",
 }
 GOALS: Final = {  # of the figures that have one at any effort
     "engine_ratio": 1.2 if find_spec("numba") else 1.8,
@@ -47,7 +46,6 @@ GOALS: Final = {  # of the figures that have one at any effort
     "remote_overhead": 20.0,
     "cartpole_ratio": 1.5,
     "lunarlander_ratio": 1.2,
-    "minigrid_ratio": 1.5,
 }
 
 
@@ -56,7 +54,7 @@ LIBRARIES: Final = {
     "peer_ratio": ("deap", "py_trees"),
     "remote_overhead": ("ray",),
     "tick_us": ("behaviortreepy",),
-    "worlds_ratio": ("minigrid", "gymnasium"),
+    "worlds_ratio": ("gymnasium",),
 }
 
 

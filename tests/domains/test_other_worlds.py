@@ -1,4 +1,4 @@
-"""The domains over other people's simulators, MiniGrid and Gymnasium, by what all promise."""
+"""The domains over environments of Gymnasium, by what all promise."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ import re
 import shlex
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.config.settings import read_settings
 from islandgp.domain import Domain, Scene
 from islandgp.domains.gymnasium.domain import environment as gymnasium_environment
-from islandgp.domains.minigrid.robot import environment as minigrid_environment
 from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.processes import Processes
@@ -35,13 +32,11 @@ from tests.profiles import sweep
 from tests.running.commands import finish, kill_group, lines, start, wait_until
 from tests.trees.shell import Cli, shell
 
-pytest.importorskip("minigrid", reason="extra `minigrid` is not installed")
 pytest.importorskip("gymnasium", reason="extra `gymnasium` is not installed")
 
 DOMAINS = Path(__file__).parents[2] / "islandgp" / "domains"
 PAGE = (DOMAINS.parents[1] / "docs" / "domains.md").read_text(encoding="utf-8")
 BY_HAND = {
-    "minigrid": DOMAINS / "minigrid" / "trees" / "by_hand.bt",
     "cartpole": DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
     "lunarlander": DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
     "pendulum": DOMAINS / "gymnasium" / "trees" / "pendulum.bt",
@@ -64,17 +59,6 @@ def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 def short(world: str) -> Domain:
     """A domain with short episodes."""
     return composed(f"domain={world}", *SHORT).make_domain()
-
-
-@pytest.mark.slow
-class TestMiniGrid(DomainSuite):
-    """A maze with keys, in which a seed chooses one of six levels."""
-
-    random_trees = 6
-    texts = (BY_HAND["minigrid"].read_text(encoding="utf-8"),)
-
-    def make_domain(self) -> Domain:
-        return short("minigrid")
 
 
 class TestCartPole(DomainSuite):
@@ -111,7 +95,6 @@ class TestPendulum(DomainSuite):
 @sweep(
     "world",
     [
-        "minigrid",
         "cartpole",
         *(pytest.param(w, marks=NIGHTLY) for w in ("lunarlander", "pendulum")),
     ],
@@ -252,13 +235,10 @@ def test_processes_run_an_environment() -> None:
         evaluator.close()
 
 
-@pytest.mark.parametrize("world", ["minigrid", "cartpole"])
-def test_each_thread_has_its_environments(world: str) -> None:
+def test_each_thread_has_its_environments() -> None:
     """A supervisor may run episodes in a thread while the evaluator runs others."""
 
     def env() -> Any:
-        if world == "minigrid":
-            return minigrid_environment("Empty-5x5")
         return gymnasium_environment("CartPole-v1", "{}", False)
 
     with ThreadPoolExecutor(1) as other:
@@ -283,80 +263,6 @@ def test_random_search_inherits_nothing() -> None:
     assert origins == {("random", "")}
     trees = [i.tree for step in steps for i in step.record.individuals]
     assert len(set(trees)) > len(trees) // 2
-
-
-# MiniGrid
-
-
-class _Silent:
-    """A log that nobody reads."""
-
-    def __call__(self, event: str, amount: float = 1.0) -> None: ...
-
-
-def _in_view(env: Any) -> set[tuple[int, int]]:
-    """The cells that MiniGrid itself reports as visible."""
-    _, visible = env.gen_obs_grid()
-    cells = set()
-    for across, ahead in zip(*np.nonzero(visible), strict=True):
-        x, y = env.agent_pos + env.dir_vec * (6 - ahead) + env.right_vec * (across - 3)
-        if 0 <= x < env.width and 0 <= y < env.height:
-            cells.add((int(x), int(y)))
-    return cells
-
-
-@pytest.mark.parametrize("level", ["DoorKey-8x8", "MultiRoom-N6", "KeyCorridorS3R3"])
-def test_the_robot_sees_what_minigrid_shows(level: str) -> None:
-    """Its own quick field of view is the environment's, on a random walk through doors."""
-    from islandgp.domains.minigrid.domain import Levels
-    from islandgp.domains.minigrid.robot import GridRobot
-
-    robot = GridRobot(Levels(levels=(level,), ticks=200), 3, _Silent())  # type: ignore[arg-type]
-    rng, cells = np.random.default_rng(0), _in_view(robot.env)
-    for _ in range(120):
-        robot.wish = int(rng.choice([0, 1, 2, 2, 2, 3, 4, 5]))
-        if robot.step():
-            break
-        cells |= _in_view(robot.env)
-        assert robot.memory.seen == sum(robot.memory.at(x, y) for x, y in cells)
-
-
-@pytest.mark.parametrize(
-    ("name", "level", "solved"),
-    [
-        ("by_hand", "DoorKey-8x8", 6),
-        ("by_hand", "UnlockPickup", 6),
-        ("by_hand", "BlockedUnlockPickup", 0),
-        ("ball_first", "BlockedUnlockPickup", 6),
-    ],
-)
-def test_trees_by_hand(name: str, level: str, solved: int) -> None:
-    """Keys, full hands and blocked doors are within the words of the domain."""
-    domain = composed("domain=minigrid", f"world.levels=[{level}]").make_domain()
-    text = BY_HAND["minigrid"].with_stem(name).read_text(encoding="utf-8")
-    tree = parse(text, domain.schema.vocabulary)
-    assert sum(domain.run_episode(tree, seed, {}).counters["solved"] for seed in range(6)) == solved
-
-
-def test_two_skills_at_once_do_no_harm() -> None:
-    """In a parallel one skill leads another away; both end, and the episode too."""
-    domain = composed("domain=minigrid").make_domain()
-    text = "parallel success all failure all { Explore GoToKey GoToDoor PickUp Toggle Drop }"
-    tree = parse(text, domain.schema.vocabulary)
-    endings = {domain.run_episode(tree, seed, {}).endings for seed in range(12)}
-    assert endings <= {("time",), ("solved",)}
-
-
-def test_a_thing_is_rewarded_once() -> None:
-    """Picking a key up again and again earns no more points than once."""
-    domain = composed("domain=minigrid", "world.levels=[DoorKey-8x8]").make_domain()
-    tree = parse("sequence { GoToKey PickUp Drop }", domain.schema.vocabulary)
-    outcome = max(
-        (domain.run_episode(tree, seed, {}) for seed in range(8)),
-        key=lambda result: result.counters["dropped"],
-    )
-    assert outcome.counters["dropped"] > 3
-    assert outcome.counters["key"] == 1
 
 
 # Gymnasium
@@ -475,9 +381,6 @@ def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
         (("domain=cartpole", "world.observations.speed.range=[2,1]"), "world.observations.speed.r"),
         (("domain=cartpole", "world.signals.lasting.of=hight"), "world.signals.lasting.of: expec"),
         (("domain=cartpole", "world.name=when"), "Expected a name of letters"),
-        (("domain=minigrid", "world.levels=[DoorKey-9x9]"), "world.levels: expected levels of"),
-        (("domain=minigrid", "world.levels=[Dynamic-Obstacles-6x6]"), "world.levels: expected"),
-        (("domain=minigrid", "world.levels=[]"), "world.levels=[]"),
     ],
 )
 def test_a_wrong_name_is_one_line(overrides: tuple[str, ...], line: str) -> None:
@@ -488,25 +391,11 @@ def test_a_wrong_name_is_one_line(overrides: tuple[str, ...], line: str) -> None
     assert "\n" not in str(excinfo.value)
 
 
-@pytest.mark.parametrize(("world", "module"), [("minigrid", "minigrid"), ("cartpole", "gymnasium")])
-def test_a_missing_extra_names_its_remedy(
-    monkeypatch: pytest.MonkeyPatch, world: str, module: str
-) -> None:
+def test_a_missing_extra_names_its_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the package is not installed."""
-    place = {"minigrid": "minigrid.domain", "cartpole": "gymnasium.domain"}[world]
-    monkeypatch.setattr(f"islandgp.domains.{place}.find_spec", lambda _: None)
-    with pytest.raises(ConfigError, match=rf"pip install 'islandgp\[{module}\]'"):
-        composed.__wrapped__(f"domain={world}", "seed=1")
-
-
-def test_each_stage_has_its_levels() -> None:
-    """The curriculum of MiniGrid begins with levels that need two skills."""
-    problem = composed("domain=minigrid").problem()
-    levels = [problem.at(stage).world.levels for stage in range(3)]  # type: ignore[attr-defined]
-    assert "Unlock" in levels[0]
-    assert "LockedRoom" in levels[2]
-    assert levels[2] == problem.domain.world.levels  # type: ignore[attr-defined]
-    assert replace(problem, stages=()).at(0) is problem.domain
+    monkeypatch.setattr("islandgp.domains.gymnasium.domain.find_spec", lambda _: None)
+    with pytest.raises(ConfigError, match=r"pip install 'islandgp\[gymnasium\]'"):
+        composed.__wrapped__("domain=cartpole", "seed=1")
 
 
 def test_a_lander_lands_or_crashes_once() -> None:

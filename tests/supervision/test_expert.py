@@ -249,7 +249,7 @@ def test_the_hardest_behaviours_are_the_domain_s() -> None:
     assert supervisor.settings.hardest == ("charging", "clearing", "humanoid", "pickup")
     other = ExpertSettings.model_validate({**policy, "hardest": ["humanoid"]})
     assert Expert.make(other, context()).settings.hardest == ("humanoid",)
-    elsewhere = composed("supervisor=expert", "domain=minigrid").classes
+    elsewhere = composed("supervisor=expert", "domain=cartpole").classes
     assert elsewhere.hardest == ()
 
 

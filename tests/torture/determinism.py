@@ -21,7 +21,7 @@ SMALL: Final = ("gp.population=8", "gp.generations=6", "tracking=off", "progress
 ISLAND: Final = (*SMALL, "supervisor=expert", "world.episode.length=20")
 DOMAINS: Final = {
     "island": ("world.episode.length=20",),
-    "minigrid": ("domain=minigrid",),
+    "minigrid": ("--config-dir", str(ROOT / "examples/minigrid/conf"), "domain=minigrid"),
     "cartpole": ("domain=cartpole",),
     "lunarlander": ("domain=lunarlander",),
     "pick_place": ("--config-dir", str(ROOT / "examples/pick_place/conf"), "domain=pick_place"),
@@ -106,7 +106,9 @@ def ray(lab: Lab) -> None:
 
 def domains(lab: Lab) -> None:
     """Each domain in its own process, in 2 workers, and with another PYTHONHASHSEED."""
-    path = os.pathsep.join((str(ROOT), str(ROOT / "examples/pick_place")))
+    path = os.pathsep.join(
+        (str(ROOT), *(str(ROOT / "examples" / e) for e in ("pick_place", "minigrid")))
+    )
     for name, overrides in DOMAINS.items():
         if name in ("cartpole", "lunarlander") and not find_spec("gymnasium"):
             continue

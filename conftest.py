@@ -1,4 +1,4 @@
-"""The setup of tests/conftest.py and its command line, for the tests of plug-ins."""
+"""The setup of tests/conftest.py and its command line, for the tests of plug-ins and examples."""
 
 from tests.conftest import pytest_collection_modifyitems, pytest_configure
 from tests.trees.conftest import islandgp

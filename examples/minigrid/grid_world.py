@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Final, Self
 import yaml
 from pydantic import BaseModel, Field, TypeAdapter
 
+from grid_robot import GridRobot, levels, mission
 from islandgp.domain import Schema
-from islandgp.domains.minigrid.robot import GridRobot, levels, mission
 from islandgp.errors import ConfigError
 from islandgp.scoring.rewards import RewardTable
 from islandgp.ticking import EventLog, Simulation, Stepped
@@ -42,7 +42,7 @@ class MiniGrid(Stepped):
         if find_spec("minigrid") is None:
             raise ConfigError(
                 "domain=minigrid: expected the package minigrid, found none; install it with"
-                " pip install 'islandgp[minigrid]'."
+                " pip install minigrid."
             )
         names = list(levels())
         for level in world.levels:

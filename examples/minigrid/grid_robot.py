@@ -7,12 +7,12 @@ from collections.abc import Callable, Generator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
+from grid_memory import Memory
 from islandgp.domain import Scene, png
-from islandgp.domains.minigrid.memory import Memory
 from islandgp.ticking import EventLog, once_a_thread
 
 if TYPE_CHECKING:
-    from islandgp.domains.minigrid.domain import Levels
+    from grid_world import Levels
 
 TURN_LEFT, TURN_RIGHT, FORWARD, TAKE, PUT, TOGGLE, WAIT = range(7)  # MiniGrid's actions
 STEPS: Final = ((1, 0), (0, 1), (-1, 0), (0, -1))  # by direction
