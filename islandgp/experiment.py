@@ -159,9 +159,7 @@ class Experiment:
     def run(self, *, on_generation: Callable[[GenerationRecord], object] | None = None) -> Results:
         """Runs the experiment as the command line does, with records and tracking.
 
-        A run that was interrupted is resumed. Scripts call this below
-        `if __name__ == "__main__":`, because the default evaluator starts processes;
-        `evaluator=serial` starts none.
+        A run that was interrupted is resumed.
 
         Args:
             on_generation: called with the record of each generation once it is on disk; if a run

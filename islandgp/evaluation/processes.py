@@ -69,8 +69,9 @@ def _start(problem: Problem, limit: float, parent: int) -> None:
     """Prepares a worker, which leaves Ctrl-C to its parent."""
     global _problem, _limit
     end_with_parent(parent)
-    with suppress(AttributeError):  # Windows has no such masks
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {*STOPPING} - {signal.SIGINT})
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
     _problem, _limit = problem, limit
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -270,6 +272,34 @@ def test_an_episode_that_never_ends_is_named(monkeypatch: pytest.MonkeyPatch) ->
 def deadly_slow() -> Problem:
     """The setting with a curriculum whose deadly stage takes half a minute."""
     return replace(setting(), curriculum=Deadly(setting().curriculum, seconds=30))  # type: ignore[arg-type]
+
+
+OWN_CLASS = """
+import islandgp
+from islandgp.domains.island import Island
+
+class Mine(Island):
+    def run_episode(self, *arguments, **options):
+        return super().run_episode(*arguments, **options)
+
+words = "gp.generations=1 gp.population=4 gp.tournament_size=2 gp.validation=0 tracking=off"
+run = islandgp.run("domain.factory=__main__:Mine", "evaluator.policy.workers=2", *words.split())
+print(len(run.generations))
+"""
+
+
+def test_workers_run_a_class_of_a_script(tmp_path: Path) -> None:
+    """As in a notebook. The workers do not execute the script again."""
+    (tmp_path / "own.py").write_text(OWN_CLASS)
+    process = subprocess.run(
+        [sys.executable, "own.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert process.stdout.splitlines()[-1] == "1"
 
 
 @pytest.mark.slow

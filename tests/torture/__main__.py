@@ -22,11 +22,13 @@ from typing import Any, Final
 from islandgp.evaluation.processes import cores
 from tests.torture import determinism, load, page
 from tests.torture.faults import FAULTS
+from tests.torture.kills import KILLS
 from tests.torture.lab import Lab, Missing
 from tests.torture.page import FILE, write_page
 
 PARTS: Final[dict[str, dict[str, Callable[[Lab], Any]]]] = {
     "faults": {name: fault.attempt for name, fault in FAULTS.items()},
+    "kills": dict(KILLS),
     "determinism": {name: attempt for name, (attempt, _) in determinism.MATRIX.items()},
     "load": dict(load.LOADS),
 }

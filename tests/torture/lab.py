@@ -173,3 +173,8 @@ def under_way(home: Path, process: subprocess.Popen[str], generations: int = 3) 
 
     until(has_generations, f"{generations} generations written")
     return next((home / "runs").rglob("generations.jsonl")).parent
+
+
+def recorded_generations(home: Path) -> int:
+    """The number of generations of the run below a folder."""
+    return sum(f.read_bytes().count(b"\n") for f in (home / "runs").rglob("generations.jsonl"))

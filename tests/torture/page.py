@@ -80,6 +80,15 @@ def faults(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def kills(rows: Sequence[dict[str, Any]]) -> str:
+    """The kill matrix."""
+    lines = ["| run | signals | commands | slowest end | |", "|---|---|---:|---:|---|"]
+    for row in rows:
+        cells = (row["name"], row["figure"], row["cases"], f"{row['slowest']:g} s", outcome(row))
+        lines.append(f"| {' | '.join(map(str, cells))} |")
+    return "\n".join(lines)
+
+
 def ways(rows: Sequence[dict[str, Any]]) -> str:
     """The determinism matrix."""
     lines = ["| what varies | values | runs | digest |", "|---|---|---:|---|"]
@@ -97,4 +106,4 @@ def loads(rows: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-TABLES: Final = {"faults": faults, "determinism": ways, "load": loads}
+TABLES: Final = {"faults": faults, "kills": kills, "determinism": ways, "load": loads}

@@ -5,11 +5,19 @@ from __future__ import annotations
 import os
 import random
 import signal
-from pathlib import Path
 from time import sleep
 
 from tests.running.commands import workers
-from tests.torture.lab import REAL, SLOW, Lab, assert_refused, communicate, start, under_way
+from tests.torture.lab import (
+    REAL,
+    SLOW,
+    Lab,
+    assert_refused,
+    communicate,
+    recorded_generations,
+    start,
+    under_way,
+)
 
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # what a command makes a clean stop of
 ENDING = (signal.SIGKILL, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)
@@ -158,8 +166,3 @@ def lost_machine(lab: Lab) -> None:
         process.communicate()
         lab.cases += 1
     lab.assert_finishes(home, LONG)
-
-
-def recorded_generations(home: Path) -> int:
-    """The number of generations of the run below a folder."""
-    return sum(f.read_bytes().count(b"\n") for f in (home / "runs").rglob("generations.jsonl"))

@@ -17,6 +17,7 @@ from tests.torture import __main__ as torture
 from tests.torture import page
 from tests.torture.__main__ import PARTS, main, rows
 from tests.torture.disks import limited
+from tests.torture.kills import EVALUATORS, SEARCHES, killed
 from tests.torture.lab import QUICK, Lab, Missing, assert_refused, records
 
 
@@ -82,6 +83,15 @@ def test_an_unknown_part(capsys: pytest.CaptureFixture[str]) -> None:
         main(["fault"])
     assert stopped.value.code == 2
     assert "there is no part fault; there are faults, " in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc and /dev/shm")
+@pytest.mark.parametrize("evaluator", EVALUATORS)
+@pytest.mark.parametrize("search", SEARCHES)
+def test_killed_and_stopped_runs_end_the_same(search: str, evaluator: str, tmp_path: Path) -> None:
+    """Each signal of the kill matrix once: the same bytes, and nothing is left."""
+    killed(search, evaluator, rounds=1)(Lab(tmp_path))
 
 
 @pytest.mark.slow
