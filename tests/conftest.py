@@ -11,7 +11,6 @@ from typing import Final
 import hypothesis
 import pytest
 
-from islandgp.tracking import artifacts
 from islandgp.tracking.sender import sender
 from islandgp.viewer import page_file
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
@@ -66,7 +65,6 @@ def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     """Skips the replay of the best robot's episode, which takes longer than a small run."""
     if request.node.get_closest_marker("replay") is None:
         monkeypatch.setattr(page_file, "champion_replay", lambda _: "")
-        monkeypatch.setattr(artifacts, "champion_replay", lambda _: "a replay")
 
 
 @pytest.fixture(autouse=True)

@@ -22,7 +22,7 @@ from islandgp.trust import must_have_no_links
 
 NAME: Final = "manifest.json"
 
-UNLISTED: Final = frozenset({NAME, "tracking.json", "checkpoint.json", "checkpoint.previous.json"})
+UNLISTED: Final = frozenset({NAME, "checkpoint.json", "checkpoint.previous.json"})
 """Files without an entry, as they change or are removed after the end. Hidden files have none."""
 
 REQUIRED: Final = (

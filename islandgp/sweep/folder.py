@@ -2,7 +2,6 @@
 
 sweep.json      the jobs: one entry each; later commands add to it
 <job>/          each job's run (records.folder)
-tracking.json   the MLflow run that is the parent of all jobs
 """
 
 from __future__ import annotations
@@ -102,7 +101,7 @@ class SweepFolder:
     def read(self) -> SweepFile | None:
         """The content of sweep.json; None if there is none. Raises RunError if it is damaged."""
         path = self.path / "sweep.json"
-        for file in (path, self.path / ".lock", self.path / "tracking.json"):
+        for file in (path, self.path / ".lock"):
             must_be_no_link(file)
         if not path.exists():
             return None

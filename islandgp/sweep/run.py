@@ -33,7 +33,7 @@ from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
 from islandgp.sweep.job import sweep_entry, sweep_job
 from islandgp.sweep.progress import Start, Watch
-from islandgp.tracking.summary import arm_lines, arms
+from islandgp.sweep.summary import arm_lines, arms
 
 Job = Callable[[DictConfig], Any]
 """The function that Hydra calls for each job."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +9,10 @@ from typing import Any, Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
-from islandgp.records.files import FITNESS_KEYS, RunMetadata, fallback_words, validation_mean
+from islandgp.records.files import PAGE, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import in_points, title
-from islandgp.viewer.champion import champion_replay
-from islandgp.viewer.run_page import NAME_OF_PAGE, embedded_replay
+from islandgp.viewer.run_page import embedded_replay
 
 FILES: Final = (
     "best.bt",
@@ -24,15 +22,11 @@ FILES: Final = (
     "summary.json",
     "archive.json",
     "manifest.json",
-    "run.html",
+    PAGE,
     "transcript.jsonl",
 )
 """Files of the folder that are sent unchanged. Without error.txt, whose content is in the note:
 MLflow cannot delete a file, and a failed run may be resumed."""
-
-TABLE: Final = "generations.json"  # in the form of MLflow's log_table
-DECIMALS: Final = {**dict.fromkeys(FITNESS_KEYS, 1), "diversity": 3, "working": 3}
-"""Its rounded columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,43 +42,13 @@ def artifacts(folder: RunFolder) -> Iterator[Artifact]:
     for name in FILES:
         if (file := folder.path / name).exists():
             yield Artifact(name, file)
-    # Without individuals, which take most of the memory of a long run.
-    records = [{key: r[key] for key in ("snapshot", "guidance")} for r in folder.records()]
-    if records:
-        yield Artifact(TABLE, lambda: json.dumps(table(records)))
     if (best := folder.path / "best.bt").exists():
         text = best.read_text(encoding="utf-8")
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
-    if folder.finished():
-        yield Artifact("replay.html", lambda: replay(folder))
-
-
-def replay(folder: RunFolder) -> str:
-    """The replay page of a finished run's best robot: that of the run's page, or a new one."""
-    file = folder.path / NAME_OF_PAGE
-    text = file.read_text(encoding="utf-8") if file.exists() else ""
-    return embedded_replay(text) or champion_replay(folder)
-
-
-def table(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The table of the run in MLflow: one row per generation."""
-    rows = []
-    for record in records:
-        s, guidance = record["snapshot"], record["guidance"] or {}
-        texts = ("crisis", "source", "phase", "pattern", "target")
-        rows.append(
-            {
-                "generation": s["generation"],
-                **{name: round(s[FITNESS_KEYS.get(name, name)], n) for name, n in DECIMALS.items()},
-                **s["tiers"],
-                **s["specialists"],
-                "rate": round(s["rate"], 3),
-                **{name: guidance.get(name) or "" for name in texts},
-                "injected": guidance.get("injected", False),
-            }
-        )
-    return {"columns": list(rows[0]), "data": [list(row.values()) for row in rows]}
+    page = folder.path / PAGE
+    if page.exists() and (replay := embedded_replay(page.read_text(encoding="utf-8"))):
+        yield Artifact("replay.html", lambda: replay)
 
 
 def _points(summary: Mapping[str, Any]) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -14,10 +13,10 @@ from filelock import FileLock
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.tracking.store import ARM, Store, metric, valid_names
-from islandgp.tracking.summary import ArmSummary, arm_table, arms, sweep_note
-from islandgp.tracking.sync_state import LOCK, SyncState, read_state, write_state
+from islandgp.sweep.summary import ArmSummary, arm_table, arms, sweep_note
+from islandgp.tracking.store import ARM, LOCK, SENT, Store, metric, run_key, valid_names
 
+CURVES: Final = "islandgp.curves"  # tag with the digest of the jobs in the curves
 MAX_ARM: Final = 180  # characters of an arm's name in a metric name, which MLflow limits to 250
 
 
@@ -28,11 +27,12 @@ def parent_run(folder: Path, store: Store) -> str | None:
     if file is None or folder.name not in {job.folder for job in file.jobs}:
         return None
     with FileLock(sweep.path / LOCK):
-        state = _parent(sweep, file, store)
-        if state.done and sweep.at_work():
-            store.client.update_run(state.run, status=Status.RUNNING)
-            write_state(sweep.path, replace(state, done=""))
-        return state.run
+        run = store.find(file.id)
+        if run is None:
+            return _create(sweep, file, store)
+        if run.info.status != Status.RUNNING and sweep.at_work():
+            store.client.update_run(run.info.run_id, status=Status.RUNNING)
+        return str(run.info.run_id)
 
 
 def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
@@ -45,52 +45,42 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         return None
     summaries = arms(sweep, file)
     key = _digest(summaries)
+    done = f"{status} {key}"
     with FileLock(sweep.path / LOCK):
-        state = _parent(sweep, file, store)
-        if status is Status.RUNNING or state.done == f"{status} {key}":
-            return state.run
-        if state.identity not in ("", key):  # its curves are of other jobs, and cannot be deleted
-            store.client.delete_run(state.run)
-            state = _create(sweep, file, store)
-            write_state(sweep.path, state)
+        found = store.find(file.id)
+        run = _create(sweep, file, store) if found is None else str(found.info.run_id)
+        tags = {} if found is None else found.data.tags
+        is_sent = found is not None and (found.info.status, tags.get(SENT)) == (status, done)
+        if status is Status.RUNNING or is_sent:
+            return run
+        if tags.get(CURVES, key) != key:  # its curves are of other jobs, and cannot be deleted
+            store.client.delete_run(run)
+            run = _create(sweep, file, store)
         end_ms = _end_time(sweep, file)
-        store.client.set_terminated(state.run, status, end_ms)
-        if status is Status.FINISHED and state.identity != key:
-            curves = [metric(name, value, end_ms, step) for name, value, step in _curves(summaries)]
-            store.log_metrics(state.run, curves)
-            store.log_parameters(state.run, _parameters(sweep, file))
-            state = replace(state, identity=key)
         client = store.client
-        client.set_tag(state.run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
-        client.log_text(state.run, arm_table(summaries), "arms.md")
-        client.log_artifact(state.run, str(sweep.path / "sweep.json"))
+        client.set_terminated(run, status, end_ms)
+        if status is Status.FINISHED:
+            client.set_tag(run, CURVES, key)
+            curves = [metric(name, value, end_ms, step) for name, value, step in _curves(summaries)]
+            store.log_metrics(run, curves)
+            store.log_parameters(run, _parameters(sweep, file))
+        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
+        client.log_text(run, arm_table(summaries), "arms.md")
+        client.log_artifact(run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
-            child = read_state(sweep.path / job.folder)
-            if child is not None and child.uri == state.uri:
-                store.client.set_tag(child.run, "mlflow.parentRunId", state.run)
-                store.client.set_tag(child.run, ARM, file.arm(job))
-        write_state(sweep.path, replace(state, done=f"{status} {key}"))
-        return state.run
+            about = sweep.run(job).about()
+            child = None if about is None else store.find(run_key(about))
+            if child is not None:
+                client.set_tag(child.info.run_id, "mlflow.parentRunId", run)
+                client.set_tag(child.info.run_id, ARM, file.arm(job))
+        client.set_tag(run, SENT, done)
+        return run
 
 
-def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
-    state, place = read_state(sweep.path), store.place
-    if state is None or not state.is_in(place, state.identity):
-        state = SyncState(place.uri, place.experiment, "", "")
-    run = store.find(file.id, state.run)
-    if run is None:
-        state = _create(sweep, file, store)
-    elif run.info.run_id != state.run:
-        state = SyncState(place.uri, place.experiment, "", str(run.info.run_id))
-    write_state(sweep.path, state)
-    return state
-
-
-def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> SyncState:
+def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> str:
     name, command = sweep.path.name, file.commands[-1]
     tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
-    run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
-    return SyncState(store.place.uri, store.place.experiment, "", run)
+    return store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
 
 
 def _digest(arms: list[ArmSummary]) -> str:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from mlflow.entities import Metric, Run
     from mlflow.tracking import MlflowClient
 
+    from islandgp.records.files import RunMetadata
+
 SQLITE: Final = "sqlite:///"
 POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
@@ -38,6 +40,8 @@ MAX_PARAMETER: Final = 6000  # MLflow's limit of characters a parameter
 MAX_NAME: Final = 250  # MLflow's limit of characters of a name
 INVALID: Final = re.compile(r"[^\w. :/-]")  # characters that MLflow rejects in names
 KEY: Final = "islandgp.id"  # tag with the key of a run
+SENT: Final = "islandgp.sent"  # tag with status and number of generations when all was sent
+LOCK: Final = ".tracking.lock"  # in a folder whose records are sent
 ARM: Final = "islandgp.sweep.arm"
 """The tag with the name of a run's arm in its sweep.
 
@@ -191,8 +195,8 @@ class Store:
         while batch := [Param(k, v[:MAX_PARAMETER]) for k, v in islice(waiting, PARAMETERS)]:
             self.client.log_batch(run, params=batch)
 
-    def find(self, key: str, known: str = "") -> Run | None:
-        """Finds the run with the key `key`; of several that with the id `known` or the most data.
+    def find(self, key: str) -> Run | None:
+        """Finds the run with the key `key`; of several the one with the most data.
 
         A server may carry out a request to create a run after the client has given up and sent
         another one. Such duplicates without data are deleted.
@@ -201,9 +205,8 @@ class Store:
         if not runs:
             return None
 
-        def fullness(run: Run) -> tuple[bool, int, int, str]:
-            data = run.data
-            return run.info.run_id == known, len(data.metrics), len(data.params), run.info.run_id
+        def fullness(run: Run) -> tuple[int, int, str]:
+            return len(run.data.metrics), len(run.data.params), run.info.run_id
 
         run, *others = sorted(runs, key=fullness, reverse=True)
         for other in others:
@@ -214,6 +217,11 @@ class Store:
     def last_step(self, run: str, metric: str) -> int:
         """The last step logged of a metric; -1 when there is none."""
         return max((m.step for m in self.client.get_metric_history(run, metric)), default=-1)
+
+
+def run_key(about: RunMetadata) -> str:
+    """The key of a run for `Store.find`; a folder has another run after `resume=force`."""
+    return f"{about.id}.{about.identity}"
 
 
 def metric(key: str, value: float, at: int, step: int) -> Metric:

@@ -13,7 +13,7 @@ from islandgp.sweep.folder import SweepFolder
 from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.place import place_of
 from islandgp.tracking.store import Place, Store
-from islandgp.tracking.upload import RunUploader, must_be_sendable
+from islandgp.tracking.upload import RunUploader
 
 
 @dataclass(slots=True)
@@ -56,10 +56,10 @@ def sync(
                 continue
             where = with_credentials.get(where, where)
             sweeps[folder.path.parent] = where
-            status = folder.status()
-            must_be_sendable(folder, status)
+            if folder.finished():
+                folder.must_be_sound()  # before a store is made for it
             uploader = RunUploader(folder, _store(stores, where), alive)
-            uploader.send(status)
+            uploader.send(folder.status())
             (done.sent if uploader.has_sent else done.known).append(folder.path)
             alive()
         except Exception as error:  # a store may fail in any way, and a folder be damaged

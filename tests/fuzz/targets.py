@@ -49,7 +49,6 @@ from islandgp.supervision.llm.settings import Caps, RateSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.llm.wire import read_message, retry_after
 from islandgp.supervision.replay import Replay, ReplaySettings
-from islandgp.tracking.sync_state import read_state
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.samples import DECISION as DECIDED
@@ -208,16 +207,12 @@ def runs() -> tuple[Path, Path]:
     """A finished run's folder, and one of a run that was stopped."""
     complete = closed_run(place() / "made/whole", place()).path
     stopped = closed_run(place() / "made/stopped", place(), 3).path
-    for folder in (complete, stopped):
-        sync_state = {"uri": "sqlite:///m.db", "experiment": "e", "identity": "i1", "run": "r"}
-        (folder / "tracking.json").write_bytes(as_json(sync_state))
     return complete, stopped
 
 
 FILES: Final = (
     "generations.jsonl", "summary.json", "about.json", "config.yaml", "costs.jsonl",
-    "generations.sha256", "checkpoint.json", "checkpoint.previous.json", "tracking.json",
-    "best.bt",
+    "generations.sha256", "checkpoint.json", "checkpoint.previous.json", "best.bt",
 )  # fmt: skip
 
 
@@ -262,7 +257,6 @@ def records(data: bytes) -> bool:
     shutil.copytree(runs()[1 - int(finished)], folder)
     (folder / name).write_bytes(body)
     accepted = 0
-    read_state(folder)
     verify(RunFolder(folder))
     for reader in READERS:
         try:

@@ -20,6 +20,7 @@ from islandgp.experiment import recorded_decisions
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
 from islandgp.tracking.place import place_from
+from islandgp.tracking.store import Store
 from islandgp.tracking.sync import sync
 from islandgp.trust import code_in, is_trusted, must_trust_code, trust, trust_folder, trusting
 from tests.composed import plain
@@ -184,7 +185,8 @@ def test_sync_as_a_function_refuses_as_well(original: Path, tmp_path: Path) -> N
     run = stranger(original, tmp_path / "run")
     report = sync(run, place_from("sqlite:///mlflow.db", "islandgp"))
     assert isinstance(report.failed[run], UntrustedError)
-    assert not (tmp_path / "mlflow.db").exists()
+    store = Store(place_from("sqlite:///mlflow.db", "islandgp"))
+    assert store.client.search_runs([store.experiment]) == []
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from islandgp.tracking.metrics import final_metrics, metrics
-from islandgp.tracking.sync_state import FILE
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
@@ -157,7 +156,7 @@ def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
 
 def test_the_files_of_a_run_are_all_named() -> None:
     """The table of the folder names each file that a run leaves."""
-    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", FILE, *CHECKS}:
+    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", *CHECKS}:
         assert f"`{name}`" in TEXT, name
 
 

@@ -12,10 +12,9 @@ from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
+from islandgp.sweep.summary import arm_table, arms
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
-from islandgp.tracking.store import Store
-from islandgp.tracking.summary import arm_table, arms
-from islandgp.tracking.sync_state import read_state
+from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, closed_run
 
@@ -136,8 +135,6 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
     assert first is not None
     assert parent_run(home / "runs/s/two", store) == first
     assert parent_run(home / "runs/s/three", store) is None
-    (home / "runs/s/tracking.json").unlink()
-    assert parent_run(home / "runs/s/two", store) == first
 
 
 def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
@@ -161,9 +158,11 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
-        child = read_state(sweep.path / entry.folder)
+        about = sweep.run(entry).about()
+        assert about is not None
+        child = store.find(run_key(about))
         assert child is not None
-        assert store.client.get_run(child.run).data.tags["mlflow.parentRunId"] == parent
+        assert child.data.tags["mlflow.parentRunId"] == parent
 
 
 def test_a_sweep_that_goes_on_keeps_its_parent(home: Path, store: Store) -> None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from mlflow.entities import Run
 
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
-from islandgp.tracking.store import Store
-from islandgp.tracking.sync_state import read_state, write_state
+from islandgp.tracking.store import SENT, Store, run_key
 from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, closed_run, history, place, steps
 
@@ -21,11 +21,13 @@ def maxima(generations: int) -> list[tuple[int, float]]:
     return [(i, step.record.snapshot.best) for i, step in enumerate(steps()[:generations])]
 
 
-def run_of(store: Store, folder: RunFolder) -> object:
+def run_of(store: Store, folder: RunFolder) -> Run:
     """The folder's MLflow run."""
-    state = read_state(folder.path)
-    assert state is not None
-    return store.client.get_run(state.run)
+    about = folder.about()
+    assert about is not None
+    run = store.find(run_key(about))
+    assert run is not None
+    return run
 
 
 def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> None:
@@ -53,16 +55,16 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
     assert history(store, run) == maxima(1)
 
 
-def test_nothing_is_doubled_when_the_memory_of_sending_is_lost(home: Path, store: Store) -> None:
-    """Without tracking.json, or with one that knows too little, the store itself is asked."""
+def test_nothing_is_doubled_after_an_end_that_was_cut_off(home: Path, store: Store) -> None:
+    """The last request sets a tag; without it, the end is sent again."""
     folder = closed_run(home / "runs/a/one", home)
     run = RunUploader(folder, store).send(Status.FINISHED)
-    state = read_state(folder.path)
-    assert state is not None
-    (folder.path / "tracking.json").unlink()
-    assert RunUploader(folder, store).send(Status.FINISHED) == run
-    write_state(folder.path, replace(state, generations=2, done=""))
-    assert RunUploader(folder, store).send(Status.FINISHED) == run
+    assert run_of(store, folder).data.tags[SENT] == "FINISHED 5"
+    store.client.delete_tag(run, SENT)
+    for sends in (True, False):
+        uploader = RunUploader(folder, store)
+        assert uploader.send(Status.FINISHED) == run
+        assert uploader.has_sent is sends
     assert history(store, run) == maxima(5)
     assert len(store.client.search_runs([store.experiment])) == 1
 
@@ -107,7 +109,6 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "best.svg",
         "config.yaml",
         "costs.jsonl",
-        "generations.json",
         "generations.jsonl",
         "lineage.csv",
         "manifest.json",
