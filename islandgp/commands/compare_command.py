@@ -182,17 +182,12 @@ def _available(runs: Path, name: str | None) -> list[RunEntry]:
 
 
 def _results(report: ComparisonReport) -> list[str]:
-    """The primary endpoint, the claims and further questions, as lines for a terminal.
-
-    For a domain without a publication, the comparisons of the first pair replace the claims.
-    """
+    """The primary endpoint, the first two arms and further questions, as lines for a terminal."""
     lines: list[str] = []
     for table in report.tables:
-        if table.key in ("primary", "claims") or table.key.startswith("questions"):
+        if table.key == "primary" or table.key.startswith("questions"):
             lines += ["", table.title, *_lines(table)]
-    if not any(table.key == "claims" for table in report.tables):
-        lines += _tests(report)
-    return lines
+    return [*lines, *_tests(report)]
 
 
 def _lines(table: Table) -> Iterator[str]:
@@ -201,7 +196,7 @@ def _lines(table: Table) -> Iterator[str]:
         if table.key == "primary":
             question, p = row["unit"], f"p {row['p, not adjusted']}"
         else:
-            question = row.get("Claim") or f"{row['Arms']}: {row['measure']}"
+            question = f"{row['Arms']}: {row['measure']}"
             p = f"p BH {row['p BH']}"
         yield f"  {question:<47} {row['difference [95 %]']:>28}  {p:<13} {row['verdict']}"
 

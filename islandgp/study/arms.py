@@ -19,7 +19,6 @@ from islandgp.gp.record import (
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.study.paper import Claim, PublishedFigures
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +113,6 @@ class Comparison:
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # further notes for the reader
     sources: tuple[str, ...]  # folders or stores of the runs
-    paper: PublishedFigures | None = None  # published figures of such runs
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -125,11 +123,6 @@ class Comparison:
     def classes(self) -> Classes:
         """The classes; behaviours and tiers have the same names in all arms."""
         return self.arms[0].runs[0].classes
-
-    @property
-    def claims(self) -> tuple[Claim, ...]:
-        """The claims of the published figures; () without any."""
-        return self.paper.claims if self.paper else ()
 
     @property
     def milestones(self) -> tuple[str, ...]:

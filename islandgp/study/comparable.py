@@ -13,7 +13,6 @@ from islandgp.errors import StudyError
 from islandgp.records.parameters import runtime_keys
 from islandgp.study.arms import Arm, Comparison, Run, cut
 from islandgp.study.episodes import cost_warnings
-from islandgp.study.paper import paper_of
 from islandgp.study.select import in_short
 from islandgp.study.texts import note
 
@@ -78,7 +77,6 @@ def compare_arms(
             + "\n  ".join(shorten(line, width=400, placeholder=" ...") for line in warnings)
             + f"\n{_REMEDIES['curriculum' if 'curriculum.' in str(warnings) else 'runs']}"
         )
-    papers = [paper_of(run.config) for arm in arms for run in arm.runs]
     horizon = min(arm.generations for arm in arms)
     shortened = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
     return Comparison(
@@ -92,7 +90,6 @@ def compare_arms(
             *notes,
         ),
         sources=tuple(sources),
-        paper=papers[0] if all(paper == papers[0] for paper in papers) else None,
     )
 
 

@@ -10,13 +10,11 @@ from typing import Final
 from islandgp.errors import StudyError
 from islandgp.study.arms import Comparison
 from islandgp.study.measures import MUTATION, TABLE_12, all_measures, main_family
-from islandgp.study.paper import FILE
 from islandgp.study.texts import note
 
 Pair = tuple[str, str]
 
-CLAIMS: Final = "the paper's claims"
-FIRST: Final = "the first two arms"  # name of CLAIMS without a publication
+FIRST: Final = "the first two arms"
 LIBRARY: Final = "arms that inject trees"
 REST: Final = "other pairs"
 
@@ -79,16 +77,16 @@ def parse_plan(
     for option, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
         if twice := [key for key in dict.fromkeys(keys) if keys.count(key) > 1]:
             raise StudyError(f"Expected each {option} once, found {twice[0]} twice; leave one out.")
-    if {CLAIMS, FIRST, REST} & set(dict(named)):
+    if {FIRST, REST} & set(dict(named)):
         raise StudyError(
-            f"Expected other names for families than {CLAIMS!r}, {FIRST!r} and {REST!r}, which are"
-            " taken; choose another name."
+            f"Expected other names for families than {FIRST!r} and {REST!r}, which are taken;"
+            " choose another name."
         )
     return AnalysisPlan(dict(named), primary, dict(bounds))
 
 
 def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
-    """Raises StudyError if an arm or a measure of a plan or of a claim does not exist."""
+    """Raises StudyError if an arm or a measure of a plan does not exist."""
     for name, members in plan.families.items():
         for arm in members:
             if arm not in study.names:
@@ -99,7 +97,6 @@ def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
     keys = [m.key for m in all_measures(study)]
     named = [("--primary", plan.primary)] if plan.primary is not None else []
     named += [("--margin", key) for key in plan.margins]
-    named += [(f"a claim of {FILE}", claim.measure) for claim in study.claims]
     for place, key in named:
         if key not in keys:
             raise StudyError(
@@ -111,9 +108,9 @@ def check_plan(plan: AnalysisPlan, study: Comparison) -> None:
 def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     """The families of a comparison; every pair of arms is in one of them.
 
-    The first family is the first pair, for the paper's claims (Tables 9 to 12). The plan's families
+    The first family is the first pair, by the measures of Tables 9 to 12. The plan's families
     follow; without any, the arms that inject trees are a family. The last family has all other
-    pairs. A pair belongs to the first family with both arms. Except for the claims, the measures of
+    pairs. A pair belongs to the first family with both arms. Except for the first, the measures of
     a family are those with a margin, if the plan has margins.
 
     Raises:
@@ -122,7 +119,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
     paper = frozenset(m.key for m in (*main_family(study.milestones), *TABLE_12, MUTATION))
     measures = frozenset(plan.margins) or paper
     remaining = [(a.name, b.name) for a, b in study.pairs]
-    result = [Family(CLAIMS if study.paper else FIRST, (remaining.pop(0),), paper)]
+    result = [Family(FIRST, (remaining.pop(0),), paper)]
     inject = [a for a in study.arms if any(g.injected for run in a.runs for g in run.guidance)]
     injecting = {LIBRARY: tuple(arm.name for arm in inject)}
     for name, arms in (plan.families or injecting).items():
@@ -132,7 +129,7 @@ def families(study: Comparison, plan: AnalysisPlan) -> tuple[Family, ...]:
         elif plan.families:
             raise StudyError(
                 f"Expected pairs of arms in --family {name} that are in no family before it, found"
-                " none; the first pair of arms belongs to the paper's claims."
+                " none; the first pair of arms is a family by itself."
             )
         remaining = [pair for pair in remaining if pair not in pairs]
     if remaining:

@@ -8,7 +8,7 @@ from functools import partial
 
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.comparable import paired
-from islandgp.study.figures import emergence, episodes, generations, newcomers, profiles, trees
+from islandgp.study.figures import emergence, episodes, generations, newcomers, profiles
 from islandgp.study.figures.drawing import Picture
 from islandgp.study.findings import Finding, examine_all, finding
 from islandgp.study.generalise import Control, Generalisation
@@ -71,8 +71,7 @@ def build(
     plan: AnalysisPlan = DEFAULT_PLAN,
 ) -> ComparisonReport:
     """Build the report; `unseen` and `controls` are empty if they were left out."""
-    claimed = (claim.measure for claim in study.claims)
-    requested = {*plan.margins, *filter(None, [plan.primary]), *claimed}
+    requested = {*plan.margins, *filter(None, [plan.primary])}
     findings = examine_all(study, families(study, plan), examined(study, requested))
     robots = f"{' and '.join(map(title, study.milestones))} {study.classes.agent}s"
     first_pair = study.names[0], study.names[1]
@@ -90,11 +89,6 @@ def build(
         "What was compared": _compared(study),
         "Controls without evolution": [
             champions.controls_table(study, controls) if with_library else None
-        ],
-        "The paper's claims": [
-            claims.claims_table(findings, first_pair, study.paper, plan.margins)
-            if study.paper and study.claims
-            else None
         ],
         "Further questions": _questions(study, plan, findings),
         "Scores of the best robots": _scores(study, of_champions, rows),
@@ -139,12 +133,6 @@ def build(
         ],
         "Specialists (section 3.8)": [champions.specialists_table(study)],
         "Overhead (section 3.9)": [supervision.overhead_table(study)],
-        "Trees (section 3.10)": [
-            trees.drawn(specimens)
-            if (specimens := trees.early_injected(study))
-            else "No arm injects trees, so there is no Figure 9.",
-            trees.drawn(trees.late_evolved(study)),
-        ],
         "Beyond the paper": _beyond(study, unseen, worlds),
         "How the statistics are done": [
             note("methods"),

@@ -33,7 +33,7 @@ class Table:
 
     key: str  # file name without extension
     title: str
-    columns: tuple[str, ...]  # a heading with the prefix paper.MARK is of published figures
+    columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 

@@ -17,7 +17,6 @@ from islandgp.study.emergence import quantile
 from islandgp.study.findings import Finding
 from islandgp.study.generalise import Generalisation
 from islandgp.study.measures import OVERHEAD, Measure, all_measures
-from islandgp.study.paper import MARK
 from islandgp.study.report import ComparisonReport
 from islandgp.study.table import CsvRow, interval_values, known, to_csv, values_csv
 from islandgp.study.tables.scores import scores_csv
@@ -46,7 +45,6 @@ def _template(name: str) -> Template:
         undefined=StrictUndefined,
         keep_trailing_newline=True,
     )
-    environment.globals["mark"] = MARK
     environment.filters["unbroken"] = _unbroken
     environment.filters["literal"] = lambda text: text.replace("*", "\\*")
     environment.filters["base64"] = lambda text: b64encode(text.encode()).decode()

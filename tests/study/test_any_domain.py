@@ -17,7 +17,7 @@ from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import Generalisation, generalise
 from islandgp.study.library import library_names
 from islandgp.study.report import ComparisonReport, build
-from islandgp.study.writing import runs_csv, to_markdown, to_page
+from islandgp.study.writing import runs_csv, to_markdown
 from islandgp.trust import trust, trusting
 from tests.samples import CLASSES
 from tests.study.fake_runs import config, fake_arm, fake_run, guidance, individual
@@ -97,16 +97,10 @@ def test_every_milestone_behaviour_and_component_has_its_row(report: ComparisonR
     assert runs_csv(compare_arms(_arms())).startswith("arm,seed")
 
 
-def test_no_paper_is_quoted_where_there_is_none(report: ComparisonReport) -> None:
-    """No column of published figures, no claims, no note of where they come from."""
-    assert not any(c.startswith("paper*") for t in report.tables for c in t.columns)
-    assert not any(t.key.startswith("claims") for t in report.tables)
-    assert not any("another simulator" in note for t in report.tables for note in t.notes)
-    assert "the paper's claims" not in to_page(report)
-    assert (
-        "Family 'the first two arms': expert and baseline, each by 16 measures"
-        in (report.sections[-1].items[1])
-    )
+def test_the_first_two_arms_are_a_family(report: ComparisonReport) -> None:
+    """By the measures of Tables 9 to 12."""
+    family = "Family 'the first two arms': expert and baseline, each by 16 measures"
+    assert family in report.sections[-1].items[1]
 
 
 def test_unseen_worlds_need_the_domain() -> None:
@@ -128,18 +122,6 @@ def test_no_word_of_the_island_is_in_the_report(report: ComparisonReport) -> Non
     } - {"patrol", "distance", "inactive", "battery", "idle"}
     text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", to_markdown(report)).lower()
     assert {name for name in names if re.search(rf"\b{name.lower()}\b", text)} == set()
-
-
-def test_a_paper_is_quoted_only_for_its_classes() -> None:
-    """A specialist by another ratio is another thing than the paper's."""
-    runs = [[fake_run(n, s, generations=4) for s in (0, 1)] for n in ("expert", "baseline")]
-    other = [
-        [fake_run(n, s, generations=4, classes__specialists__dominance_ratio=3.0) for s in (0, 1)]
-        for n in ("expert", "baseline")
-    ]
-    for two, quoted in ((runs, True), (other, False)):
-        arms = [fake_arm(n, r) for n, r in zip(("expert", "baseline"), two, strict=True)]
-        assert (compare_arms(arms).paper is not None) is quoted
 
 
 def test_library_trees_have_the_names_of_the_run_s_folder(tmp_path: Path) -> None:

@@ -17,21 +17,13 @@ from islandgp.study.aggregates import EXACT_PAIRS
 from islandgp.study.arms import Comparison
 from islandgp.study.comparable import compare_arms
 from islandgp.study.figures.drawing import Picture
-from islandgp.study.figures.trees import (
-    Specimen,
-    early_injected,
-    late_evolved,
-)
 from islandgp.study.generalise import Generalisation
-from islandgp.study.library import library_names
-from islandgp.study.paper import Claim
 from islandgp.study.plan import DEFAULT_PLAN, check_plan, families, parse_plan
 from islandgp.study.report import ComparisonReport, build
 from islandgp.study.table import Table
 from islandgp.study.tables.scores import champion_rows, champion_scores
-from islandgp.study.texts import title_and_caption
 from islandgp.study.writing import to_page, write
-from tests.study.fake_runs import TREE, config, fake_arm, fake_run, guidance, individual
+from tests.study.fake_runs import TREE, fake_arm, fake_run, guidance, individual
 
 
 def _study(*names: str, force: bool = False) -> Comparison:
@@ -72,7 +64,6 @@ def _study(*names: str, force: bool = False) -> Comparison:
     return compare_arms(arms, force=force)
 
 
-TREES = ("figure-9", "figure-10")
 HALF = {"complete": 0.5, "excellent": 0.1}
 UNSEEN = (
     *(
@@ -103,12 +94,12 @@ def report_and_folder(tmp_path_factory: pytest.TempPathFactory) -> tuple[Compari
 def test_every_table_and_figure_of_the_paper_is_there(
     report_and_folder: tuple[ComparisonReport, Path],
 ) -> None:
-    """Tables 9-14, Figures 4-10, and those beyond the paper."""
+    """Tables 9-14, Figures 4-8, and those beyond the paper."""
     report, _ = report_and_folder
     tables, pictures = {t.key for t in report.tables}, {p.key for p in report.pictures}
     assert {f"table-{n}" for n in range(9, 15)} | {"table-11-runs"} <= tables
-    assert {"claims", "medians", "power", "lineage", "sources", "generalisation"} <= tables
-    assert {f"figure-{n}" for n in range(4, 11)} <= pictures
+    assert {"medians", "power", "lineage", "sources", "generalisation"} <= tables
+    assert {f"figure-{n}" for n in range(4, 9)} <= pictures
     assert {"components", "classes", "diversity", "lineage", "emergence-curves"} <= pictures
 
 
@@ -140,13 +131,10 @@ def test_files_of_the_report(tmp_path: Path) -> None:
         )
     assert all((folder / f"tables/{t.key}.csv").stat().st_size for t in report.tables)
     for picture in report.pictures:
-        if picture.key not in TREES:
-            assert (folder / f"figures/{picture.key}.png").read_bytes().startswith(b"\x89PNG")
+        assert (folder / f"figures/{picture.key}.png").read_bytes().startswith(b"\x89PNG")
         assert "<svg" in (folder / f"figures/{picture.key}.svg").read_text()
     links = re.findall(r"\]\((figures/[^)]+)\)", (folder / "report.md").read_text())
-    assert sorted(links) == sorted(
-        f"figures/{p.key}.{'svg' if p.key in TREES else 'png'}" for p in report.pictures
-    )
+    assert sorted(links) == sorted(f"figures/{p.key}.png" for p in report.pictures)
     assert all((folder / link).exists() for link in links)
 
 
@@ -157,13 +145,6 @@ def test_the_page_needs_no_other_file(report_and_folder: tuple[ComparisonReport,
     assert sources
     assert all(s.startswith(("data:image/svg+xml;base64,", "#")) for s in sources)
     assert "<script" not in page
-
-
-def test_the_paper_s_figures_are_marked(report_and_folder: tuple[ComparisonReport, Path]) -> None:
-    """Each table with the paper's figures has a note that they come from another simulator."""
-    for table in report_and_folder[0].tables:
-        if any(column.startswith("paper*") for column in table.columns):
-            assert any("another simulator" in note for note in table.notes)
 
 
 def test_never_is_never_a_number(report_and_folder: tuple[ComparisonReport, Path]) -> None:
@@ -207,16 +188,14 @@ def test_medians_with_censored_runs(report_and_folder: tuple[ComparisonReport, P
     assert gap.startswith("\N{MINUS SIGN}\N{INFINITY}")
 
 
-def test_table_11_and_the_claims_give_the_restricted_difference(
+def test_table_11_gives_the_restricted_difference(
     report_and_folder: tuple[ComparisonReport, Path],
 ) -> None:
-    """Generations without one: 6.5 against 22.25, with an interval, in both tables."""
+    """Generations without one: 6.5 against 22.25, with an interval."""
     tables = {t.key: t for t in report_and_folder[0].tables}
     row = dict(zip(tables["table-11"].columns, tables["table-11"].rows[0], strict=True))
     cell = row["difference without one [95 %]"]
     assert cell.startswith("\N{MINUS SIGN}15.8 [")
-    claim = dict(zip(tables["claims"].columns, tables["claims"].rows[0], strict=True))
-    assert claim["difference [95 %]"] == cell
 
 
 def test_scores_of_the_best_robots(report_and_folder: tuple[ComparisonReport, Path]) -> None:
@@ -310,7 +289,7 @@ def test_champions_are_beside_the_reference_trees(
 
 @pytest.mark.usefixtures("blank")
 def test_families_are_by_question() -> None:
-    """The first pair answers the paper's claims; the other pairs are another family."""
+    """The first pair is a family; the other pairs are another one."""
     report = build(_study("expert", "baseline", "editor"), (), 0)
     assert len({f.arms for f in report.findings}) == 3
     keys = [t.key for t in report.tables]
@@ -320,8 +299,6 @@ def test_families_are_by_question() -> None:
     assert len(keys) == len(set(keys))
     table = next(t for t in report.tables if t.key == "table-9-expert-editor")
     assert "the family 'other pairs', 28 comparisons" in table.notes[1]
-    (claims,) = [t for t in report.tables if t.key == "claims"]
-    assert "the family 'the paper's claims', 14 comparisons" in claims.notes[1]
     (questions,) = [t for t in report.tables if t.key.startswith("questions")]
     assert len(questions.rows) == 28
     assert {row[0] for row in questions.rows} == {"expert minus editor", "baseline minus editor"}
@@ -342,7 +319,7 @@ def test_arms_that_inject_are_a_family_by_themselves() -> None:
     ]
     names = [(f.name, f.pairs) for f in families(compare_arms(arms), DEFAULT_PLAN)]
     assert names == [
-        ("the paper's claims", (("expert", "baseline"),)),
+        ("the first two arms", (("expert", "baseline"),)),
         ("arms that inject trees", (("expert", "editor"),)),
         ("other pairs", (("baseline", "editor"),)),
     ]
@@ -382,7 +359,7 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
         ((["=expert,baseline"], None, []), "Expected --family NAME=ARM,ARM"),
         ((["a=expert,expert"], None, []), "with two arms or more"),
         ((["a=expert,editor", "a=expert,editor"], None, []), "Expected each family once"),
-        ((["the paper's claims=expert,editor"], None, []), "Expected other names"),
+        ((["the first two arms=expert,editor"], None, []), "Expected other names"),
         ((["a=expert,nobody"], None, []), "found 'nobody'; there are expert, baseline, editor"),
         ((["a=expert,baseline"], None, []), "no family before it"),
         (([], "nothing", []), "Expected a measure in --primary, found 'nothing'; there are max"),
@@ -403,18 +380,6 @@ def test_a_plan_that_cannot_be_meant(
         check_plan(parse_plan(*options), study)
 
 
-def test_a_claim_must_name_a_measure() -> None:
-    """`paper.yaml` beside a domain is checked like the options, before anything is evaluated."""
-    study = _study("expert", "baseline")
-    assert study.paper is not None
-    claim = Claim(text="It is faster", measure="speed", direction=1)
-    paper = study.paper.model_copy(update={"claims": (claim,)})
-    with pytest.raises(StudyError, match=r"a claim of paper\.yaml, found 'speed'; there are max"):
-        check_plan(DEFAULT_PLAN, replace(study, paper=paper))
-    late = claim.model_copy(update={"measure": "first_complete_descendant"})
-    check_plan(DEFAULT_PLAN, replace(study, paper=paper.model_copy(update={"claims": (late,)})))
-
-
 @pytest.mark.usefixtures("blank")
 def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     """With one run each every table and figure is made, and no difference is called shown."""
@@ -423,8 +388,8 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
         for name, best in (("expert", 9.0), ("baseline", 1.0))
     ]
     report = build(compare_arms(arms), (), 0)
-    claims = next(t for t in report.tables if t.key == "claims")
-    assert not any("shown" in row[-1].replace("not shown", "") for row in claims.rows[:6])
+    result = " ".join(str(sentence) for sentence in report.sections[0].items[:-1])
+    assert "shown" not in result.replace("not shown", "")
     power = next(t for t in report.tables if t.key == "power")
     assert {row[2] for row in power.rows} == {"none"}
     over_runs = [t for t in report.tables if t.key != "table-13"]  # that one is over generations
@@ -447,63 +412,9 @@ def test_a_forced_comparison_is_marked_on_top() -> None:
 
 @pytest.mark.usefixtures("blank")
 def test_arms_without_supervision_leave_figures_out() -> None:
-    """Without patterns there is no Figure 8, without injection no Figure 9, and it is noted."""
+    """Without patterns there is no Figure 8."""
     report = build(_study("baseline", "editor"), (), 0)
-    keys = {p.key for p in report.pictures}
-    assert not {"figure-8", "figure-9"} & keys
-    assert "No arm injects trees, so there is no Figure 9." in to_page(report)
-
-
-def test_the_late_tree_is_one_that_was_bred() -> None:
-    """Figure 10 shows no tree that is still as the supervisor gave it, however fit it is."""
-    bred = "selector {\n  PatrolWaypoint\n  MoveToGarbage\n}\n"
-    population = [
-        individual("a", "injected", fitness=9_000.0),
-        individual("b", "elite", fitness=8_000.0),
-        individual("c", tree=bred, fitness=500.0),
-    ]
-    runs = [fake_run(populations=[population] * 41, guided=guidance(tree=TREE, injected=True))]
-    dull = [[individual("d", fitness=0.0)]] * 41
-    rivals = [fake_run("baseline", best=0.0, populations=dull)]
-    study = compare_arms([fake_arm("expert", runs), fake_arm("baseline", rivals)])
-    assert late_evolved(study).tree == bred
-
-
-def test_captions_name_a_library_tree() -> None:
-    """A tree of grammar/examples is called by its file; any other tree is not."""
-    texts = {name: text for text, name in library_names(config()).items()}
-    dull = fake_arm("baseline", [fake_run("baseline")])
-    for name, expected in (
-        (
-            "paper_fig9",
-            "seed 0: library tree paper_fig9, modelled on the paper's Figure 9, injected",
-        ),
-        ("diverse", "seed 0: library tree diverse, injected into generation 2"),
-    ):
-        arm = fake_arm("expert", [fake_run(guided=guidance(tree=texts[name], injected=True))])
-        early = early_injected(compare_arms([arm, dull]))
-        assert early is not None
-        assert expected in _caption(early)
-    other = fake_arm("expert", [fake_run(guided=guidance(tree=TREE, injected=True))])
-    early = early_injected(compare_arms([other, dull]))
-    assert early is not None
-    assert "seed 0: injected into generation 2" in _caption(early)
-    best = [[individual("a", tree=texts["poor"], fitness=9_999.0)]] * 41
-    late = late_evolved(compare_arms([fake_arm("expert", [fake_run(populations=best)]), dull]))
-    assert "fitness 9,999, library tree poor, crossover" in _caption(late)
-
-
-def _caption(specimen: Specimen) -> str:
-    return title_and_caption(specimen.figure, **specimen.values)[1]
-
-
-def test_claims_name_their_family(report_and_folder: tuple[ComparisonReport, Path]) -> None:
-    """All claims are of one family, by Tables 9 to 12, each row one difference of means."""
-    table = next(t for t in report_and_folder[0].tables if t.key == "claims")
-    assert "the family 'the paper's claims', 14 comparisons." in table.notes[1]
-    units = {row[0]: row[1] for row in table.rows}
-    assert units["Complete Robots come earlier"] == "generations without one"
-    assert units["Behavioural diversity is higher"] == "Eq. (3)"
+    assert "figure-8" not in {p.key for p in report.pictures}
 
 
 @pytest.mark.usefixtures("blank")
@@ -516,8 +427,7 @@ def test_two_arms_without_any_have_no_difference_in_it() -> None:
     assert row["expert"] == "never in 2 runs"
     assert row["without one, expert"] == "all 41"
     assert row["difference without one [95 %]"] == "\N{EN DASH}"
-    assert tables["claims"].rows[0][2] == "never in either arm"
-    assert not any("0.0 [0.0, 0.0]" in cell for row in tables["claims"].rows for cell in row)
+    assert not any("0.0 [0.0, 0.0]" in cell for t in report.tables for r in t.rows for cell in r)
 
 
 def test_interventions_are_defined(report_and_folder: tuple[ComparisonReport, Path]) -> None:

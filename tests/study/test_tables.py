@@ -11,7 +11,6 @@ import pytest
 from islandgp.statistics import Interval, mean_sd, rank_test
 from islandgp.study.findings import examine
 from islandgp.study.measures import TABLE_9, emergence
-from islandgp.study.paper import MARK
 from islandgp.study.report import ComparisonReport, Section
 from islandgp.study.table import (
     Table,
@@ -24,12 +23,12 @@ from islandgp.study.table import (
     to_csv,
 )
 from islandgp.study.tables import claims
-from islandgp.study.tables.claims import comparison_verdict, verdict
+from islandgp.study.tables.claims import comparison_verdict
 from islandgp.study.tables.comparisons import difference
 from islandgp.study.writing import to_markdown, to_page
 
 TABLE = Table(
-    "t", "A title", ("Name", "value", f"{MARK} value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
+    "t", "A title", ("Name", "value", "paper* value"), (("a|b", "1,000 ± 2", "<3>"),), ("A note.",)
 )
 REPORT = ComparisonReport("a against b", (), (Section("Tables", (TABLE, "A paragraph.")),), ())
 
@@ -49,11 +48,10 @@ def test_csv_keeps_every_cell() -> None:
     assert list(csv.reader(io.StringIO(text))) == [list(TABLE.columns), list(TABLE.rows[0])]
 
 
-def test_html_marks_the_paper_s_columns_and_escapes() -> None:
-    """The paper's figures have their own class; nothing in a cell is markup."""
+def test_html_escapes() -> None:
+    """Nothing in a cell is markup."""
     text = to_page(REPORT)
-    assert '<th class="paper">paper* value</th>' in text
-    assert '<td class="paper">&lt;3&gt;</td>' in text
+    assert "<td>&lt;3&gt;</td>" in text
     assert "1,000\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}2" in text
 
 
@@ -107,27 +105,6 @@ def test_no_percent_of_nothing(
 
 
 @pytest.mark.parametrize(
-    ("direction", "low_first", "n", "expected"),
-    [
-        (-1, True, 6, "agrees, shown"),
-        (-1, True, 2, "not shown"),
-        (1, True, 6, "opposite, shown"),
-        (1, True, 2, "not shown"),
-        (0, True, 2, "no difference shown (no evidence either way)"),
-        (0, True, 6, "differs: lower, shown"),
-        (0, False, 6, "differs: higher, shown"),
-    ],
-)
-def test_verdicts(direction: int, low_first: bool, n: int, expected: str) -> None:
-    """A claim is shown by a significant test in its own direction; equality by none at all."""
-    low, high = tuple(range(n)), tuple(range(100, 100 + n))
-    samples = (low, high) if low_first else (high, low)
-    assert verdict(direction, examine(TABLE_9[0], ("a", "b"), samples, 41, in_pairs=False)) == (
-        expected
-    )
-
-
-@pytest.mark.parametrize(
     ("differences", "margin", "expected"),
     [
         ((-2.0, 1.0, 2.0, -1.0), 3.0, "alike within ±3"),  # 0 [-2.9, 2.9]
@@ -174,4 +151,4 @@ def test_an_estimate_is_one_thing(
 def test_verdict_where_nothing_happened() -> None:
     """Two arms without any emergence have nothing to compare."""
     f = examine(emergence("complete"), ("a", "b"), ((None, None), (None, None)), 41, in_pairs=False)
-    assert verdict(-1, f) == "never in either arm"
+    assert comparison_verdict(f, None) == "never in either arm"

@@ -64,13 +64,13 @@ class Picture:
     title: str
     caption: str
     svg: str
-    png: bytes = b""  # empty for a tree
+    png: bytes
 
     def save(self, folder: Path) -> list[Path]:
-        """Writes KEY.svg and, if there is one, KEY.png into a folder. Returns their paths."""
+        """Writes KEY.svg and KEY.png into a folder. Returns their paths."""
         folder.mkdir(parents=True, exist_ok=True)
         files = {"svg": self.svg.encode(), "png": self.png}
-        paths = {folder / f"{self.key}.{ending}": data for ending, data in files.items() if data}
+        paths = {folder / f"{self.key}.{ending}": data for ending, data in files.items()}
         for path, data in paths.items():
             path.write_bytes(data)
         return list(paths)

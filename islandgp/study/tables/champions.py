@@ -12,9 +12,7 @@ from islandgp.statistics import mean_interval, mean_sd, rank_test
 from islandgp.study.arms import Arm, Comparison
 from islandgp.study.generalise import Control, Generalisation, best_of, champions_by_arm
 from islandgp.study.measures import SPANS, individuals_with
-from islandgp.study.paper import Count
 from islandgp.study.table import NONE, Row, Table, labelled, number, p_is, signed_interval, spread
-from islandgp.study.tables.comparisons import Cells, footnotes, published
 from islandgp.study.texts import note
 from islandgp.text import title
 
@@ -23,11 +21,6 @@ def specialists_table(study: Comparison) -> Table:
     """Table 13: number of individuals with a behaviour, over all generations of all runs."""
     classes = study.classes
     labels = [name for name in classes.behaviours if name not in classes.specialists.of]
-    known = study.paper.specialists if study.paper else None
-    paper_cells: Cells[Count] = {
-        "mean ± SD": lambda row: spread(row.mean, row.sd, 1),
-        "range": lambda row: f"{row.least}-{row.most}",
-    }
     rows: list[Row] = []
     for name in classes.behaviours:
         cells = [("Type", title(name))]
@@ -35,7 +28,7 @@ def specialists_table(study: Comparison) -> Table:
             counts = [individuals_with(name, s, classes) for run in arm.runs for s in run.snapshots]
             cells.append((f"{arm.name} mean ± SD", spread(*mean_sd(counts), 1)))
             cells.append((f"{arm.name} range", f"{min(counts)}-{max(counts)}"))
-        rows.append([*cells, *published(known, name, paper_cells)])
+        rows.append(cells)
     sizes = {str(run.flat.get("gp.population")) for arm in study.arms for run in arm.runs}
     text = f"{_list(classes.specialists.of)}: individuals of that exclusive class."
     if labels:
@@ -45,7 +38,6 @@ def specialists_table(study: Comparison) -> Table:
         f"Table 13. Specialists in a population of {' and '.join(sorted(sizes))}",
         rows,
         f"{text} SD over all generations of all runs.",
-        *footnotes(study.paper),
     )
 
 

@@ -1,4 +1,4 @@
-"""Tables of the primary endpoint, a paper's claims and further families: one estimand per row."""
+"""Tables of the primary endpoint and of families of tests: one estimand per row."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from math import isnan
 from typing import Final
 
 from islandgp.statistics import LEVEL, PairedTest, mean_sd
-from islandgp.study.findings import Finding, finding
-from islandgp.study.paper import MARK, PublishedFigures
+from islandgp.study.findings import Finding
 from islandgp.study.table import (
     DIGITS,
     NONE,
@@ -26,38 +25,6 @@ from islandgp.study.tables.comparisons import families_note
 from islandgp.study.texts import note
 
 NEVER: Final = "never in either arm"
-UNDECIDED: Final = "no difference shown (no evidence either way)"
-"""The verdict on a claim of no difference if the test finds none."""
-
-
-def claims_table(
-    findings: Sequence[Finding],
-    arms: tuple[str, str],
-    paper: PublishedFigures,
-    margins: Mapping[str, float],
-) -> Table:
-    """One row per claim; the first arm is compared with the paper's proposed system."""
-    claim_findings = [finding(findings, claim.measure, arms) for claim in paper.claims]
-    rows = (
-        [
-            ("Claim", claim.text),
-            *estimate_cells(f),
-            *test_cells(f),
-            (f"{MARK} difference", percent(claim.difference)),
-            (f"{MARK} p BH", probability(claim.p_bh)),
-            ("verdict", verdict(claim.direction, f, margins.get(claim.measure))),
-        ]
-        for claim, f in zip(paper.claims, claim_findings, strict=True)
-    )
-    return Table.of(
-        "claims",
-        f"The paper's claims: {arms[0]} minus {arms[1]}",
-        rows,
-        note("reading"),
-        families_note(claim_findings),
-        note("claims", first=arms[0], second=arms[1], level=LEVEL),
-        paper.footnote,
-    )
 
 
 def questions_table(
@@ -130,20 +97,6 @@ def test_name(f: Finding) -> str:
     if f.paired is None:
         return "Mann-Whitney U"
     return f"signed-rank, {f.paired.pairs} pairs"
-
-
-def verdict(direction: int, f: Finding, margin: float | None = None) -> str:
-    """The verdict of a test on a claim; `direction` as in `paper.Claim`."""
-    if f.never:
-        return NEVER
-    is_significant = f.p_bh < LEVEL
-    if direction == 0:
-        if alike(f, margin):
-            return f"agrees: alike within ±{margin:,g}"
-        return f"differs: {_side(f)}, shown" if is_significant else UNDECIDED
-    if not is_significant:
-        return comparison_verdict(f, margin)
-    return "agrees, shown" if (f.shift.estimate > 0) == (direction > 0) else "opposite, shown"
 
 
 def comparison_verdict(f: Finding, margin: float | None, p: float | None = None) -> str:

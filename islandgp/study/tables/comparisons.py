@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final, TypeVar
+from collections.abc import Callable, Iterator, Sequence
 
 from islandgp.statistics import (
     LEVEL,
@@ -18,7 +17,6 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import EmergenceSummary, first, reduction, summary
 from islandgp.study.findings import Finding
 from islandgp.study.measures import Measure, all_measures
-from islandgp.study.paper import MARK, Diversity, Emergence, PublishedFigures, Tested
 from islandgp.study.table import (
     DIGITS,
     NONE,
@@ -36,8 +34,6 @@ from islandgp.study.table import (
 )
 from islandgp.study.texts import note
 from islandgp.text import title
-
-PAPER_GENERATIONS: Final = 41  # of the runs of Table 11
 
 
 def families_note(findings: Sequence[Finding]) -> str:
@@ -77,43 +73,6 @@ def _result_cells(f: Finding) -> Row:
     yield from rank_cells(f)
 
 
-T = TypeVar("T")
-Cells = Mapping[str, Callable[[T], str]]  # the function for the cells of each column
-
-
-def published(figures: Mapping[str, T] | None, key: str, cells: Cells[T]) -> Row:
-    """The cells of published figures; dashes if there are none for a key, {} for figures=None."""
-    if figures is not None:
-        row = figures.get(key)
-        for head, cell in cells.items():
-            yield f"{MARK} {head}", NONE if row is None else cell(row)
-
-
-FITNESS: Final[Cells[Tested]] = {
-    "proposed": lambda row: spread(*row.proposed),
-    "baseline": lambda row: spread(*row.baseline),
-    "p": lambda row: probability(row.p),
-    "p BH": lambda row: probability(row.p_bh),
-    "r": lambda row: effect(row.r),
-}
-DIVERSITY: Final[Cells[Diversity]] = {
-    "proposed": lambda row: number(row.proposed, 3),
-    "baseline": lambda row: number(row.baseline, 3),
-    "difference": lambda row: percent(row.difference),
-}
-EMERGENCE: Final[Cells[Emergence]] = {
-    "proposed": lambda row: time_cell(summary(row.proposed, PAPER_GENERATIONS)),
-    "baseline": lambda row: time_cell(summary(row.baseline, PAPER_GENERATIONS)),
-    "earlier by": lambda row: percent(row.earlier).lstrip("+"),
-    "p BH": lambda row: probability(row.p_bh),
-}
-
-
-def footnotes(paper: PublishedFigures | None) -> tuple[str, ...]:
-    """The note below a table with published figures."""
-    return (paper.footnote,) if paper else ()
-
-
 def by_pair(
     study: Comparison, findings: Sequence[Finding], measures: Sequence[Measure]
 ) -> Iterator[tuple[str, str, list[Finding]]]:
@@ -130,7 +89,7 @@ def paper_tables(
     key: str,
     title: str,
     measures: Sequence[Measure],
-    row: Callable[[Finding, PublishedFigures | None], Row],
+    row: Callable[[Finding], Row],
     *notes: str,
 ) -> Iterator[Table]:
     """One of Tables 9 to 12 for each pair of arms; `row` creates the row of a measure."""
@@ -139,30 +98,27 @@ def paper_tables(
         yield Table.of(
             f"{key}{end}",
             f"{title}{of}",
-            (row(f, study.paper) for f in selected),
+            map(row, selected),
             note("signs"),
             families_note(selected),
             *notes,
             *more,
-            *footnotes(study.paper),
         )
 
 
-def fitness_row(f: Finding, paper: PublishedFigures | None) -> Row:
+def fitness_row(f: Finding) -> Row:
     """Cells of Tables 9 and 10."""
     yield "Metric", f.measure.label
     yield from _result_cells(f)
-    yield from published(paper.fitness if paper else None, f.measure.key, FITNESS)
 
 
-def diversity_row(f: Finding, paper: PublishedFigures | None) -> Row:
+def diversity_row(f: Finding) -> Row:
     """Cells of Table 12, with tests that the paper does not have."""
     yield "Measure", f.measure.label
     yield from _result_cells(f)
-    yield from published(paper.diversity if paper else None, f.measure.key, DIVERSITY)
 
 
-def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
+def emergence_row(f: Finding) -> Row:
     """Cells of Table 11, section 3.4: the generation of the first robot of a milestone."""
     first, second = (summary(sample, f.generations) for sample in f.samples)
     earlier = reduction(first, second)
@@ -179,8 +135,6 @@ def emergence_row(f: Finding, paper: PublishedFigures | None) -> Row:
     yield from rank_cells(f)
     yield "log-rank p", probability(f.log_rank)
     yield "log-rank p BH", probability(f.log_rank_q)
-    tier = f.measure.key.removeprefix("first_")
-    yield from published(paper.emergence if paper else None, tier, EMERGENCE)
 
 
 def time_cell(s: EmergenceSummary) -> str:
@@ -206,27 +160,15 @@ def runs_table(study: Comparison) -> Table:
         [
             ("Seed", str(seed)),
             *((f"{a.name}: {title(t)}", _firsts(a, seed, t)) for a in study.arms for t in tiers),
-            *_beside(place, study.paper, tiers),
         ]
-        for place, seed in enumerate(sorted({seed for arm in study.arms for seed in arm.seeds}))
+        for seed in sorted({seed for arm in study.arms for seed in arm.seeds})
     ]
     return Table.of(
         "table-11-runs",
         f"Table 11. Generation of the first {names} {study.classes.agent}, run by run",
         rows,
         note("firsts", last=study.generations - 1),
-        *([note("paper-runs")] if study.paper else []),
-        *footnotes(study.paper),
     )
-
-
-def _beside(place: int, paper: PublishedFigures | None, tiers: Sequence[str]) -> Row:
-    """The paper's run with this number; empty after its last one."""
-    published_rows = [(tier, paper.emergence.get(tier)) for tier in tiers] if paper else []
-    for arm in ("proposed", "baseline"):
-        for tier, row in published_rows:
-            cells = getattr(row, arm)[place : place + 1] if row else ()
-            yield f"{MARK} {arm}: {title(tier)}", "".join(map(str, cells))
 
 
 def _firsts(arm: Arm, seed: int, tier: str) -> str:

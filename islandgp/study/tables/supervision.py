@@ -12,9 +12,7 @@ from islandgp.study.arms import Arm, Comparison
 from islandgp.study.emergence import first, quantile
 from islandgp.study.episodes import episode_cost
 from islandgp.study.measures import OVERHEAD
-from islandgp.study.paper import MARK
 from islandgp.study.table import NONE, Row, Table, labelled, number, percent, spread
-from islandgp.study.tables.comparisons import footnotes
 from islandgp.study.texts import note
 from islandgp.supervision.decisions import decisions
 
@@ -25,7 +23,6 @@ Overheads = Mapping[str, Sequence[Any]]
 def decisions_table(study: Comparison) -> Table:
     """Section 3.7: the frequencies of patterns, phases, targets and crises."""
     each = [decisions(run.guidance for run in arm.runs) for arm in study.arms]
-    paper = study.paper
     row = partial(_row, study, "Decision")
     rows = [row("Decisions", (number(d.total) for d in each))]
     for heading, kinds in (
@@ -38,22 +35,16 @@ def decisions_table(study: Comparison) -> Table:
                 _share(kind[name] / d.total if kind else None)
                 for kind, d in zip(kinds, each, strict=True)
             ]
-            published_share = paper.decisions.get(name) if paper else None
-            rows.append(
-                row(f"{heading}: {name.replace('_', ' ')}", shares, _share(published_share))
-            )
+            rows.append(row(f"{heading}: {name.replace('_', ' ')}", shares))
     for reason in ("diversity", "stagnation"):
         counts = [f"{d.episodes[reason]} ({d.crises[reason]} generations)" for d in each]
-        published = str(paper.crises.get(reason, NONE)) if paper else NONE
-        rows.append(row(f"Crises: {reason}", counts, published))
+        rows.append(row(f"Crises: {reason}", counts))
     rows.append(row("Interventions", (number(d.interventions) for d in each)))
     return Table.of(
         "decisions",
         "Supervision decisions, all runs together",
         rows,
         note("decisions"),
-        *((paper.decisions_note,) if paper and paper.decisions_note else ()),
-        *footnotes(paper),
     )
 
 
@@ -67,25 +58,18 @@ def overhead_table(study: Comparison) -> Table:
     each = [
         {name: [of(run) for run in arm.runs] for name, of in OVERHEAD.items()} for arm in study.arms
     ]
-    row, published = partial(_row, study, "Metric"), study.paper.overhead if study.paper else {}
-    rows = [
-        row(label, [_cell(o, value, n) for o in each], published.get(key, NONE))
-        for label, key, value, n in _ROWS
-    ]
+    row = partial(_row, study, "Metric")
+    rows = [row(label, [_cell(o, value, n) for o in each]) for label, value, n in _ROWS]
     tier = study.milestones[0]
     times = (_time_to(tier, arm) for arm in study.arms)
     rows.append(row(f"Time to the first {study.classes.tier_title(tier)} (s)", times))
     heading = "Table 14. Computational overhead of a run"
-    return Table.of("table-14", heading, rows, note("overhead"), *footnotes(study.paper))
+    return Table.of("table-14", heading, rows, note("overhead"))
 
 
-def _row(
-    study: Comparison, heading: str, label: str, cells: Iterable[str], published: str = NONE
-) -> Row:
-    """A row with a cell for each arm, and the published one if there are published figures."""
-    yield from labelled(heading, label, study.names, cells)
-    if study.paper:
-        yield MARK, published
+def _row(study: Comparison, heading: str, label: str, cells: Iterable[str]) -> Row:
+    """A row with a cell for each arm."""
+    return labelled(heading, label, study.names, cells)
 
 
 def _cell(o: Overheads, value: str | Callable[[Overheads], str], digits: int) -> str:
@@ -117,33 +101,31 @@ def _dollars(o: Overheads) -> str:
     return "price unknown" if None in o["dollars"] else spread(*mean_sd(o["dollars"]), 4)
 
 
-_ROWS: Final[tuple[tuple[str, str, str | Callable[[Overheads], str], int], ...]] = (
-    ("Decisions", "", "decisions", 0),
-    ("Requests to a language model", "calls", "requests", 1),
-    ("Trees injected", "trees", "injected", 1),
-    ("Fallbacks", "", "fallbacks", 1),
+_ROWS: Final[tuple[tuple[str, str | Callable[[Overheads], str], int], ...]] = (
+    ("Decisions", "decisions", 0),
+    ("Requests to a language model", "requests", 1),
+    ("Trees injected", "injected", 1),
+    ("Fallbacks", "fallbacks", 1),
     (
         "Mean response time of a request (s)",
-        "response",
         _ratio("latency", "requests", "{:.3g}".format),
         0,
     ),
-    ("Mean wait for a decision (s)", "", _ratio("seconds", "decisions", "{:.2g}".format), 0),
-    ("Supervision (s)", "supervision", "seconds", 2),
-    ("Simulation (s)", "simulation", "simulation", 1),
+    ("Mean wait for a decision (s)", _ratio("seconds", "decisions", "{:.2g}".format), 0),
+    ("Supervision (s)", "seconds", 2),
+    ("Simulation (s)", "simulation", 1),
     (
         "Supervision as a share of simulation",
-        "overhead",
         _ratio("seconds", "simulation", _share),
         0,
     ),
-    ("Genetic operators (s)", "", "operators", 2),
-    ("Episodes simulated", "", "simulated", 0),
-    ("Input tokens", "", "input_tokens", 0),
-    ("Output tokens", "", "output_tokens", 0),
-    ("Cost (US dollars)", "", _dollars, 0),
+    ("Genetic operators (s)", "operators", 2),
+    ("Episodes simulated", "simulated", 0),
+    ("Input tokens", "input_tokens", 0),
+    ("Output tokens", "output_tokens", 0),
+    ("Cost (US dollars)", _dollars, 0),
 )
-"""Label, key of the published overhead, name in OVERHEAD or function for the cell, decimals."""
+"""Label, name in OVERHEAD or function for the cell, decimals."""
 
 
 def _time_to(tier: str, arm: Arm) -> str:

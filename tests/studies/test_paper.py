@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import math
+import re
 from pathlib import Path
 
 import pytest
 
-from islandgp.domains import island
-from islandgp.errors import StudyError
+import islandgp
 from islandgp.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
 from islandgp.study.emergence import reduction, summary
 from islandgp.study.findings import Finding, adjust, examine
 from islandgp.study.measures import SPANS, main_family
-from islandgp.study.paper import read_paper
+from studies.paper.claims import lines, published, verdict
+from studies.paper.trees import early_injected, late_evolved
+from studies.paper.trees import main as draw_trees
+from tests.studies.test_interface import STUDIES
 from tests.study.test_statistics import _samples_with
 
-_paper = read_paper(Path(island.__file__).parent / "paper.yaml")
-assert _paper is not None
-PAPER = _paper
-FAMILY = main_family(tuple(PAPER.emergence))
+PAPER = published()
+FAMILY = main_family(tuple(PAPER["emergence"]))
 
+ARMS = ("proposed", "baseline")
 U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
 """As Table 9 prints it; Table 10 prints r, from which U = 25 (1 - r) / 2 follows."""
 
@@ -33,11 +36,11 @@ def findings() -> dict[str, Finding]:
     results = []
     for measure in FAMILY:
         tier = measure.key.removeprefix("first_")
-        if tier in PAPER.emergence:
-            samples = (PAPER.emergence[tier].proposed, PAPER.emergence[tier].baseline)
+        if tier in PAPER["emergence"]:
+            samples = tuple(PAPER["emergence"][tier][arm] for arm in ARMS)
         else:
-            row = PAPER.fitness[measure.key]
-            u = U.get(measure.key, round(25 * (1 - row.r) / 2))
+            row = PAPER["fitness"][measure.key]
+            u = U.get(measure.key, round(25 * (1 - row["r"]) / 2))
             a, b = _samples_with(u)
             samples = (tuple(a), tuple(b))  # type: ignore[assignment] # numbers either way
         arms = ("proposed", "baseline")
@@ -45,14 +48,32 @@ def findings() -> dict[str, Finding]:
     return {f.measure.key: f for f in adjust(results)}
 
 
+def test_the_claims_of_the_study() -> None:
+    """The page is made from the study's tests; the verdicts are those of its analysis."""
+    page = "\n".join(lines(STUDIES / "paper/results"))
+    assert (STUDIES / "paper/results/claims.md").read_text("utf-8") == f"{page}\n"
+    verdicts = re.findall(r"\| ([^|]*) \|$", page.partition("## ")[0], re.MULTILINE)[1:]
+    assert verdicts == [
+        *("agrees, shown", "agrees, shown", "not shown", "agrees, shown", "agrees, shown"),
+        *("agrees, shown", "differs: higher, shown", "differs: higher, shown", "opposite, shown"),
+    ]
+
+
 @pytest.mark.parametrize(
-    "content", [b"classes: [", b"note: x", "note: Stra\xdfe".encode("latin-1")]
+    ("direction", "difference", "p", "expected"),
+    [
+        (0, 1.0, 0.5, "no difference shown (no evidence either way)"),
+        (0, -1.0, 0.01, "differs: lower, shown"),
+        (-1, -1.0, 0.01, "agrees, shown"),
+        (-1, 1.0, 0.01, "opposite, shown"),
+        (1, 1.0, 0.05, "not shown"),
+        (1, math.nan, 0.01, "never in either arm"),
+    ],
 )
-def test_damaged_figures_are_one_error(content: bytes, tmp_path: Path) -> None:
-    """No YAML, a missing key, no UTF-8."""
-    (tmp_path / "paper.yaml").write_bytes(content)
-    with pytest.raises(StudyError, match=r"a publication's figures in .*paper.yaml, found"):
-        read_paper(tmp_path / "paper.yaml")
+def test_verdicts(direction: int, difference: float, p: float, expected: str) -> None:
+    """On claims of a higher, a lower or an equal value."""
+    row = {"difference": difference, "p_bh": 0.9, "paired_p_bh": p}
+    assert verdict(direction, row) == expected
 
 
 def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding]) -> None:
@@ -69,8 +90,8 @@ def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding])
 
 def test_table_11_counted_out_agrees() -> None:
     """No run of one arm reaches the other's: 2 of the 252 splits of ten, ties or not."""
-    row = PAPER.emergence["complete"]
-    f = examine(FAMILY[-2], ("a", "b"), (row.proposed, row.baseline), 41, in_pairs=False)
+    row = PAPER["emergence"]["complete"]
+    f = examine(FAMILY[-2], ("a", "b"), (row["proposed"], row["baseline"]), 41, in_pairs=False)
     assert (f.rank.kind, f.rank.p) == (EXACT_TIES, pytest.approx(2 / 252))
 
 
@@ -86,17 +107,17 @@ def test_excellent_robots_come_65_2_percent_earlier(findings: dict[str, Finding]
 @pytest.mark.parametrize("key", [m.key for m in FAMILY if not m.emergence])
 def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Finding]) -> None:
     """Exact p, p after Benjamini and Hochberg over the family of nine, and r: to the last digit."""
-    f, row = findings[key], PAPER.fitness[key]
+    f, row = findings[key], PAPER["fitness"][key]
     assert f.rank.kind == EXACT
-    assert round(f.rank.p, 3) == row.p
-    assert round(f.rank_q, 3) == row.p_bh
-    assert round(f.rank.r, 2) == row.r
+    assert round(f.rank.p, 3) == row["p"]
+    assert round(f.rank_q, 3) == row["p_bh"]
+    assert round(f.rank.r, 2) == row["r"]
 
 
 def test_rounding_explains_the_printed_0_0358() -> None:
     """The paper's 0.0358 is what the ninefold family gives when p = 0.01587 is cut to 0.0159."""
     assert round(0.0159 * 9 / 4, 4) == 0.0358
-    assert PAPER.emergence["complete"].p_bh == 0.0358
+    assert PAPER["emergence"]["complete"]["p_bh"] == 0.0358
 
 
 def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
@@ -107,8 +128,8 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
     sizes = [len(span.generations(41)) for span in SPANS]
     assert sizes == [11, 15, 15]
     for arm in ("proposed", "baseline"):
-        stages = [getattr(row, arm)[0] for key, row in PAPER.fitness.items() if "stage" in key]
-        mean = getattr(PAPER.fitness["mean_max"], arm)[0]
+        stages = [row[arm][0] for key, row in PAPER["fitness"].items() if "stage" in key]
+        mean = PAPER["fitness"]["mean_max"][arm][0]
 
         def off(weights: list[int], stages: list[float] = stages, mean_max: float = mean) -> float:
             return abs(sum(w * s for w, s in zip(weights, stages, strict=True)) / 41 / mean_max - 1)
@@ -120,9 +141,24 @@ def test_the_paper_s_stages_begin_with_the_initial_population() -> None:
 def test_differences_are_those_that_the_paper_prints() -> None:
     """Tables 10 and 12: the printed differences follow from the printed means."""
     for key, difference in (("stage_early", 0.184), ("stage_mid", 0.402), ("stage_late", 0.002)):
-        row = PAPER.fitness[key]
-        assert row.proposed[0] / row.baseline[0] - 1 == pytest.approx(difference, abs=6e-4)
-    for diversity in PAPER.diversity.values():
-        assert diversity.proposed / diversity.baseline - 1 == pytest.approx(
-            diversity.difference, abs=1e-3
+        row = PAPER["fitness"][key]
+        assert row["proposed"][0] / row["baseline"][0] - 1 == pytest.approx(difference, abs=6e-4)
+    for diversity in PAPER["diversity"].values():
+        assert diversity["proposed"] / diversity["baseline"] - 1 == pytest.approx(
+            diversity["difference"], abs=1e-3
         )
+
+
+@pytest.mark.slow
+def test_figures_9_and_10(tmp_path: Path) -> None:
+    """An injected tree of generation 2 or later, and one that no supervisor gave."""
+    small = ("search=paper", "gp.population=8", "gp.generations=6", "world.episode.length=20")
+    islandgp.run(*small, "tracking=off", "evaluator=serial", f"runs='{tmp_path}/runs'")
+    draw_trees([str(tmp_path / "runs"), str(tmp_path / "out")])
+    results = islandgp.load(tmp_path / "runs")
+    early = early_injected(results.individuals)
+    late = late_evolved(results.individuals, results.generations)
+    assert (early["origin"], early["generation"]) == ("injected", 2)
+    assert late["tree"] not in set(results.individuals.query("origin == 'injected'")["tree"])
+    for n in (9, 10):
+        assert "<svg" in (tmp_path / f"out/figure-{n}.svg").read_text("utf-8")
