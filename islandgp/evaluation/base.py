@@ -97,15 +97,10 @@ class Problem:
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
             perturbation = recorded_perturbation(config)
-            use_perturbed = (
-                (perturbation is not None and perturbation.training)
-                if perturbed is None
-                else perturbed
-            )
+            if perturbed is None:
+                perturbed = perturbation is not None and perturbation.training
             curriculum = Curriculum(**config["curriculum"])
-            return cls.of(
-                factory, world, rewards, curriculum, perturbation if use_perturbed else None
-            )
+            return cls.of(factory, world, rewards, curriculum, perturbation if perturbed else None)
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"

@@ -43,21 +43,29 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         if not isinstance(world, Mapping):
             message = f"expected ranges by setting, found {world!r:.50}"
             raise ValueError(message)  # noqa: TRY004 -- pydantic's
-        settings = dict(_flat(world, ""))
+        settings = _flat(world)
         if len(settings) > MAX_RANGES:
             raise ValueError(f"expected at most {MAX_RANGES} ranges, found {len(settings)}")
+        for name, span in settings.items():
+            numbers = isinstance(span, list | tuple) and all(
+                _is_number(value) and isfinite(value) for value in span
+            )
+            if not numbers or len(span) != 2 or span[0] > span[1]:
+                raise ValueError(f"expected {name}: [LEAST, GREATEST], found {span!r:.50}")
         return settings
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
         """The changed settings of the perturbed world with this seed, as plain values."""
         rng = stream(seed, Stream.PERTURBATION)
-        values: dict[str, float] = {}
-        for name, (least, most) in sorted(self.world.items()):
-            if _is_whole(_setting(world, name)):
-                values[name] = int(rng.integers(int(least), int(most) + 1))
-            else:
-                values[name] = float(rng.uniform(least, most))
-        return _nested(values)
+        settings = _flat(world)
+        return _nested(
+            {
+                name: int(rng.integers(int(least), int(most) + 1))
+                if isinstance(settings[name], int)
+                else float(rng.uniform(least, most))
+                for name, (least, most) in sorted(self.world.items())
+            }
+        )
 
     def sensors(self) -> SensorFaults | None:
         """The faults of the sensors; None: they have none."""
@@ -95,7 +103,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
             )
 
     def _wrong_ranges(self, world: Mapping[str, Any]) -> Iterator[str]:
-        numbers = dict(_numbers(world, ""))
+        numbers = {name: value for name, value in _flat(world).items() if _is_number(value)}
         for name, (least, most) in self.world.items():
             path = f"perturb.world.{name}"
             if name not in numbers:
@@ -104,18 +112,16 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
                 near = same or get_close_matches(name, numbers, 1, 0.5)
                 hint = f"did you mean perturb.world.{near[0]}?" if near else "it is no number"
                 yield f"{path}: expected a number among the world's settings, found none; {hint}"
-            elif _is_whole(numbers[name]) and (least % 1 or most % 1):
+            elif isinstance(numbers[name], int) and (least % 1 or most % 1):
                 yield f"{path}: expected whole numbers, found [{least:g}, {most:g}]"
 
     def _wrong_ends(
         self, factory: Any, world: BaseModel, rewards: Any, plain: Mapping[str, Any]
     ) -> Iterator[str]:
         """A line if the world does not accept all lower ends, or all upper ends, of the ranges."""
+        settings = _flat(plain)
         for end, extreme in enumerate(("least", "greatest")):
-            values = {
-                name: int(span[end]) if _is_whole(_setting(plain, name)) else span[end]
-                for name, span in self.world.items()
-            }
+            values = {name: type(settings[name])(span[end]) for name, span in self.world.items()}
             try:
                 factory.make(staged(world, _nested(values)), rewards)
             except ValidationError as error:
@@ -159,39 +165,17 @@ def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
     return None if recorded is None else Perturbation.model_validate(recorded)
 
 
-def _flat(world: Mapping[Any, Any], path: str) -> Iterator[tuple[str, Span]]:
-    """The ranges by dotted name. Raises ValueError for an invalid range."""
-    for key, value in world.items():
-        name = f"{path}{key}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}.")
-            continue
-        numbers = isinstance(value, list | tuple) and all(
-            isinstance(v, int | float) and not isinstance(v, bool) and isfinite(v) for v in value
-        )
-        if not numbers or len(value) != 2 or value[0] > value[1]:
-            raise ValueError(f"expected {name}: [LEAST, GREATEST], found {value!r:.50}")
-        yield name, (float(value[0]), float(value[1]))
+def _flat(values: Mapping[Any, Any], path: str = "") -> dict[str, Any]:
+    """The values of nested mappings by dotted name."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        nested = isinstance(value, Mapping)
+        flat |= _flat(value, f"{path}{key}.") if nested else {f"{path}{key}": value}
+    return flat
 
 
-def _numbers(world: Mapping[str, Any], path: str) -> Iterator[tuple[str, float]]:
-    """The numbers among a world's settings, by dotted name."""
-    for key, value in world.items():
-        if isinstance(value, Mapping):
-            yield from _numbers(value, f"{path}{key}.")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            yield f"{path}{key}", value
-
-
-def _setting(world: Mapping[str, Any], name: str) -> Any:
-    value: Any = world
-    for part in name.split("."):
-        value = value[part]
-    return value
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, int)
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
