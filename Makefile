@@ -16,13 +16,10 @@ $(STAMP): pyproject.toml constraints.txt $(PLUGINS:%=%/pyproject.toml)
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]' $(PLUGINS:%=-e ./%) \
 	  -c constraints.txt
-	@$(BIN)/islandgp compile || true # without a C compiler episodes take longer, with equal outcomes
+	@$(BIN)/islandgp play grammar/examples/poor.bt >$(VENV)/first_episode # compiles the island, once
 	@touch $@
 
 setup: $(STAMP)  ## make the virtual environment in .venv
-
-compile: $(STAMP) ## compile the modules that episodes use most, after changes of their sources
-	$(BIN)/islandgp compile
 
 run: $(STAMP)    ## evolve trees with the default experiment: offline, no key
 	$(BIN)/python -m islandgp $(ARGS)
@@ -82,7 +79,7 @@ vscode-tools:    ## VS Code's packer and its engine for grammars in build/vscode
 	npm install --silent --no-audit --no-fund --prefix build/vscode @vscode/vsce@3.9.2 \
 	  vscode-textmate@9.3.2 vscode-oniguruma@2.0.1
 
-bench: compile   ## the benchmarks, with goals beside figures
+bench: $(STAMP)  ## the benchmarks, with goals beside figures
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]' -c constraints.txt
 	$(BIN)/python -m benchmarks
 
@@ -118,4 +115,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup compile run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-editors study-worlds comparators docs ui clean
+.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-editors study-worlds comparators docs ui clean

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Final
 
@@ -20,7 +17,6 @@ from benchmarks.table import as_text, conditions
 
 BENCHMARKS: Final = (
     "engine_ratio",
-    "engine_ratio_python",
     "peer_ratio",
     "tick_us",
     "run_s",
@@ -32,9 +28,6 @@ BENCHMARKS: Final = (
     "worlds_ratio",
 )
 """Modules of this package with `measure(effort)`, in the order of the table."""
-
-IN_PYTHON: Final = ("engine_ratio_python", "profile_share")
-"""Benchmarks that run in a process without extension modules (see `islandgp compile`)."""
 
 BUSY: Final = 0.5  # load average above which wall times mean little
 WALL: Final = ("peer_ratio", "run_s", "remote_overhead", "overhead_share", "startup_s")
@@ -81,8 +74,6 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _measured(name: str, effort: Effort, load: float) -> results.Result:
-    if name in IN_PYTHON and os.environ.get("ISLANDGP_EXTENSIONS") != "0":
-        return _measured_in_python(name, effort)
     print(f"{name} ...", file=sys.stderr, flush=True)
     began, missing = perf_counter(), ""
     try:
@@ -92,21 +83,6 @@ def _measured(name: str, effort: Effort, load: float) -> results.Result:
     return results.result(
         name, figures, effort=effort, seconds=perf_counter() - began, load=load, missing=missing
     )
-
-
-def _measured_in_python(name: str, effort: Effort) -> results.Result:
-    """The result of a benchmark that a child process without extension modules runs."""
-    with TemporaryDirectory() as folder:
-        file = Path(folder, "results.json")
-        option = {Effort.TINY: ["--tiny"], Effort.QUICK: ["--quick"], Effort.FULL: []}[effort]
-        subprocess.run(
-            [sys.executable, "-m", "benchmarks", name, "--out", str(file), *option],
-            env={**os.environ, "ISLANDGP_EXTENSIONS": "0"},
-            stdout=subprocess.DEVNULL,
-            check=True,
-        )
-        (result,) = results.load(file)
-    return result
 
 
 def _write_docs(file: Path) -> int:

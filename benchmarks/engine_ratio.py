@@ -7,7 +7,7 @@ from time import process_time
 from typing import Final
 
 from benchmarks.figure import Effort, Figure, at_most
-from benchmarks.pinned import endless, example, points, settings, warm
+from benchmarks.pinned import endless, example, points, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.schedule import draw_schedule
@@ -21,7 +21,6 @@ ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 5, Effort.FULL: 12}  # of each se
 def measure(effort: Effort) -> list[Figure]:
     """Pairs of one episode of the all-rounder and as many bare steps in the same world."""
     world = endless_world(effort)
-    compiled = warm(world)
     rows = pairs(effort, world, episode_of)
     usual, bare = medians(rows)
     steps = f"{steps_of(world):,}"
@@ -31,7 +30,7 @@ def measure(effort: Effort) -> list[Figure]:
             ratio(rows, 0, 1),
             "",
             f"all-rounder's episode of {steps} steps / the bare steps; median over pairs",
-            at_most(1.2 if compiled else 1.8),
+            at_most(1.2),
         ),
         Figure("engine_ratio_of_medians", usual / bare, "", "the same, median over median"),
         Figure("episode_ms", 1000 * usual, "ms", "the episode, from world and tree to outcome"),

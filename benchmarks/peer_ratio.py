@@ -9,7 +9,7 @@ from time import perf_counter, process_time
 from typing import Final
 
 from benchmarks.figure import Effort, Figure, Missing, at_least
-from benchmarks.pinned import STAGE, example, points, setting, settings, warm
+from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.core.language import to_text
 from islandgp.domains.island.episode import run_episode
@@ -54,7 +54,7 @@ def measure(effort: Effort) -> list[Figure]:
             ratio(batch, 0, 1),
             "",
             f"{episodes} episodes with the usual parts / with ours, {workers} workers each",
-            at_least(35.0 if find_spec("numba") else 10.0),
+            at_least(35.0),
         ),
         Figure("peer_batch_s", peer_s, "s", "the usual parts"),
         Figure("our_batch_s", our_s, "s", "ours"),
@@ -94,7 +94,6 @@ def _singles(effort: Effort, world: IslandWorld) -> tuple[list[tuple[float, ...]
     """Rows of CPU seconds, the peer's first; and figures that show that both do the same work."""
     from benchmarks.peer.episode import run_peer_episode
 
-    warm(world)
     tree, award = example("all_rounder"), points()
     rows: list[tuple[float, ...]] = []
     theirs, ours = [0, 0], [0, 0]  # pickups, deliveries

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.util import find_spec
 
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
@@ -11,8 +10,6 @@ from omegaconf import OmegaConf
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings, read_settings
-from islandgp.domains.island.compiled import WARM
-from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld
@@ -49,13 +46,6 @@ def example(name: str) -> Node:
     """A tree of `grammar/examples`."""
     file = resource("grammar") / "examples" / f"{name}.bt"
     return parse(file.read_text(encoding="utf-8"), VOCABULARY)
-
-
-def warm(world: IslandWorld) -> bool:
-    """Runs as many episodes as come before numba; True if the next ones are compiled."""
-    for _ in range(WARM + 1):
-        run_episode(example("poor"), world, 0, points())
-    return find_spec("numba") is not None
 
 
 def endless(world: IslandWorld, **changes: object) -> IslandWorld:

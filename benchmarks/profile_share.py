@@ -28,24 +28,17 @@ BATCH: Final = {Effort.TINY: 10, Effort.QUICK: 30, Effort.FULL: 30}  # episodes 
 
 PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     # name: what it is, and what "path:function" in it holds
-    "engine": (
-        "Chipmunk's steps, and the loop around them",
-        ("island/compiled.py:run",),
+    "motion": (
+        "compiled functions between two ticks: motion, sensing, the schedule",
+        ("island/episode.py:_run",),
     ),
-    "sensing": (
-        "sensing, and when to sense again",
-        ("island/sensing.py", "island/garbage.py", "island/compiled.py:look"),
+    "tree": (
+        "the tree and its actions",
+        ("islandgp/bt/", "island/actions.py", "island/state.py:perform"),
     ),
-    "tree": ("the tree and its actions", ("islandgp/bt/", "island/actions.py")),
-    "time": (
-        "the loop, the script's cues, the account",
-        (
-            "island/episode.py",
-            "island/humanoids.py",
-            "island/robot.py",
-            "island/events.py",
-            "islandgp/scoring/",
-        ),
+    "account": (
+        "the account of events",
+        ("island/state.py:count_events", "island/events.py", "islandgp/scoring/"),
     ),
     "rest": ("building the island, all else", ("",)),
 }

@@ -19,8 +19,6 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from islandgp.extension_modules import use_extensions
-
 TYPE_CHECKING = False  # not from typing: its import takes time before signals are handled
 if TYPE_CHECKING:
     from typing import Any
@@ -74,8 +72,6 @@ _HOMES = {
     "run": "islandgp.experiment",
     "to_text": "islandgp.bt.core.language",
 }
-
-use_extensions()
 
 
 def _version() -> str:

@@ -35,7 +35,6 @@ COMMANDS: Final = {
     "show": CommandInfo("draw a tree", "tree.bt"),
     "simplify": CommandInfo("shorten a tree without changing its behaviour", "tree.bt"),
     "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
-    "compile": CommandInfo("compile the modules that episodes use most, for faster runs", ""),
     "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
     "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),
     "tune": CommandInfo("find better numbers for a tree", "tree.bt"),

@@ -9,7 +9,7 @@ from py_trees.common import Status
 from pymunk import Vec2d
 
 from benchmarks.peer.island import Island, Item
-from islandgp.domains.island.actions import AIM_EVERY
+from islandgp.domains.island.behaviour import AIM_EVERY
 from islandgp.domains.island.events import IslandEvent
 
 

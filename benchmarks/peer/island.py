@@ -8,7 +8,8 @@ import numpy as np
 from pymunk import Vec2d
 
 from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
-from islandgp.domains.island.robot import steer
+from islandgp.domains.island.fields import ROCK
+from islandgp.domains.island.robot import next_leg
 from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.world import ROCK_MARGIN, IslandWorld, Point
@@ -32,12 +33,14 @@ class Island:
         self.physics = build_space(world, self.schedule)
         self.robot, self.people = self.physics.robot, self.physics.humanoids
         self.event_log = IslandEventLog(award)
-        self.garbage = [Item(z.real, z.imag) for z in self.schedule.garbage]
+        self.garbage = [
+            Item(x, y)
+            for x, y in self.schedule.garbage[["x", "y"]][: self.schedule.initial].tolist()
+        ]
         self._lay_out()
         self.carried = np.zeros(len(self.people), dtype=int)  # items of each humanoid
         self.met = np.zeros(len(self.people), dtype=bool)  # humanoids seen before
-        gap = world.robot.radius + ROCK_MARGIN
-        self.rocks = [(x, y, radius + gap) for x, y, radius in self.schedule.obstacles]
+        self.rocks = np.array(self.schedule.obstacles).view(ROCK).ravel()
         self.step = self.spawn = self.turn = 0
         self.dt = world.episode.step
         self.stride = world.robot.speed * self.dt  # m a step
@@ -122,7 +125,8 @@ class Island:
             self.robot.velocity = (0.0, 0.0)
         elif self.goal != self.leg or self.step >= self.leg_end:
             x, y, reach = self.leg = self.goal
-            ux, uy, length = steer(self.at.x, self.at.y, x, y, reach=reach, obstacles=self.rocks)
+            margin = self.world.robot.radius, ROCK_MARGIN
+            ux, uy, length = next_leg(self.at.x, self.at.y, x, y, reach, self.rocks, margin)
             self.robot.velocity = Vec2d(ux, uy) * self.world.robot.speed
             self.leg_end = self.step + max(1, length / self.stride)
 
@@ -131,9 +135,9 @@ class Island:
         self.physics.space.step(self.dt)
         self.step += 1
         contacts = self.physics.contacts
-        for _ in contacts.begun:
+        for _ in range(contacts.table[1]):
             self.log(IslandEvent.COLLISION, 1)
-        contacts.begun.clear()
+        contacts.table[1] = 0
         for h in sorted(contacts.touching):
             self.leg = None
             if h >= 0:
@@ -143,14 +147,15 @@ class Island:
         self._account()
 
     def _play_script(self) -> None:
-        while self.schedule.spawns[self.spawn][0] == self.step:
-            _, x, y = self.schedule.spawns[self.spawn]
+        while self.schedule.spawns[self.spawn] == self.step:
+            item = self.schedule.garbage[self.schedule.initial + self.spawn]
+            x, y = float(item["x"]), float(item["y"])
             self.spawn += 1
             if len(self.garbage) < self.world.garbage.most:
                 self.garbage.append(Item(x, y))
                 self._lay_out()
-        while self.schedule.turns[self.turn][0] == self.step:
-            _, humanoid, vx, vy = self.schedule.turns[self.turn]
+        while self.schedule.turns[self.turn]["step"] == self.step:
+            _, humanoid, vx, vy = self.schedule.turns[self.turn].tolist()
             self.turn += 1
             self.people[humanoid].velocity = (vx, vy)
             self.carried[humanoid] = min(

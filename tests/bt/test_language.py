@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp import cached_files, extension_modules
 from islandgp.bt.core import language
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
@@ -332,40 +329,6 @@ def test_lark_is_imported_when_a_text_is_parsed() -> None:
     """Importing the language costs no start-up time: lark comes with the first text."""
     code = "import sys, islandgp.bt.core.language; sys.exit('lark' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-@pytest.mark.skipif(os.name != "posix", reason="permissions")
-@pytest.mark.parametrize("trusted", [True, False])
-def test_a_file_that_others_can_write_is_not_read(
-    trusted: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Its tables could run their code. A folder that islandgp makes is the user's alone."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    (tmp_path / "file").touch()
-    module = str(tmp_path / "file" / "module.py")  # nothing can be kept beside it
-    cached_files.store(module, "name", b"content")
-    folder = tmp_path / "cache" / "islandgp"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    folder.chmod(0o755 if trusted else 0o757)
-    assert cached_files.read_cached(module, "name") == (b"content" if trusted else None)
-    assert (str(folder) in extension_modules.parent_folders()) == trusted
-
-
-def test_a_killed_process_leaves_no_file_for_long(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """The next one that keeps the same result removes it, and its own if it cannot write."""
-    file, left = tmp_path / "name", tmp_path / ".name.1.tmp"
-    monkeypatch.setattr(cached_files, "_places", lambda *_: [file])
-    left.touch()
-    os.utime(left, (0, 0))
-    cached_files.store("", "name", b"content")
-    assert [*tmp_path.iterdir()] == [file]
-    file.unlink()
-    file.mkdir()
-    with pytest.raises(OSError, match="none that can be written"):
-        cached_files.store("", "name", b"content")
-    assert [*tmp_path.iterdir()] == [file]
 
 
 def test_another_lark_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ from islandgp.bt.core.node import SUCCESS
 from islandgp.bt.core.vocabulary import Action
 from islandgp.domain import Domain
 from islandgp.domains.island import Island
-from islandgp.domains.island.actions import IslandAction, drive
+from islandgp.domains.island.actions import IslandAction
 from islandgp.evaluation.base import Problem
 from islandgp.testing.domain_suite import DomainSuite, run_suite
 from islandgp.trust import trust, trusting
@@ -109,7 +109,7 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
         schema = Island.schema.with_actions("homing", {"ReturnToStart": declared})
         actions: ClassVar[Mapping[str, IslandAction]] = {
             **Island.actions,
-            "ReturnToStart": lambda island, _: drive(island, *island.world.start, 5.0),
+            "ReturnToStart": lambda island, _: island.drive(*island.world.start, 5.0),
         }
 
     class Suite(TestIsland):

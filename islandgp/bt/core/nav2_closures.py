@@ -1,8 +1,4 @@
-"""The tick functions of the control nodes of Nav2: pipeline, round robin and recovery.
-
-`islandgp compile` leaves them to Python. Nested recoveries can tick their leaves billions of times
-in one tick of the tree, and signals, such as a time limit's or Ctrl-C, are handled in Python only.
-"""
+"""The tick functions of the control nodes of Nav2: pipeline, round robin and recovery."""
 
 from __future__ import annotations
 

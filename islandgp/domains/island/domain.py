@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from functools import lru_cache
 from traceback import walk_tb
-from typing import ClassVar, Final, Self
+from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
@@ -16,16 +15,17 @@ from islandgp.bt.core.vocabulary import Condition, Vocabulary
 from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.schedule import obstacles
-from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import DomainError
 from islandgp.scoring.rewards import RewardTable, worth
 from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
+
+if TYPE_CHECKING:
+    from islandgp.domains.island.state import State
 
 EARNED_BY: Final[Mapping[str, str]] = {
     IslandEvent.PICKUP: "PickupGarbage",
@@ -112,6 +112,8 @@ class Island:
     def _run(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None
     ) -> Outcome:
+        from islandgp.domains.island.episode import run_episode  # numba takes half a second
+
         value = worth(self.rewards, weights)
         keys = self.schema.vocabulary.keys
         sensors = None if self.faults is None else self.faults.sensors(keys, seed)
@@ -142,7 +144,8 @@ class Island:
             stepwise=True,
             watch=observer.node,
             observe=lambda island: observer.tick(
-                island.board if sensors is None else sensors.values, self._scene(island, fixed)
+                island.board.tolist() if sensors is None else sensors.values,
+                self._scene(island, fixed),
             ),
             sensors=sensors,
         )
@@ -191,30 +194,27 @@ class Island:
         )
 
     def _scene(self, island: State, fixed: tuple[Thing, ...]) -> Scene:
-        world, robot, people = self.world, island.robot, island.humanoids
-        reach, size = world.robot.pickup_reach / 2, world.humanoids.radius
-        items = _lying(island.ground.items(), reach)
-        if robot.driving:
-            items = (*items, Thing("goal", robot.wish[0], robot.wish[1], GOAL_SIZE))
-        positions = island.physics.humanoid_positions()
+        world, reach = self.world, self.world.robot.pickup_reach / 2
+        lying = island.garbage[island.garbage["present"] > 0]
+        items = tuple(Thing("garbage", x, y, reach) for x, y in lying[["x", "y"]].tolist())
+        if island.driving:
+            items = (*items, Thing("goal", island.wish_x, island.wish_y, GOAL_SIZE))
         return Scene(
             bounds=(0.0, 0.0, world.side, world.side),
             fixed=fixed,
             items=items,
             movers=(
-                Thing("sight", robot.x, robot.y, world.robot.perception),
+                Thing("sight", island.x, island.y, world.robot.perception),
                 *(
                     Thing(
-                        "asking" if people.asks(h) else "humanoid", at.real, at.imag, size, str(n)
+                        "asking" if carried >= world.humanoids.ask_from else "humanoid",
+                        x,
+                        y,
+                        world.humanoids.radius,
+                        str(carried),
                     )
-                    for h, (at, n) in enumerate(zip(positions, people.items, strict=True))
+                    for carried, x, y in island.people[["carried", "x", "y"]].tolist()
                 ),
-                Thing("robot", robot.x, robot.y, world.robot.radius, str(robot.load)),
+                Thing("robot", island.x, island.y, world.robot.radius, str(island.load)),
             ),
         )
-
-
-@lru_cache(maxsize=1)  # it changes seldom from tick to tick
-def _lying(items: tuple[complex, ...], size: float) -> tuple[Thing, ...]:
-    """The garbage on the ground."""
-    return tuple(Thing("garbage", item.real, item.imag, size) for item in items)

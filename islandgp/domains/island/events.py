@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from enum import StrEnum
+from typing import Final
 
 
 class IslandEvent(StrEnum):
@@ -21,6 +22,13 @@ class IslandEvent(StrEnum):
     COLLISION = "collision"
     LEFTOVER = "leftover"
 
+
+EVENTS: Final = tuple(IslandEvent)
+(
+    PICKUP, INTERACTION, CHARGE, SHUTDOWN, DELIVERY, EMPTY_DELIVERY, PATROL, DISCOVERY, IDLE,
+    COLLISION, LEFTOVER,
+) = range(len(EVENTS))  # fmt: skip
+"""The events as numbers, for compiled functions."""
 
 Award = Callable[[IslandEvent, float], tuple[str, float]]
 """(event, amount) -> (component of the fitness, or "", points)."""

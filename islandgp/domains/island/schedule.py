@@ -5,30 +5,80 @@ It does not depend on the robot, so it is drawn once and shared by all episodes 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from math import cos, hypot, sin, tau
+from math import ceil, cos, hypot, sin, tau
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from islandgp.domains.island.fields import HUMANOID, ITEM, TURN
 from islandgp.domains.island.world import FAR, IslandWorld
 from islandgp.errors import ConfigError
 
 Circle = tuple[float, float, float]  # x, y, radius in metres
-Spawn = tuple[int, float, float]  # (step, x, y): an item of garbage appears
-Turn = tuple[int, int, float, float]  # (step, humanoid, vx, vy): it turns and finds one more item
+Table = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
-    """The events of one world seed, drawn before its episodes."""
+    """The events of one world seed, drawn before its episodes; its tables are not changed."""
 
     obstacles: tuple[Circle, ...]
-    garbage: tuple[complex, ...]  # positions at the start, x + iy
-    humanoids: tuple[tuple[float, float, float, float], ...]  # x, y, vx, vy at the start
-    # Events by step. The last of each has the step FAR, which no episode reaches.
-    spawns: tuple[Spawn, ...]
-    turns: tuple[Turn, ...]
+    garbage: Table  # ITEM: all of the episode, those at the start first
+    initial: int  # number of items at the start
+    humanoids: Table  # HUMANOID, at the start
+    spawns: Table  # steps in which the other items appear; the last is FAR
+    turns: Table  # TURN, by step; the step of the last is FAR
+    cell_starts: Table  # where each cell begins in `cell_items`
+    cell_items: Table  # of each cell: the items in it and in the eight around it
+    columns: int  # cells in a row, including empty ones at the margin
+
+
+def schedule_of(
+    world: IslandWorld,
+    *,
+    obstacles: tuple[Circle, ...],
+    garbage: Sequence[Sequence[float]],
+    spawns: Sequence[tuple[int, float, float]],
+    humanoids: Sequence[tuple[float, float, float, float]],
+    turns: Sequence[tuple[int, int, float, float]],
+) -> Schedule:
+    """Makes a schedule.
+
+    Args:
+        world: the settings of its island.
+        obstacles: rocks and trees.
+        garbage: x and y of the items at the start, in metres.
+        spawns: step, x and y of the items that appear, by step.
+        humanoids: x, y, vx and vy of each humanoid at the start.
+        turns: step, humanoid, vx and vy: it turns and finds one more item; by step.
+    """
+    items = np.zeros(len(garbage) + len(spawns), ITEM)
+    places = np.array([*garbage, *(spawn[1:] for spawn in spawns)]).reshape(-1, 2)
+    items["x"], items["y"] = places.T
+    items["present"][: len(garbage)] = 1
+    people = np.zeros(len(humanoids), HUMANOID)
+    for name, values in zip(("x", "y", "vx", "vy"), zip(*humanoids, strict=True), strict=False):
+        people[name] = values
+    people["unseen"] = 1
+    columns = ceil(world.side / world.cell) + 2
+    lowest = (places // world.cell).astype(np.int64) @ [1, columns]  # of the nine around each
+    around = np.array([row * columns + i for row in range(3) for i in range(3)])
+    cells = (lowest[:, None] + around).ravel()
+    return Schedule(
+        obstacles=obstacles,
+        garbage=items,
+        initial=len(garbage),
+        humanoids=people,
+        spawns=np.array([*(spawn[0] for spawn in spawns), FAR]),
+        turns=np.array([*turns, (FAR, 0, 0.0, 0.0)], TURN),
+        cell_starts=np.searchsorted(np.sort(cells), np.arange(columns**2 + 1)),
+        cell_items=np.argsort(cells, kind="stable") // len(around),
+        columns=columns,
+    )
 
 
 @lru_cache(maxsize=8)
@@ -64,17 +114,17 @@ def obstacles(world: IslandWorld) -> tuple[Circle, ...]:
 
 def _free_points(
     world: IslandWorld, rng: np.random.Generator, n: int, clear: float
-) -> list[complex]:
+) -> list[list[float]]:
     """`n` points of free ground, at least `clear` metres from obstacles and walls."""
     rocks = np.array(obstacles(world)).reshape(-1, 3)
-    places: list[complex] = []
+    places: list[list[float]] = []
     for _ in range(1000):
         if len(places) >= n:
             return places[:n]
         points = rng.uniform(clear, world.side - clear, (n + 8, 2))
         gaps = np.hypot(points[:, :1] - rocks[:, 0], points[:, 1:] - rocks[:, 1])
         free = (gaps > rocks[:, 2] + clear).all(axis=1)
-        places += [complex(x, y) for x, y in points[free]]
+        places += points[free].tolist()
     raise ConfigError(
         f"world: expected free ground for {n} things, found almost none; lower obstacles.count."
     )
@@ -103,15 +153,13 @@ def draw_schedule(world: IslandWorld, seed: int) -> Schedule:
         for step, angle in zip(turn_steps[h].tolist(), angles[h].tolist(), strict=True)
         if step <= steps
     )
-    return Schedule(
+    return schedule_of(
+        world,
         obstacles=obstacles(world),
-        garbage=tuple(garbage),
-        humanoids=tuple((z.real, z.imag, *v) for z, v in zip(starts, first, strict=True)),
-        spawns=(
-            *((s, z.real, z.imag) for s, z in zip(spawning, spawned, strict=True)),
-            (FAR, 0.0, 0.0),
-        ),
-        turns=(*turns, (FAR, 0, 0.0, 0.0)),
+        garbage=garbage,
+        spawns=[(step, x, y) for step, (x, y) in zip(spawning, spawned, strict=True)],
+        humanoids=[(x, y, *v) for (x, y), v in zip(starts, first, strict=True)],
+        turns=turns,
     )
 
 

@@ -7,174 +7,161 @@ are exact.
 
 from __future__ import annotations
 
-from math import hypot, inf, sqrt
+from math import inf, sqrt
 from typing import Final
 
-from islandgp.domains.island import engine
-from islandgp.domains.island.events import IslandEvent
-from islandgp.domains.island.robot import MICRO, TOLERANCE, steps_to
-from islandgp.domains.island.state import State
-from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import FAR
+import numpy as np
 
-BATTERY: Final = 0  # of the blackboard
-ROOM: Final = 1
-LAP: Final = 2
-GARBAGE: Final = 3
-HUMANOID: Final = 4
-assert tuple(VOCABULARY.keys) == (
-    "batteryLevel",
-    "robotCurrentExtraCapacity",
-    "lap",
-    "foundGarbage",
-    "isHumanoidWantToClear",
+from islandgp.domains.island.events import DISCOVERY, PATROL
+from islandgp.domains.island.fields import EVENT, HUMANOID, ITEM, STATION
+from islandgp.domains.island.geometry import norm
+from islandgp.domains.island.memory import compiled, table
+from islandgp.domains.island.robot import TOLERANCE, steps_to
+from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.world import FAR, MICRO
+
+KEYS: Final = len(VOCABULARY.keys)
+BATTERY, ROOM, LAP, GARBAGE, ASKED = map(
+    VOCABULARY.key_index.__getitem__,
+    ("batteryLevel", "robotCurrentExtraCapacity", "lap", "foundGarbage", "isHumanoidWantToClear"),
 )
 TOGETHER: Final = 20  # looks at humanoids that are due within so many steps are done together
 
 
-def sense(island: State, *, always: bool = False) -> bool:
-    """Updates the robot's position and the two flags of the blackboard.
+@compiled
+def log(s, kind, amount):
+    """Records an event of this step, for Python to count."""
+    event = table(s.events_at, s.event_count + 1, EVENT)[s.event_count]
+    event.step, event.kind, event.amount = s.step, kind, amount
+    s.event_count += 1
 
-    Args:
-        island: it is changed.
-        always: look around even if the result cannot have changed.
+
+@compiled
+def sense(s, always):
+    """Updates the two flags of the blackboard; `always`: also if they cannot have changed.
 
     Returns:
         True if a flag changed or a discovery earned points.
     """
-    robot, board, step = island.robot, island.board, island.step
-    if not island.compiled:  # the compiled loop sets the position
-        at = engine.position(robot.body)
-        robot.x, robot.y = at.x, at.y
-    finds = always or step >= island.ground.next_look
-    meets = always or step >= island.humanoids.next_look
-    if not finds and not meets:
-        return island.changed
-    events = len(island.event_log.events)
-    if finds:
-        look_for_garbage(island)
-    if meets:
-        asking = _look_for_humanoids(island, always)
-        if asking != board[HUMANOID]:
-            board[HUMANOID] = asking
-            island.changed = True
-    return island.changed or len(island.event_log.events) > events
+    events = s.event_count
+    if always or s.step >= s.next_look:
+        look_for_garbage(s)
+    if always or s.step >= s.next_humanoid_look:
+        look_for_humanoids(s, always)
+    return s.changed != 0 or s.event_count > events
 
 
-def refresh(island: State) -> None:
+@compiled
+def _show(s, key, flag):
+    """Writes a flag on the blackboard."""
+    board = table(s.board_at, KEYS, np.float64)
+    if board[key] != flag:
+        board[key] = flag
+        s.changed = 1
+
+
+@compiled
+def refresh(s):
     """Updates the other keys of the blackboard, before a tick."""
-    robot, board = island.robot, island.board
-    board[BATTERY] = robot.battery / MICRO
-    board[ROOM] = robot.capacity - robot.load
-    board[LAP] = robot.laps
-    if robot.fined_at >= 0 and visit_left(island) < 0:
-        robot.fined_at = -1
+    board = table(s.board_at, KEYS, np.float64)
+    board[BATTERY] = s.battery / MICRO
+    board[ROOM] = s.capacity - s.load
+    board[LAP] = s.laps
+    if s.fined_at >= 0 and visit_left(s) < 0:
+        s.fined_at = -1
 
 
-def visit_left(island: State) -> float:
+@compiled
+def visit_left(s):
     """Metres that the robot may drive within reach of the clearing point where it was fined."""
-    robot = island.robot
-    x, y = island.world.clearing_points[robot.fined_at]
-    return robot.station_reach - hypot(x - robot.x, y - robot.y)
+    point = table(s.points_at, s.points, STATION)[s.fined_at]
+    return s.station_reach - norm(point.x - s.x, point.y - s.y)
 
 
-def look_for_garbage(island: State) -> None:
+@compiled
+def nearby(s, x, y):
+    """The indices of the items in the nine cells around a point: all within `cell` metres."""
+    at = (int(y // s.cell) + 1) * s.columns + int(x // s.cell) + 1
+    starts = table(s.cell_starts_at, at + 2, np.int64)
+    return table(s.cell_items_at, starts[at + 1], np.int64)[starts[at] :]
+
+
+@compiled
+def look_for_garbage(s):
     """Updates whether garbage is in sight, discovers new items, and sets the step to look again.
 
     From a robot on a straight leg an item is visible along one stretch of the way. The result
     changes when a relevant stretch begins, when the last of the present stretches ends, or when
     the robot approaches items of other cells. For a robot at rest it does not change.
     """
-    in_sight, new = island.compiled.look() if island.compiled else _look(island)
-    if in_sight != island.board[GARBAGE]:
-        island.board[GARBAGE] = bool(in_sight)
-        island.changed = True
-    if new:
-        discover(island, new)
-
-
-def _look(island: State) -> tuple[int, int]:
-    """Whether garbage is in sight, and how many items are new; sets the step to look again."""
-    robot, ground = island.robot, island.ground
-    x, y, ux, uy = robot.x, robot.y, robot.heading.real, robot.heading.imag
-    square = robot.sight_squared
-    in_sight, new = 0, 0
-    places, present, discovered = ground.places, ground.present, ground.discovered
-    xs, ys, cell = places.x, places.y, places.cell
-    (column, east), (row, north) = divmod(x, cell), divmod(y, cell)
-    border_x = (cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
-    border_y = (cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
+    items, ux, uy = table(s.items_at, s.items, ITEM), s.heading_x, s.heading_y
+    square = s.perception * s.perception
+    east, north = s.x % s.cell, s.y % s.cell
+    border_x = (s.cell - east) / ux if ux > 0 else east / -ux if ux < 0 else inf
+    border_y = (s.cell - north) / uy if uy > 0 else north / -uy if uy < 0 else inf
     # Metres until the last visible item is out of sight, a new item comes into sight, and a
     # discovered one does so again.
-    border = border_x if border_x < border_y else border_y
-    end, change, again = 0.0, border + robot.stride, inf
-    for item in places.near[(int(row) + 1) * places.columns + int(column) + 1]:
-        if not present[item]:
+    end, change, again = 0.0, min(border_x, border_y) + s.stride, inf
+    in_sight, new = False, 0
+    for i in nearby(s, s.x, s.y):
+        item = items[i]
+        if not item.present:
             continue
-        dx, dy = xs[item] - x, ys[item] - y
+        dx, dy = item.x - s.x, item.y - s.y
         gap = dx * dx + dy * dy
         if gap <= square:
-            in_sight = 1
-            if not discovered[item]:
-                discovered[item] = True
-                new += 1
+            in_sight = True
+            new += not item.discovered
+            item.discovered = 1
         along = dx * ux + dy * uy
         half = square - gap + along * along
         if half < -TOLERANCE:
             continue
         half = sqrt(half) if half > 0 else 0.0
         if along <= half:
-            if along + half > end:
-                end = along + half
-        elif discovered[item]:
-            if along - half < again:
-                again = along - half
-        elif along - half < change:
-            change = along - half
-    other = end if in_sight else again
-    if other < change:
-        change = other
-    ground.next_look = island.step + steps_to(change, robot.stride) if robot.driving else FAR
-    return in_sight, new
+            end = max(end, along + half)
+        elif item.discovered:
+            again = min(again, along - half)
+        else:
+            change = min(change, along - half)
+    change = min(change, end if in_sight else again)
+    s.next_look = s.step + steps_to(change, s.stride) if s.driving else FAR
+    _show(s, GARBAGE, in_sight)
+    discover(s, new)
 
 
-def _look_for_humanoids(island: State, always: bool) -> bool:
+@compiled
+def look_for_humanoids(s, always):
     """Looks for humanoids with garbage, discovers new ones, and sets the step to look again."""
-    robot, people, step = island.robot, island.humanoids, island.step
-    x, y, perception, approach = robot.x, robot.y, robot.perception, robot.stride + island.walk
-    items, ask_from, unseen = people.items, people.settings.ask_from, people.unseen
-    asking_near, look_steps, bodies = people.asking_near, people.look_steps, people.bodies
-    new = 0
-    soon = FAR if always else step + TOGETHER
-    for h, due in enumerate(look_steps):
-        if due > soon:
-            continue
-        asks = items[h] >= ask_from
-        asking_near[h] = False
-        look_steps[h] = FAR
-        if not asks and not unseen[h]:
-            continue
-        at = engine.position(bodies[h])
-        beyond = hypot(at.x - x, at.y - y) - perception
-        if asks or beyond > 0:
-            look_steps[h] = step + steps_to(abs(beyond), approach)
-        if beyond <= 0:
-            asking_near[h] = asks
-            new += unseen[h]
-            unseen[h] = False
-    people.next_look = min(look_steps, default=FAR)
-    if new:
-        discover(island, new)
-    return 1 in asking_near
+    people, new, asked = table(s.humanoids_at, s.humanoids, HUMANOID), 0, False
+    s.next_humanoid_look = FAR
+    for h in range(len(people)):
+        one = people[h]
+        if always or one.look <= s.step + TOGETHER:
+            asks = one.carried >= s.ask_from
+            one.asking_near, one.look = 0, FAR
+            if asks or one.unseen:
+                beyond = norm(one.x - s.x, one.y - s.y) - s.perception
+                if asks or beyond > 0:
+                    one.look = s.step + steps_to(abs(beyond), s.stride + s.humanoid_stride)
+                if beyond <= 0:
+                    one.asking_near = asks
+                    new += one.unseen
+                    one.unseen = 0
+        asked = asked or one.asking_near != 0
+        s.next_humanoid_look = min(s.next_humanoid_look, one.look)
+    discover(s, new)
+    _show(s, ASKED, asked)
 
 
-def discover(island: State, things: int) -> None:
+@compiled
+def discover(s, things):
     """Records things seen for the first time, which count while the robot patrols (Table 3)."""
-    if not island.patrolling:
+    if not things or not s.patrolling:
         return
-    island.log(IslandEvent.DISCOVERY, things)
-    steps = island.patrol_steps + island.step - island.booked
-    segment = int(steps * island.robot.stride / island.robot.settings.patrol_segment + 1e-9)
-    if segment > island.rewarded_segment:
-        island.rewarded_segment = segment
-        island.log(IslandEvent.PATROL, 1)
+    log(s, DISCOVERY, things)
+    metres = (s.patrol_steps + s.step - s.booked) * s.stride
+    segment = int(min(metres / s.patrol_segment + 1e-9, FAR))
+    if segment > s.rewarded_segment:
+        s.rewarded_segment = segment
+        log(s, PATROL, 1.0)

@@ -10,16 +10,14 @@ later episodes in the same world: its bodies are taken out, placed, and added ag
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
 import pymunk
-from pymunk.batch import BodyFields, Buffer, get_space_bodies
 
-from islandgp.domains.island import engine
-from islandgp.domains.island.schedule import Circle, Schedule
+from islandgp.domains.island.schedule import Circle, Schedule, Table
 from islandgp.domains.island.world import WALL, IslandWorld
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
@@ -34,17 +32,31 @@ class CollisionType(IntEnum):
     STATIC = 3
 
 
-@dataclass(slots=True)
 class Contacts:
     """The robot's contacts, updated by the physics engine."""
 
-    begun: list[int] = field(default_factory=list)  # humanoids touched since last asked
-    touching: set[int] = field(default_factory=set)  # humanoids; -1 and below: static shapes
-    flag: bytearray = field(default_factory=lambda: bytearray(1))  # 1: it touches something
+    def __init__(self, humanoids: int) -> None:
+        self.touching: set[int] = set()  # humanoids; -1 and below: static shapes
+        # How many things it touches, how many humanoids since the last reset of this number, and
+        # for each humanoid whether it is touched.
+        self.table: Table = np.zeros(2 + humanoids, np.int64)
+
+    def clear(self) -> None:
+        """Forgets all contacts."""
+        self.touching.clear()
+        self.table[:] = 0
+
+    def update(self, other: int, touches: bool) -> None:
+        """A contact with a humanoid or a static shape begins or ends."""
+        (self.touching.add if touches else self.touching.discard)(other)
+        self.table[0] = len(self.touching)
+        if other >= 0:
+            self.table[1] += touches
+            self.table[2 + other] = touches
 
 
 class Space:
-    """A space with the bodies of one episode, and their positions read all at once."""
+    """A space with the bodies of one episode."""
 
     def __init__(
         self,
@@ -58,36 +70,16 @@ class Space:
         self.robot = robot
         self.humanoids = humanoids
         self.contacts = contacts
-        self.handle, self._robot = engine.handle(space), engine.handle(robot)
         self._movers = [(body, next(iter(body.shapes))) for body in (robot, *humanoids)]
-        self._buffer = Buffer()
-        self._read()
-        # The engine's own memory; it stays in place, as each reading fills it to the same size.
-        # The robot comes first, then the humanoids, last the static body: x + iy in metres.
-        self._positions = np.frombuffer(self._buffer.float_buf(), dtype=complex)
 
-    def reset(self, world: IslandWorld, schedule: Schedule) -> None:
-        """Resets the space to step 0 of a schedule with as many humanoids."""
-        starts = ((*world.start, 0.0, 0.0), *schedule.humanoids)
-        engine.restart(self.space, self._movers, starts)
-        self.contacts.begun.clear()
-        self.contacts.touching.clear()
-        self.contacts.flag[0] = False
-
-    def robot_position(self) -> complex:
-        """Position of the robot, x + iy in metres."""
-        at = engine.position(self._robot)
-        return complex(at.x, at.y)
-
-    def humanoid_positions(self) -> list[complex]:
-        """Positions of the humanoids in metres, read in one call of the engine."""
-        self._read()
-        positions: list[complex] = self._positions[1:-1].tolist()
-        return positions
-
-    def _read(self) -> None:
-        self._buffer.clear()
-        get_space_bodies(self.space, BodyFields.POSITION, self._buffer)
+    def reset(self, starts: Iterable[tuple[float, float, float, float]]) -> None:
+        """Resets the space to step 0: x, y, vx and vy of the robot and of each humanoid."""
+        self.space.remove(*(thing for mover in self._movers for thing in mover))
+        for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
+            body.update_position(body, 0)  # a remaining overlap no longer moves it
+            body.position, body.velocity = (x, y), (vx, vy)
+            self.space.add(body, shape)
+        self.contacts.clear()
 
 
 @lru_cache(maxsize=4)
@@ -124,10 +116,10 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     space.add(robot, hull)
 
     humanoids = []
-    for i, (x, y, vx, vy) in enumerate(schedule.humanoids):
+    for i, start in enumerate(schedule.humanoids):
         body = pymunk.Body(HUMANOID_MASS, float("inf"))
-        body.position = (x, y)
-        body.velocity = (vx, vy)
+        body.position = (float(start["x"]), float(start["y"]))
+        body.velocity = (float(start["vx"]), float(start["vy"]))
         shape = pymunk.Circle(body, world.humanoids.radius)
         shape.elasticity = 1.0
         shape.collision_type = CollisionType.HUMANOID
@@ -135,7 +127,7 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
         space.add(body, shape)
         index[shape] = i
         humanoids.append(body)
-    contacts = Contacts()
+    contacts = Contacts(len(humanoids))
     _watch_contacts(space, index, contacts)
     return Space(space, robot, tuple(humanoids), contacts)
 
@@ -144,16 +136,11 @@ def _watch_contacts(
     space: pymunk.Space, index: dict[pymunk.Shape, int], contacts: Contacts
 ) -> None:
     def begin(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
-        other = index[arbiter.shapes[1]]
-        contacts.touching.add(other)
-        contacts.flag[0] = True
-        if other >= 0:
-            contacts.begun.append(other)
+        contacts.update(index[arbiter.shapes[1]], True)
 
     def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
         # When a space is deleted, the engine separates all contacts, perhaps after `index` is gone.
-        contacts.touching.discard(index.get(arbiter.shapes[1], 0))
-        contacts.flag[0] = bool(contacts.touching)
+        contacts.update(index.get(arbiter.shapes[1], 0), False)
 
     for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
         space.on_collision(CollisionType.ROBOT, kind, begin=begin, separate=separate)

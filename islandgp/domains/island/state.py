@@ -1,92 +1,135 @@
-"""The state of the island in an episode; the only mutable object of a simulation."""
+"""The state of the island in an episode, for Python: actions of users, observers, the log."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from math import ceil, inf
+from typing import Any, Final
 
-from islandgp.bt.core.node import FAILURE
-from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
-from islandgp.domains.island.garbage import Ground
-from islandgp.domains.island.humanoids import Humanoids
-from islandgp.domains.island.robot import MICRO, IslandRobot
-from islandgp.domains.island.schedule import Schedule, draw_schedule
-from islandgp.domains.island.space import Space, build_space, idle_spaces
+import numpy as np
+import pymunk
+
+from islandgp.domains.island import engine
+from islandgp.domains.island.chipmunk import address
+from islandgp.domains.island.events import EVENTS, Award, IslandEvent, IslandEventLog
+from islandgp.domains.island.fields import EPISODE, EVENT, ROCK, STATION
+from islandgp.domains.island.schedule import Table, draw_schedule
+from islandgp.domains.island.space import build_space, idle_spaces
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import FAR, EpisodeSettings, IslandWorld
+from islandgp.domains.island.world import FAR, FULL, MICRO, IslandWorld
 
-if TYPE_CHECKING:
-    from islandgp.domains.island.compiled import Compiled
-
-
-@dataclass(frozen=True, slots=True)
-class Deadlines:
-    """Limits of an episode in steps (section 2.2.2)."""
-
-    length: int
-    stagnation: int
-    stagnation_low_battery: int
-    low_battery: int  # millionths of a percent
-    negative: int
-    second: int  # steps in one second
-
-    @staticmethod
-    def of(settings: EpisodeSettings) -> Deadlines:
-        """The limits of the settings, in steps."""
-        seconds = (settings.length, settings.stagnation, settings.stagnation_low_battery)
-        length, stagnation, longer = (max(1, round(s / settings.step)) for s in seconds)
-        low, negative = (
-            round(settings.low_battery * MICRO),
-            round(settings.negative / settings.step),
-        )
-        return Deadlines(
-            length, stagnation, longer, low, negative, max(1, round(1 / settings.step))
-        )
+_NAMES: Final = EPISODE.names or ()
+_AT: Final = {name: at for at, name in enumerate(_NAMES)}
+_PENDING, _BEST, _NEGATIVE = (_AT[n] for n in ("event_count", "best_step", "negative_since"))
 
 
-@dataclass(slots=True)
 class State:
-    """Everything that a tick can read or change."""
+    """Everything that a tick can read or change.
 
-    world: IslandWorld
-    limits: Deadlines
-    schedule: Schedule
-    physics: Space
-    robot: IslandRobot
-    ground: Ground
-    humanoids: Humanoids
-    event_log: IslandEventLog
-    spaces: list[Space]  # to which `physics` returns at the end
-    board: list[float]  # the blackboard, in the order of VOCABULARY
-    dt: float  # s a step
-    walk: float  # m that a humanoid moves in a step, at most
-    step: int = 0
-    booked: int = 0  # the step up to which time is accounted for
-    changed: bool = False  # a flag of the blackboard, since the last tick
-    spawn: int = 0  # index of the schedule's next garbage
-    turn: int = 0  # index of the schedule's next turn of a humanoid
-    wake: int = FAR  # a step at which the tree has to be ticked
-    free: float = 0.0  # m to drive until a fresh call of the last tick's action has another result
-    shaken: bool = False  # had a contact a step ago; the engine may still separate bodies
-    status: int = FAILURE  # of the tree's last tick
-    stirred: bool = False  # this tick changed something on which the next may depend
-    restarted: bool = False  # a leaf started in this tick whose action other leaves share
-    acted: bool = False  # a non-movement action happened in this tick
-    idle: int = 0  # steps of idleness so far
-    last_action: int = 0  # step of the last non-movement action
-    patrolling: bool = False  # PatrolWaypoint drives the robot
-    patrol_steps: int = 0  # steps of patrol so far
-    rewarded_segment: int = -1  # last stretch of patrol that had a discovery
-    item: int = -1  # garbage that MoveToGarbage drives to
-    humanoid: int = -1  # humanoid that MoveToHumanoid drives to
-    aim_end: int = 0  # step at which it updates its aim
-    compiled: Compiled | None = None  # functions in place of Python's
-    aim_x: float = 0.0  # m, where it saw that humanoid
-    aim_y: float = 0.0
+    The fields of `fields.EPISODE` are its attributes, such as `step`, `x`, `y` and `load`.
+    """
+
+    __slots__ = (
+        "_events", "_kept", "_numbers", "board", "event_log", "garbage", "people", "physics",
+        "record", "schedule", "spaces", "world",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        world: IslandWorld,
+        seed: int,
+        award: Award,
+        thresholds: Sequence[float] = (),
+        **flags: bool,
+    ) -> None:
+        """The island at step 0.
+
+        Args:
+            world: settings of the island.
+            seed: of the world.
+            award: component and points by event.
+            thresholds: battery levels in percent that the tree compares with.
+            flags: `stepwise`, `timed` and `may_coast`.
+        """
+        self.world, self.schedule = world, draw_schedule(world, seed)
+        starts = self.schedule.humanoids
+        self.spaces = idle_spaces(world, self.schedule.obstacles, len(starts))
+        if self.spaces:
+            self.physics = self.spaces.pop()
+            motion = starts[["x", "y", "vx", "vy"]].tolist()
+            self.physics.reset([(*world.start, 0.0, 0.0), *motion])
+        else:
+            self.physics = build_space(world, self.schedule)
+        record, kept = _settings(world)
+        self.record: Table = record.copy()
+        self._numbers = self.record.view(np.int64).data
+        self.garbage, self.people = self.schedule.garbage.copy(), starts.copy()
+        self.people["body"] = [address(body) for body in self.physics.humanoids]
+        self._events = np.zeros(len(starts) + 16, EVENT)
+        board = np.zeros(len(VOCABULARY.keys))
+        self.board: Any = board.data
+        self.event_log = IslandEventLog(award)
+        tables = {
+            "items": self.garbage,
+            "humanoids": self.people,
+            "rocks": np.array(self.schedule.obstacles, np.float64).view(ROCK),
+            "marks": _marks(world, thresholds),
+            "spawns": self.schedule.spawns,
+            "turns": self.schedule.turns,
+            "cell_starts": self.schedule.cell_starts,
+            "cell_items": self.schedule.cell_items,
+            "board": board,
+            "events": self._events,
+            "contacts": self.physics.contacts.table,
+        }
+        self._kept = kept, tables  # as long as their addresses are in use
+        self._set_tables(tables)
+        for name, value in {
+            "space": address(self.physics.space),
+            "body": address(self.physics.robot),
+            "columns": self.schedule.columns,
+            "first_item": self.schedule.initial,
+            "room": world.garbage.most - self.schedule.initial,
+            **flags,
+        }.items():
+            self._numbers[_AT[name]] = value
+
+    def _set_tables(self, tables: Mapping[str, Table]) -> None:
+        for name, values in tables.items():
+            self._numbers[_AT[f"{name}_at"]] = values.ctypes.data
+            if name in _AT:
+                self._numbers[_AT[name]] = values.size
+
+    def __getattr__(self, name: str) -> Any:
+        """A field of the record."""
+        if name not in _AT:
+            raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
+        return self.record[name].item()
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Sets a field of the record, or one of the few other attributes."""
+        if name in _AT:
+            self.record[name] = value
+        else:
+            object.__setattr__(self, name, value)
+
+    def count_events(self) -> None:
+        """Counts the events of compiled functions."""
+        numbers = self._numbers
+        if not numbers[_PENDING]:
+            return
+        for step, kind, amount in self._events[: numbers[_PENDING]].tolist():
+            self.event_log.log(step, EVENTS[kind], amount)
+        numbers[_PENDING] = 0
+        numbers[_BEST] = self.event_log.best_step
+        numbers[_NEGATIVE] = self.event_log.negative_since
 
     def log(self, event: IslandEvent, amount: float) -> None:
         """Records an event of this step."""
         self.event_log.log(self.step, event, amount)
+        self.best_step = self.event_log.best_step
+        self.negative_since = self.event_log.negative_since
 
     def act(self, event: IslandEvent, amount: float) -> None:
         """Records a non-movement action with its event."""
@@ -96,51 +139,108 @@ class State:
 
     def wake_at(self, step: int) -> None:
         """Requests a tick at `step` at the latest."""
-        if step < self.wake:
-            self.wake = step
+        self.record["wake"] = min(self.record["wake"].item(), step)
 
     def same_for(self, metres: float) -> None:
         """Declares that a fresh call of the action has the same result for the next `metres`.
 
         Changes of the blackboard, the load and garbage in sight are detected anyway.
         """
-        if metres < self.free:
-            self.free = metres
+        self.record["free"] = min(self.record["free"].item(), metres)
+
+    def drive(self, x: float, y: float, reach: float, lead: float = inf) -> int:
+        """RUNNING while the wheels turn towards (x, y), SUCCESS within `reach` metres.
+
+        `lead`: metres by which this goal is nearer than any other that the same action, called
+        fresh, may choose.
+        """
+        status: int = engine.drive(self.record, float(x), float(y), float(reach), float(lead))
+        return status
+
+    def perform(self, action: int, fresh: bool) -> int:
+        """Calls an action of the island, a number of `actions.ACTIONS`; returns its status."""
+        status: int = engine.act(self.record, action, fresh)
+        if self._numbers[_PENDING]:
+            self.count_events()
+        return status
 
 
-def build_island(
-    world: IslandWorld, seed: int, award: Award, thresholds: tuple[float, ...]
-) -> State:
-    """Builds the island at step 0.
-
-    Args:
-        world: settings of the island.
-        seed: of the world.
-        award: component and points by event.
-        thresholds: battery levels in percent that the tree compares with.
-    """
-    schedule = draw_schedule(world, seed)
-    spaces = idle_spaces(world, schedule.obstacles, len(schedule.humanoids))
-    try:
-        physics = spaces.pop()
-        physics.reset(world, schedule)
-    except IndexError:
-        physics = build_space(world, schedule)
-    robot = IslandRobot(world, physics.robot, schedule.obstacles, thresholds)
-    walk = world.humanoids.speed * world.episode.step
-    # The engine pushes a humanoid out of walls and rocks by less than the depth of the overlaps.
-    pushed = 2 * max(0.0, walk - physics.space.collision_slop)
-    return State(
-        world=world,
-        limits=Deadlines.of(world.episode),
-        schedule=schedule,
-        physics=physics,
-        robot=robot,
-        ground=Ground(schedule, most=world.garbage.most, side=world.side, cell=world.cell),
-        humanoids=Humanoids(world.humanoids, physics.humanoids),
-        event_log=IslandEventLog(award),
-        spaces=spaces,
-        board=[0.0] * len(VOCABULARY.keys),
-        dt=world.episode.step,
-        walk=walk + pushed,
+@lru_cache(maxsize=8)
+def _settings(world: IslandWorld) -> tuple[Table, dict[str, Table]]:
+    """The record of an episode at step 0 with a world's settings, and the stations."""
+    record, stations = (
+        np.zeros(1, EPISODE),
+        {
+            name: np.array(points, np.float64).view(STATION)
+            for name, points in (
+                ("chargers", world.chargers),
+                ("points", world.clearing_points),
+                ("waypoints", world.waypoints),
+            )
+        },
     )
+    for name, table in stations.items():
+        record[f"{name}_at"], record[name] = table.ctypes.data, table.size
+    episode, robot, people, step = world.episode, world.robot, world.humanoids, world.episode.step
+
+    def steps(seconds: float) -> int:
+        return max(1, min(FAR, round(seconds / step)))
+
+    stride, walk = robot.speed * step, people.speed * step
+    # The engine pushes a humanoid out of walls and rocks by less than the depth of the overlaps.
+    pushed = 2 * max(0.0, walk - pymunk.Space().collision_slop)
+    for name, value in {
+        "x": world.start[0],
+        "y": world.start[1],
+        "heading_x": 1.0,
+        "wish_x": -1.0,
+        "wish_y": -1.0,
+        "goal_x": -1.0,
+        "goal_y": -1.0,
+        "lead": inf,
+        "wake": FAR,
+        "rewarded_segment": -1,
+        "negative_since": -1,
+        "item": -1,
+        "humanoid": -1,
+        "fined_at": -1,
+        "spent": FULL,
+        "battery": round(robot.battery_start * MICRO),
+        "drain_moving": min(FULL, round(robot.drain_moving * step * MICRO)),
+        "drain_standing": min(FULL, round(robot.drain_standing * step * MICRO)),
+        "charge": min(FULL, round(robot.charge_rate * step * MICRO)),
+        "charge_below": ceil(robot.charge_below * MICRO),
+        "charge_again": ceil(robot.charge_again * MICRO),
+        "low_battery": round(episode.low_battery * MICRO),
+        "length": steps(episode.length),
+        "stagnation": steps(episode.stagnation),
+        "stagnation_low_battery": steps(episode.stagnation_low_battery),
+        "negative": min(FAR, round(episode.negative / step)),
+        "second": steps(1),
+        "capacity": robot.capacity,
+        "ask_from": people.ask_from,
+        "most_items": people.most_items,
+        "dt": step,
+        "stride": stride,
+        "speed": robot.speed,
+        "perception": robot.perception,
+        "pickup_reach": robot.pickup_reach,
+        "station_reach": robot.station_reach,
+        "patrol_segment": robot.patrol_segment,
+        "radius": robot.radius,
+        "humanoid_speed": people.speed,
+        "humanoid_radius": people.radius,
+        "humanoid_stride": walk + pushed,
+        "hand_over_reach": people.reach,
+        "side": world.side,
+        "cell": world.cell,
+    }.items():
+        record[name] = value
+    return record, stations
+
+
+def _marks(world: IslandWorld, thresholds: Sequence[float]) -> Table:
+    """Charges in ascending order of which one side may have another result than the other."""
+    levels = (*thresholds, world.episode.low_battery, world.robot.charge_below, 0, 100)
+    charges = {round(level * MICRO) for level in levels}
+    return np.array(sorted(charge for charge in charges if 0 <= charge <= FULL), np.int64)

@@ -19,6 +19,8 @@ ROCK_MARGIN: Final = 0.3  # m between the robot's hull and an obstacle it drives
 MOST_CELLS: Final = 100_000  # of ground; they take 15 ms and 10 MB per world
 MOST_CUES: Final = 1_000_000  # most items of garbage, and most turns of humanoids, in a schedule
 FAR: Final = 1 << 29  # a step that no episode reaches
+MICRO: Final = 1_000_000  # units of charge in one percent
+FULL: Final = 100 * MICRO
 Point = tuple[NotNegative, NotNegative]  # metres from the south-west corner
 
 

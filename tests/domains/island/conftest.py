@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from islandgp.domains.island import state
-from islandgp.domains.island.schedule import Circle, Schedule, Spawn, Turn
-from islandgp.domains.island.world import FAR
+from islandgp.domains.island.schedule import Circle, Schedule, schedule_of
+from islandgp.domains.island.world import IslandWorld
 
 Lay = Callable[..., None]
 
@@ -21,18 +21,22 @@ def lay(monkeypatch: pytest.MonkeyPatch) -> Lay:
         *,
         garbage: Sequence[complex] = (),
         humanoids: Sequence[tuple[float, float]] = (),
-        spawns: Sequence[Spawn] = (),
-        turns: Sequence[Turn] = (),
+        spawns: Sequence[tuple[int, float, float]] = (),
+        turns: Sequence[tuple[int, int, float, float]] = (),
         obstacles: Sequence[Circle] = (),
     ) -> None:
         """`garbage` lies at x + iy, `humanoids` are at (x, y)."""
-        schedule = Schedule(
-            obstacles=tuple(obstacles),
-            garbage=tuple(garbage),
-            humanoids=tuple((x, y, 0.0, 0.0) for x, y in humanoids),
-            spawns=(*sorted(spawns), (FAR, 0.0, 0.0)),
-            turns=(*sorted(turns), (FAR, 0, 0.0, 0.0)),
-        )
-        monkeypatch.setattr(state, "draw_schedule", lambda _world, _seed: schedule)
+
+        def laid_out(world: IslandWorld, _seed: int) -> Schedule:
+            return schedule_of(
+                world,
+                obstacles=tuple(obstacles),
+                garbage=[(at.real, at.imag) for at in garbage],
+                humanoids=[(x, y, 0.0, 0.0) for x, y in humanoids],
+                spawns=sorted(spawns),
+                turns=sorted(turns),
+            )
+
+        monkeypatch.setattr(state, "draw_schedule", laid_out)
 
     return put

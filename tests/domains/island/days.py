@@ -11,10 +11,9 @@ from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import Award, IslandEvent
 from islandgp.domains.island.outcome import Episode
-from islandgp.domains.island.robot import MICRO
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.domains.island.world import IslandWorld
+from islandgp.domains.island.world import MICRO, IslandWorld
 from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
@@ -112,18 +111,17 @@ def day(tree: str, island: IslandWorld, *, seed: int = 0, stage: int = 0) -> Day
             root.append(status)
 
     def observe(now: State) -> None:
-        robot = now.robot
         moments.append(
             Moment(
                 step=now.step,
-                x=robot.x,
-                y=robot.y,
-                battery=robot.battery / MICRO,
-                load=robot.load,
-                board=tuple(now.board),
+                x=now.x,
+                y=now.y,
+                battery=now.battery / MICRO,
+                load=now.load,
+                board=tuple(now.board.tolist()),
                 status=STATUS_NAMES[root[-1]],
-                lying=now.ground.count,
-                carried=tuple(now.humanoids.items),
+                lying=int(now.garbage["present"].sum()),
+                carried=tuple(now.people["carried"].tolist()),
                 touching=frozenset(now.physics.contacts.touching),
             )
         )

@@ -12,7 +12,6 @@ from islandgp.bt.core.language import parse
 from islandgp.domains.island.actions import ACTIONS
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import IslandEvent
-from islandgp.domains.island.schedule import Turn
 from islandgp.domains.island.world import IslandWorld
 from islandgp.errors import DomainError
 from tests.domains.island.conftest import Lay
@@ -26,7 +25,7 @@ def short(seconds: float = 10, **changes: object) -> IslandWorld:
     return world(episode={"length": seconds}, **changes)
 
 
-def asking(*people: int, items: int = 5, first: int = 1) -> list[Turn]:
+def asking(*people: int, items: int = 5, first: int = 1) -> list[tuple[int, int, float, float]]:
     """Cues after which humanoids carry so many items; one is found at each step."""
     return [(first + n, h, 0.0, 0.0) for n in range(items) for h in people]
 

@@ -19,10 +19,11 @@ from hypothesis import strategies as st
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
-from islandgp.domains.island import compiled, engine
+from islandgp.domains.island import episode
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.space import idle_spaces
+from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld
 from islandgp.gp.random_trees import random_tree
@@ -275,18 +276,21 @@ def test_stepwise_is_the_same_for_any_tree_often(tree: Node, seed: int) -> None:
     same_both_ways(tree, busy(), seed)
 
 
-@pytest.mark.parametrize("tree", [ALL_ROUNDER, RESTLESS], ids=["all-rounder", "restless"])
-def test_the_public_engine_is_the_same(tree: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """pymunk's public interface and Chipmunk's own functions give the same episode."""
-    episodes = []
-    monkeypatch.setattr(compiled, "_functions", lambda: None)
-    idle_spaces.cache_clear()
-    for functions in (engine.chipmunk(), engine.wrapped()):
-        for name, function in functions._asdict().items():
-            monkeypatch.setattr(engine, name, function)
-        episodes.append(run_episode(parse(tree), busy(), 2, points()))
-        idle_spaces.cache_clear()  # a space knows the functions that it began with
-    assert episodes[0] == episodes[1]
+def test_crowded_episodes_are_repeated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a body touches two others at once, the outcome is that of every step."""
+    people = world().humanoids.model_copy(update={"count": 40, "speed": 9.0})
+    island, begun = world().model_copy(update={"humanoids": people}), []
+
+    class Counted(State):
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            begun.append(self.may_coast)
+
+    monkeypatch.setattr(episode, "State", Counted)
+    for seed in range(8):
+        quick, slow = both_ways(parse(ALL_ROUNDER), island, seed)
+        assert quick == slow, seed
+    assert begun.count(0) > 8 == begun.count(1)
 
 
 def test_skipping_is_worth_it() -> None:

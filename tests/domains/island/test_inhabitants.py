@@ -54,7 +54,10 @@ def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
     island = world()
     schedule = draw_schedule(island, 3)
     for h in range(island.humanoids.count):
-        steps = [0, *(step for step, humanoid, _, _ in schedule.turns[:-1] if humanoid == h)]
+        steps = [
+            0,
+            *(step for step, humanoid, _, _ in schedule.turns[:-1].tolist() if humanoid == h),
+        ]
         gaps = [b - a for a, b in pairwise(steps)]
         assert len(gaps) > 40
         assert min(gaps) >= 40
@@ -64,8 +67,8 @@ def test_humanoids_find_an_item_every_4_to_10_seconds() -> None:
 def test_humanoids_walk_at_their_speed() -> None:
     """A heading is a velocity of 1.2 m/s in some direction."""
     schedule = draw_schedule(world(), 3)
-    speeds = [hypot(vx, vy) for _, _, vx, vy in schedule.humanoids]
-    speeds += [hypot(vx, vy) for _, _, vx, vy in schedule.turns[:-1]]
+    speeds = [hypot(vx, vy) for vx, vy in schedule.humanoids[["vx", "vy"]].tolist()]
+    speeds += [hypot(vx, vy) for _, _, vx, vy in schedule.turns[:-1].tolist()]
     assert speeds == [pytest.approx(1.2)] * len(speeds)
 
 
@@ -103,10 +106,10 @@ def test_things_have_room() -> None:
     island = world()
     for seed in range(20):
         schedule = draw_schedule(island, seed)
-        spawned = [complex(x, y) for _, x, y in schedule.spawns[:-1]]
-        assert len(schedule.garbage) == 120
-        assert len(spawned) == 210
-        for z in (*schedule.garbage, *spawned, *(complex(h[0], h[1]) for h in schedule.humanoids)):
+        garbage = [complex(x, y) for x, y in schedule.garbage[["x", "y"]].tolist()]
+        people = [complex(x, y) for x, y in schedule.humanoids[["x", "y"]].tolist()]
+        assert (schedule.initial, len(garbage)) == (120, 120 + 210)
+        for z in (*garbage, *people):
             assert 1.6 <= z.real <= 298.4
             assert 1.6 <= z.imag <= 298.4
             assert all(abs(z - complex(x, y)) > r + 1.6 for x, y, r in schedule.obstacles)

@@ -44,7 +44,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     for event in EPISODE.events:
         log.log(*event)
     episode = replace(EPISODE, points=log.points)
-    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: episode)
+    monkeypatch.setattr("islandgp.domains.island.episode.run_episode", lambda *_, **__: episode)
     island = Island.make(settings.world, settings.rewards)
     outcome = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
     assert outcome.counters == {
@@ -75,7 +75,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     assert outcome.fitness == pytest.approx(532.5) == log.fitness
     quiet = replace(EPISODE, events=())
-    monkeypatch.setattr("islandgp.domains.island.domain.run_episode", lambda *_, **__: quiet)
+    monkeypatch.setattr("islandgp.domains.island.episode.run_episode", lambda *_, **__: quiet)
     assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
 
 
