@@ -3,38 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import click
-import yaml
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
 from islandgp.commands.options import with_trust_options, with_workers_option
 from islandgp.evaluation.processes import Processes, cores
-from islandgp.resources import resource
-from islandgp.study.arms import Arm, Comparison
+from islandgp.study.arms import Arm
 from islandgp.study.comparable import compare_arms
 from islandgp.study.generalise import controls as evaluate_controls
 from islandgp.study.generalise import generalise, reference_trees
 from islandgp.study.plan import check_plan, parse_plan
 from islandgp.study.report import ComparisonReport, build
-from islandgp.study.select import MLFLOW, RunEntry, arms_of_sweep, find, named, parse_arm, select
+from islandgp.study.select import RunEntry, arms_of_sweep, find, named, parse_arm, select
 from islandgp.study.table import Table
 from islandgp.study.tables.claims import comparison_verdict, estimate_cells
-from islandgp.study.writing import metrics, write
-from islandgp.tracking.comparison import fetch, publish
-from islandgp.tracking.place import place_from
-from islandgp.tracking.store import Place
+from islandgp.study.writing import write
 
 EPILOG = """\b
 Without --arm, the arms are those of the sweep: runs that differ only in seed.
 A selection is a list of KEY=VALUE of the configuration, separated by spaces:
   --arm expert="supervisor=expert" --arm baseline="supervisor=baseline"
   --arm a="name=study seed=range(30) supervisor=llm" --arm b="my_sweep"
-  --arm a="mlflow:params.\\`supervisor.name\\` = 'expert'"
-A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
+A bare word is a sweep's name.
 """
 
 
@@ -90,9 +83,6 @@ A bare word is a sweep's name; mlflow: takes an MLflow filter string instead.
     help="Evaluate the library's trees in the runs' worlds.",
 )
 @with_workers_option
-@click.option("--mlflow/--no-mlflow", default=True, help="Log the report as an MLflow run.")
-@click.option("--uri", default=None, help="MLflow store.  [default: as in conf/tracking]")
-@click.option("--experiment", default=None, help="MLflow experiment.  [default: as in conf]")
 @with_trust_options
 def command(
     arms: tuple[str, ...],
@@ -106,27 +96,18 @@ def command(
     worlds: int,
     controls: bool,
     workers: int,
-    mlflow: bool,
-    uri: str | None,
-    experiment: str | None,
 ) -> None:
     """Compare arms of runs: the paper's tables, figures and statistics.
 
-    Writes one page (index.html), Markdown, CSV and figures (SVG, PNG), and logs
-    them as an MLflow run.
+    Writes one page (index.html), Markdown, CSV and figures (SVG, PNG).
     """
     plan = parse_plan(families, primary, margins)
-    place = _place(uri, experiment)
     selections = [parse_arm(arm) for arm in arms]
-    with TemporaryDirectory(prefix="islandgp-compare-") as scratch:
-        if selections:
-            study_arms, notes = _select(selections, runs, name, place, Path(scratch))
-        else:
-            study_arms, notes = arms_of_sweep(_available(runs, name))
-    fetched = [selection.startswith(MLFLOW) for _, selection in selections]
-    uses_folder = not fetched or not all(fetched)
-    sources = [str(runs)] * uses_folder + [place.uri] * any(fetched)
-    study = compare_arms(study_arms, force=force, notes=notes, sources=sources)
+    if selections:
+        study_arms, notes = _select(selections, runs, name)
+    else:
+        study_arms, notes = arms_of_sweep(_available(runs, name))
+    study = compare_arms(study_arms, force=force, notes=notes, sources=[str(runs)])
     check_plan(plan, study)
     title = "-".join(arm.name for arm in study.arms) if selections else study.arms[0].runs[0].name
     folder = out or Path("study") / title
@@ -136,41 +117,24 @@ def command(
     unseen = generalise(study, make, worlds=worlds, reference_trees=references) if worlds else ()
     report = build(study, unseen, worlds, evaluate_controls(study, make) if controls else (), plan)
     try:
-        files = write(report, study, folder)
+        write(report, study, folder)
     except OSError as error:
         raise unusable(folder, error) from error
     notes = [f"not comparable: {doubt}" for doubt in study.comparability_warnings]
     notes += [f"note: {note}" for note in study.notes]
     click.echo("\n".join([*notes, *_results(report)]))
     click.echo(f"\n{folder / 'index.html'}: the page; beside it report.md, tables/, figures/")
-    if mlflow:
-        click.echo(_publish(report, study, place, folder, files))
-
-
-def _place(uri: str | None, experiment: str | None) -> Place:
-    """The MLflow store that a run started here would use. Raises TrackingError."""
-    file = resource("conf") / "tracking" / "mlflow.yaml"
-    policy = yaml.safe_load(file.read_text(encoding="utf-8"))["policy"]
-    return place_from(
-        policy["uri"] if uri is None else uri,
-        policy["experiment"] if experiment is None else experiment,
-    )
 
 
 def _select(
-    selections: list[tuple[str, str]], runs: Path, name: str | None, place: Place, scratch: Path
+    selections: list[tuple[str, str]], runs: Path, name: str | None
 ) -> tuple[list[Arm], list[str]]:
     """The arms, with notes on omitted runs."""
     study_arms: list[Arm] = []
     notes: list[str] = []
-    available = cache(partial(_available, runs, name))
+    available = _available(runs, name)
     for arm, selection in selections:
-        if selection.startswith(MLFLOW):
-            folders = fetch(place, selection.removeprefix(MLFLOW).strip(), scratch)
-            runs_of_arm = [run for folder in folders for run in find(folder)]
-        else:
-            runs_of_arm = available()
-        selected, remarks = select(arm, selection, runs_of_arm)
+        selected, remarks = select(arm, selection, available)
         study_arms.append(selected)
         notes += remarks
     return study_arms, notes
@@ -208,20 +172,3 @@ def _tests(report: ComparisonReport) -> Iterator[str]:
         difference = dict(estimate_cells(f))["difference [95 %]"]
         verdict = comparison_verdict(f, None)
         yield f"  {f.measure.label:<47} {difference:>28}  p BH {f.p_bh:.3f}  {verdict}"
-
-
-def _publish(
-    report: ComparisonReport, study: Comparison, place: Place, folder: Path, files: list[Path]
-) -> str:
-    results = _results(report)
-    return publish(
-        place,
-        f"compare {report.title}",
-        folder=folder,
-        files=files,
-        params={f"arm.{arm.name}": arm.selection for arm in study.arms},
-        metrics=metrics(report.findings),
-        note="\n".join(
-            [f"**{report.title}**", "", *report.comparability_warnings, *("```", *results, "```")]
-        ),
-    )

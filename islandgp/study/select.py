@@ -100,9 +100,6 @@ SHORT_KEYS: Final = {
 }
 """Short names in selections, with the keys of the configuration."""
 
-MLFLOW: Final = "mlflow:"
-"""Prefixes of MLflow filter strings, which `tracking.fetch` handles."""
-
 UNSUPERVISED: Final = "baseline"
 """The supervisor that does not guide the search; its arms are compared with all others."""
 
@@ -148,8 +145,6 @@ def parse_selection(text: str) -> Selection:
 
     A value is YAML, or `range(30)` or `range(100, 130)` for each number in the range.
     """
-    if text.startswith(MLFLOW):
-        return Selection(text, ())
     conditions = []
     for part in _PART.findall(text):
         key, equals, value = part.partition("=")

@@ -155,14 +155,3 @@ def _finding_row(f: Finding) -> CsvRow:
 
 def _two(name: str, values: Iterable[object]) -> CsvRow:
     return zip((f"{name}_first", f"{name}_second"), values, strict=True)
-
-
-def metrics(findings: Sequence[Finding]) -> dict[str, float]:
-    """Adjusted p-values and effect sizes of a comparison, as metrics of its MLflow run."""
-    has_several_pairs = len({f.arms for f in findings}) > 1
-    values = {}
-    for f in findings:
-        name = f"{f.measure.key} {f.arms[0]} {f.arms[1]}" if has_several_pairs else f.measure.key
-        values[f"p_bh/{name}"] = f.rank_q
-        values[f"r/{name}"] = f.rank.r
-    return values

@@ -218,7 +218,7 @@ def test_arms_are_compared(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Mo
         command = (*sweep, f"supervisor={arm}", "seed=range(3)", "-m")
         assert finish(start(tmp_path, *command))[0] == 0
     arms = [word for arm in ("expert", "baseline") for word in ("--arm", f"{arm}=supervisor={arm}")]
-    result = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "--no-mlflow", "-o", "out")
+    result = islandgp("compare", *arms, "--worlds", 3, "--workers", 1, "-o", "out")
     assert result.code == 0, result.err
     assert (tmp_path / "out" / "index.html").is_file()
 

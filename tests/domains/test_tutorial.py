@@ -98,7 +98,7 @@ def follow(folder: Path, runner_in: Callable[[Path], Command], *small: str) -> s
         if arguments[:3] == ["python", "-m", "islandgp"]:
             output += run("run", *arguments[3:], *QUICK, *small)
         else:
-            output += run(*arguments[1:], *(["--no-mlflow"] if "compare" in arguments else []))
+            output += run(*arguments[1:])
     assert "Expected" not in output
     assert ElementTree.parse(example / "carry.xml").getroot().tag == "root"
     assert "<html" in (example / "carry.html").read_text(encoding="utf-8")

@@ -11,7 +11,6 @@ from click.testing import CliRunner, Result
 from islandgp.commands.compare_command import command
 from islandgp.errors import IslandError, StudyError
 from islandgp.running import app
-from islandgp.study.select import find
 from tests.running.commands import fake
 
 DOCS = Path(__file__).parents[2] / "docs" / "study.md"
@@ -94,57 +93,8 @@ def test_a_report_that_cannot_be_written_is_one_message(
 ) -> None:
     """A file in the way of the folder, or a place where none can be made."""
     (tmp_path / "file").touch()
-    arguments = [*SMALL[2:], "--worlds", "0", "--no-mlflow", "-o", str(tmp_path / out)]
+    arguments = [*SMALL[2:], "--worlds", "0", "-o", str(tmp_path / out)]
     error = _compare(home, arguments, monkeypatch).exception
     assert isinstance(error, IslandError)
     assert f"Expected a folder for files in {tmp_path / out}, found: " in str(error)
     assert str(error).endswith("give another with -o.")
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("blank")
-def test_an_unreachable_store_costs_no_report(
-    home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """The files are written without MLflow, and a message reports its failure."""
-    (tmp_path / "wall").write_text("no folder")
-    arguments = [w for w in SMALL[2:] if w != "--no-mlflow"]
-    arguments += ["--worlds", "0", "-o", str(tmp_path / "out")]
-    arguments += ["--uri", f"sqlite:///{tmp_path / 'wall' / 'mlflow.db'}"]
-    result = _compare(home, arguments, monkeypatch)
-    assert result.exit_code == 0
-    assert "has not got the report" in result.output
-    assert (tmp_path / "out" / "index.html").exists()
-
-
-@pytest.mark.slow
-def test_a_comparison_lives_in_mlflow(
-    home: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    """Runs are fetched by a filter string, and the report becomes a run with its files."""
-    from islandgp.tracking.store import MLflowSettings, Place, Store
-    from islandgp.tracking.sync import sync
-
-    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    artifacts = str(tmp_path / "artifacts")
-    settings = MLflowSettings(uri=uri, artifacts=artifacts, experiment="islandgp", patience=0)
-    place = Place.of(settings, tmp_path)
-    sync(home / "runs", place)
-    assert len(find(home / "runs")) == 8
-    arguments = ["--uri", uri, "--worlds", "0", "-o", str(tmp_path / "out")]
-    for name in ("expert", "baseline"):
-        arguments += ["--arm", f"{name}=mlflow:params.`supervisor.name` = '{name}'"]
-    result = _compare(home, arguments, monkeypatch)
-    assert result.exit_code == 0, (result.output, result.exception)
-    store = Store(place)
-    (comparison,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
-    assert "p_bh/first_complete" in comparison.data.metrics
-    names = {f.path for f in store.client.list_artifacts(comparison.info.run_id)}
-    assert {"index.html", "report.md", "figures", "tables", "runs.csv"} <= names
-    refused = _compare(home, ["--uri", uri, *arguments[-4:-1], "a=mlflow:nonsense !"], monkeypatch)
-    assert isinstance(refused.exception, StudyError)
-    assert "Expected an MLflow filter" in str(refused.exception)
-    nowhere = tmp_path / "nowhere.db"
-    refused = _compare(home, ["--uri", f"sqlite:///{nowhere}", *arguments[-4:]], monkeypatch)
-    assert f"Expected an MLflow store in {nowhere}, found none" in str(refused.exception)
-    assert not nowhere.exists()

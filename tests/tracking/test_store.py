@@ -7,13 +7,11 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.comparison import publish
 from islandgp.tracking.store import MLflowSettings, Place, Store, points
 from tests.running.commands import ROOT
 from tests.tracking.folders import place
@@ -91,20 +89,6 @@ def test_metrics_of_any_name_are_stored(store: Store) -> None:
     store.log_metrics(run, points({"cost/price (EUR)": 1.0, "decisions/a+b": 0.5}, 0, 3))
     assert store.client.get_run(run).data.metrics == {"cost/price _EUR_": 1.0, "decisions/a_b": 0.5}
     assert store.last_step(run, "decisions/a_b") == 3
-
-
-def test_reports_of_any_size_and_names_are_stored(home: Path, store: Store) -> None:
-    """MLflow rejects a `+` in a name, more than 1,000 metrics in a call, and long texts."""
-    metrics = {**{f"r/{n} a b": float(n) for n in range(1001)}, "r/0 a+b c": 7.0, "r/0 a_b c": 8.0}
-    params = {"arm.a+b": "seed=1", "arm.c": "x" * 7000}
-    options: Any = {"folder": home, "files": [], "metrics": metrics, "params": params, "note": ""}
-    line = publish(place(home), "compare", **options)
-    assert line.endswith("run 'compare'")
-    (run,) = store.client.search_runs([store.experiment], "tags.kind = 'comparison'")
-    assert run.data.params == {"arm.a_b": "seed=1", "arm.c": "x" * 6000}
-    assert len(run.data.metrics) == 1003
-    both = {name: value for name, value in run.data.metrics.items() if name.startswith("r/0 a_b c")}
-    assert sorted(both.values()) == [7.0, 8.0]
 
 
 @pytest.mark.parametrize("uri", ["mlruns", "file:///x", "sqlite:///", ""])
