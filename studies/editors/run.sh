@@ -25,4 +25,4 @@ $RUN "$OTHERS" supervisor=baseline search=compose library=single
   --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose" \
   --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline \
   --no-controls
-(cd runs/study7 && sha256sum */generations.jsonl) > studies/editors/results/digests.txt
+(cd runs/study7 && sha256sum */lineage.csv */best.bt) > studies/editors/results/digests.txt
