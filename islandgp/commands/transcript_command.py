@@ -69,13 +69,13 @@ def command(run: Path, generation: int | None, part: str | None) -> None:
         _echo(f"{blank}{'Before the first generation' if g < 0 else f'After generation {g}'}", 0)
         for played in transcript.played if part is None else ():
             if played.generation == g:
-                _echo(f"{played.episodes} episodes simulated: {played.purpose}", 1)
+                _echo(f"{played.episodes} episodes simulated: traces", 1)
         for question in questions:
             _print_question(transcript, question, whole=generation is not None)
     if selected:
         _echo(f"\n{_totals([a for a in transcript.attempts if _question(a) in selected])}", 0)
     if wrong:
-        reason = " ".join(clean(wrong[0].damage or wrong[0].change).split())
+        reason = " ".join(clean(wrong[0].fault).split())
         raise SupervisionError(
             f"Expected {path} as it was written, found {len(wrong)} damaged or changed lines, which"
             f" are not shown (the first: line {wrong[0].number}, {reason}); restore a copy."
@@ -108,7 +108,7 @@ def _read(run: Path) -> tuple[Path, Transcript, list[TranscriptLine]]:
         ) from None
     transcript, wrong = Transcript(None), []
     for line in read_lines(content[: content.rfind(b"\n") + 1].splitlines()):
-        if line.damage or line.change:
+        if line.fault:
             wrong.append(line)
         elif line.entry is not None:
             transcript.add(line.entry)
@@ -122,7 +122,7 @@ def _question(entry: Attempt | Conclusion | Sent) -> ModelQuestion:
 
 def _questions(transcript: Transcript) -> list[ModelQuestion]:
     """All questions by generation and part."""
-    entries: list[Attempt | Conclusion | Sent] = [*transcript.sent, *transcript.attempts]
+    entries: list[Attempt | Conclusion | Sent] = [*transcript.of_kind(Sent), *transcript.attempts]
     order = [*FIELDS]
 
     def place(question: ModelQuestion) -> tuple[int, int, str]:
@@ -151,7 +151,7 @@ def _print_question(transcript: Transcript, question: ModelQuestion, *, whole: b
             _echo(line, 3)
         if end and isinstance(attempt.answer, Reply) and 0 <= turn < len(end.rejected):
             _echo(f"rejected: {end.rejected[turn]}", 3)
-    for request in transcript.unanswered():
+    for request in transcript.requests()[1]:
         if _question(request) == question:
             _echo(f"attempt {request.number}: sent, no answer is recorded", 2)
 

@@ -16,12 +16,10 @@ import numpy as np
 from pydantic import BaseModel
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import from_json
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.adviser import Adviser
-from islandgp.supervision.llm.message import Failure, Reply, Request, ServerCapabilities
-from islandgp.supervision.llm.probe import CapabilitiesByGeneration
+from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 from islandgp.trust import must_trust_code
@@ -64,12 +62,10 @@ class Replay:
         path = settings.path()
         transcript = Transcript(path, fixed=True)
         try:
-            start = transcript.start or {}
-            must_trust_code(start.get("settings") or {})
-            recorded = LLMSettings.model_validate(start["settings"])
-            if start["dialect"] is not None:
-                from_json(ServerCapabilities, start["dialect"])
-        except (KeyError, TypeError, ValueError) as error:
+            values = {} if transcript.start is None else transcript.start.settings
+            must_trust_code(values)
+            recorded = LLMSettings.model_validate(values)
+        except ValueError as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"
                 f" {type(error).__name__}: {error}."
@@ -79,7 +75,6 @@ class Replay:
     def __init__(self, adviser: Adviser, transcript: Transcript) -> None:
         self.adviser = adviser
         self._calls = RecordedCalls(transcript)
-        self._capabilities = CapabilitiesByGeneration(adviser.settings, transcript, self._calls)
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -91,7 +86,7 @@ class Replay:
         Raises:
             SupervisionError: the transcript has no answer for this state.
         """
-        return self.adviser.advise(state, rng, self._calls, self._capabilities.at)
+        return self.adviser.advise(state, rng, self._calls)
 
 
 class RecordedCalls:

@@ -340,7 +340,7 @@ def transcript(data: bytes) -> bool:
     file.write_bytes(data)
     try:
         recorded = Transcript(file)
-        recorded.unanswered()
+        recorded.requests()
         recorded.useless_before(10)
         for attempt in recorded.attempts:
             recorded.of(attempt.call)

@@ -293,9 +293,8 @@ def test_a_refused_request_is_in_the_transcript_and_not_in_the_sums(tmp_path: Pa
     advise(llm)
     assert llm.spent()["requests"] == 1
     assert "failures_budget" not in llm.spent()
-    lines = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
-    kinds = [json.loads(line).get("failure") for line in lines]
-    assert sum(f is not None and f["kind"] == "budget" for f in kinds) == 2
+    answers = [a.answer for a in Transcript(tmp_path / "transcript.jsonl").attempts]
+    assert sum(isinstance(a, Failure) and a.kind is FailureKind.BUDGET for a in answers) == 2
 
 
 def test_an_unknown_price_is_an_error_only_with_a_cap_in_dollars() -> None:
@@ -473,7 +472,7 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     call = Call(3, "rate", 0)
     transcript.add(Sent(call, 1, Usage(700, 2048)))
     reread = Transcript(tmp_path / "transcript.jsonl")
-    assert reread.unanswered() == [Sent(call, 1, Usage(700, 2048))]
+    assert reread.requests()[1] == [Sent(call, 1, Usage(700, 2048))]
     price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
     ledger = Ledger(reread, price, caps)

@@ -64,12 +64,12 @@ def test_an_edit_is_taken() -> None:
     [
         ({"of": "9.9"}, "expected an individual"),
         ({"at": "7/7"}, "expected a place"),
-        ({"kind": "melt"}, "expected one of front"),
+        ({"kind": "melt"}, "kind: expected 'front'"),
         ({"branch": "FlyHome"}, "FlyHome"),
         ({"branch": "selector {"}, "edit 1"),
         ({"branch": None}, "branch: expected a value"),
-        ({"branch": 7}, "branch: expected a text"),
-        ({"kind": "number", "number": True}, "number: expected a number"),
+        ({"branch": 7}, "branch: expected a valid string"),
+        ({"kind": "number", "number": True}, "number: expected a valid number"),
         ({"kind": "number", "number": float("inf")}, "number"),
         ({"kind": "replace", "at": "", "branch": "SeekCharger"}, "a copy"),
         ({"kind": "replace", "at": "", "branch": "PatrolWaypoint"}, "a copy"),
@@ -90,7 +90,7 @@ def test_what_is_no_list_of_edits_is_refused(edits: object) -> None:
     rejection = check(reply_of({"reasoning": "a", "edits": edits}))
     assert isinstance(rejection, Rejection)
     assert rejection.stage is RejectionStage.FIELDS
-    assert "a list of edits" in rejection.error
+    assert "edits: expected" in rejection.error
 
 
 def test_good_edits_count_beside_bad_ones() -> None:
@@ -143,7 +143,7 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     assert any(s.record.trials for s in steps)
     lines = (tmp_path / "a" / "transcript.jsonl").read_text(encoding="utf-8").splitlines()
     entries = [json.loads(line) for line in lines]
-    parts = {line["part"] for line in entries if line["line"] == "attempt"}
+    parts = {line["call"]["part"] for line in entries if line["line"] == "attempt"}
     assert parts == {"probe", "rate", "edits"}
     replay = replayed(tmp_path / "a", tmp_path / "b", *EDITING)
     assert [s.record for s in replay] == [s.record for s in steps]
@@ -156,7 +156,7 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
     turns = [
         line["request"]["turns"][0]
         for line in entries
-        if line.get("part") == "edits" and "request" in line
+        if "request" in line and line["call"]["part"] == "edits"
     ]
     assert "Earlier edits, and what they gained" in turns[-1]
     assert "points (" in turns[-1]

@@ -211,6 +211,6 @@ def test_llmock_finds_no_fault_with_the_client(tmp_path: Path) -> None:
         process = subprocess.run(report, capture_output=True, text=True, check=False)
     assert code == 3  # it greets, and no greeting is a rate or a tree
     assert process.returncode == 0, process.stdout
-    failed = [line["failure"] for line in transcript if line.get("failure")]
+    failed = [line["answer"] for line in transcript if "kind" in line.get("answer", {})]
     assert {f["kind"] for f in failed} <= {"rate_limited", "server", "overloaded"}
     assert failed

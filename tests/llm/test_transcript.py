@@ -12,12 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.message import (
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    ServerCapabilities,
+    Usage,
+    clean,
+)
 from islandgp.supervision.llm.transcript import (
     NAME,
     Attempt,
     Call,
     Conclusion,
+    Start,
     Transcript,
     find_transcript,
 )
@@ -38,6 +47,7 @@ def attempt(
     )
 
 
+START = Start({"model": "m"}, ServerCapabilities(True, 0.7, "as found"))
 FAILED = attempt(number=2, answer=Failure(FailureKind.TIMEOUT, "late", 3.5))
 
 
@@ -45,7 +55,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     """Attempts, parts and the start are the same after reading, in their order."""
     path = tmp_path / "run" / NAME
     transcript = Transcript(path)
-    transcript.begin({"dialect": {"structured": True}})
+    transcript.add(START)
     parts = [Conclusion(3, "rate", "fallback", "timeout: late", ("json", "range"))]
     for each in (attempt(), FAILED, attempt(4, request=ASK.followed_by("a", "b"))):
         transcript.add(each)
@@ -53,7 +63,8 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     read = Transcript(path)
     assert read.attempts == transcript.attempts
     assert read.parts == parts
-    assert read.start == {"format": 1, "dialect": {"structured": True}}
+    assert read.start == START
+    assert read.capabilities(0) == START.capabilities
 
 
 def test_a_system_prompt_is_stored_once(tmp_path: Path) -> None:
@@ -75,7 +86,7 @@ def test_a_part_is_concluded_once(tmp_path: Path) -> None:
 def test_every_torn_end_is_survived(tmp_path: Path) -> None:
     """Killed at any byte, the transcript holds the whole lines, and goes on behind them."""
     complete = Transcript(tmp_path / "whole")
-    complete.begin({})
+    complete.add(START)
     complete.add(attempt())
     size_before = (tmp_path / "whole").stat().st_size
     complete.add(FAILED)
@@ -93,7 +104,7 @@ def test_every_torn_end_is_survived(tmp_path: Path) -> None:
 def test_reading_changes_nothing(tmp_path: Path) -> None:
     """A replay may read the transcript of a run that is just being written."""
     path = tmp_path / NAME
-    path.write_bytes(b'{"line": "start", "format": 1}\n{"line": "atte')
+    path.write_bytes(b'{"line": "poem"}\n{"line": "atte')
     Transcript(path)
     assert path.read_bytes().endswith(b"atte")
 
@@ -130,21 +141,21 @@ def test_a_changed_line_is_refused(tmp_path: Path, old: str, new: str) -> None:
     """A reply that somebody edited is not replayed as the model's, nor is a smaller bill."""
     path = tmp_path / NAME
     transcript = Transcript(path)
-    transcript.begin({"dialect": {"structured": True}})
+    transcript.add(START)
     transcript.add(attempt())
     transcript.add(Conclusion(3, "rate", "fallback", "timeout: late", ()))
     edited(path, old, new)
     with pytest.raises(SupervisionError, match=r"as it was written, found line \d") as excinfo:
         Transcript(path)
-    assert "its checksum differs; restore the original" in str(excinfo.value)
+    assert "changed: its checksum differs; restore the original" in str(excinfo.value)
 
 
 def test_a_line_can_be_changed_on_purpose(tmp_path: Path) -> None:
-    """Without its checksum a changed answer is used."""
+    """Without its checksum a changed answer is taken."""
     path = tmp_path / NAME
     Transcript(path).add(attempt())
     system, line = map(json.loads, path.read_text(encoding="utf-8").splitlines())
-    line["reply"]["text"] = "mine"
+    line["answer"]["text"] = "mine"
     del line["checksum"]
     path.write_text(f"{json.dumps(system)}\n{json.dumps(line)}\n", encoding="utf-8")
     (restored,) = Transcript(path).attempts

@@ -298,7 +298,9 @@ def test_a_replay_is_of_the_recorded_settings(tmp_path: Path) -> None:
     assert lines(replay) == lines(steps)
 
 
-@pytest.mark.parametrize("start", [b"", b'{"line": "start", "format": 1, "settings": {}}\n'])
+@pytest.mark.parametrize(
+    "start", [b"", b'{"line": "start", "settings": {}, "capabilities": null}\n']
+)
 def test_a_record_without_its_start_is_refused(tmp_path: Path, start: bytes) -> None:
     """A transcript without its settings cannot be replayed."""
     (tmp_path / "transcript.jsonl").write_bytes(start)

@@ -6,7 +6,7 @@ or a transcript. So a replay uses the same code as the recorded run.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, Final
@@ -27,6 +27,7 @@ from islandgp.supervision.llm.message import (
     Request,
     ServerCapabilities,
 )
+from islandgp.supervision.llm.probe import capabilities_in
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Played
@@ -51,29 +52,24 @@ class Adviser:
         with plugin_errors(path_of(component.factory)):
             self.fallback: Supervisor = component.factory.make(component.settings(), context)
 
-    def advise(
-        self,
-        state: PopulationState,
-        rng: np.random.Generator,
-        calls: Calls,
-        capabilities: Callable[[int], ServerCapabilities | Failure],
-    ) -> Guidance:
+    def advise(self, state: PopulationState, rng: np.random.Generator, calls: Calls) -> Guidance:
         """Asks for all parts of the guidance; the fallback provides those without a usable answer.
 
-        `rng` is consumed by the fallback; `capabilities` returns a generation's capabilities, or
-        the failure to probe it.
+        `rng` is consumed by the fallback.
 
         Raises:
             SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
         """
         generation, questions = state.now.generation, self.questions
-        server = self._given_up(calls, generation) or capabilities(generation)
+        server = self._given_up(calls, generation) or capabilities_in(
+            generation, calls, self.settings
+        )
         if isinstance(server, Failure):
             answers = {part: unasked(calls, generation, part, server) for part in questions.parts}
         else:
             answers = self._answers(state, calls, server)
             if episodes := questions.run_values(state).episodes:
-                calls.transcript.add(Played(generation, "traces", episodes))
+                calls.transcript.add(Played(generation, episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
         values: dict[str, Any] = {}

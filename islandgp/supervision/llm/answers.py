@@ -11,10 +11,20 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, ValidationError, WithJsonSchema
-from pydantic import create_model as new_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    Strict,
+    ValidationError,
+    WithJsonSchema,
+    create_model,
+    model_validator,
+)
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.language import parse, to_text
@@ -26,7 +36,7 @@ from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import MAX_ANSWER, Reply, clean
 from islandgp.supervision.llm.settings import RateSettings
 
-A = TypeVar("A", bound=BaseModel)
+A = TypeVar("A", bound="ModelAnswer")
 
 MAX_EXPLANATION: Final = 1000  # most characters of an explanation in the record
 MAX_EDITS: Final = 20  # most edits of an answer; further ones are ignored
@@ -35,23 +45,36 @@ _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | r
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
 _FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
-Number = Annotated[float, Field(gt=-1e300, lt=1e300)]
-"""Neither NaN, infinity nor an integer of 400 digits, all of which Python reads from JSON."""
+Short = Annotated[str, AfterValidator(lambda text: text[:MAX_EXPLANATION])]
+TreeText = Annotated[str, AfterValidator(lambda text: _FENCED.sub(r"\1", text))]
+"""The text of a tree, without a Markdown fence around it."""
+
+
+if TYPE_CHECKING:
+    EditKind = str
+else:
+    EditKind = Literal[tuple(EDITS)]
 
 
 class ModelAnswer(BaseModel, frozen=True, strict=True):
     """Base of the models of answers: exact types; further fields are ignored."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _clean(cls, values: Any) -> Any:
+        # JSON escapes can encode characters that were removed from the answer's text.
+        return {k: clean(v) if isinstance(v, str) else v for k, v in values.items()}
+
 
 class DecisionAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `mutation_rate`."""
 
-    mutation_rate: Number
+    mutation_rate: FiniteFloat
     phase: Annotated[Phase, Strict(False)]
     pattern: Annotated[Pattern, Strict(False)]
     intervention: bool
-    risk: str
-    reasoning: str
+    risk: Short
+    reasoning: Short
 
 
 class EditAnswer(ModelAnswer, frozen=True):
@@ -59,15 +82,15 @@ class EditAnswer(ModelAnswer, frozen=True):
 
     model_config = ConfigDict(json_schema_extra={"required": ["kind", "of", "at", "reason"]})
 
-    kind: Annotated[str, Field(json_schema_extra={"enum": [*EDITS]})]
-    of: str = ""
-    at: str = ""
-    branch: str = ""
-    number: Number = 0.0
+    kind: EditKind
+    of: Short = ""
+    at: Short = ""
+    branch: TreeText = ""
+    number: FiniteFloat = 0.0
     term: int = 0
-    donor: str = ""
-    donor_at: str = ""
-    reason: str = ""
+    donor: Short = ""
+    donor_at: Short = ""
+    reason: Short = ""
 
 
 def schema(model: type[BaseModel]) -> dict[str, Any]:
@@ -96,17 +119,17 @@ class EditsAnswer(ModelAnswer, frozen=True):
     edits: Annotated[
         list[Annotated[dict[str, Any], WithJsonSchema(schema(EditAnswer))]], Field(min_length=1)
     ]
-    reasoning: str
+    reasoning: Short
 
 
 def proposal_model(targets: Collection[str]) -> type[ModelAnswer]:
     """The model of an answer to a prompt for a tree, for one of the targets."""
     fields: dict[str, Any] = {
-        "tree": (str, ...),
+        "tree": (TreeText, ...),
         "target": (Literal[tuple(targets)], ...),
-        "rationale": (str, ...),
+        "rationale": (Short, ...),
     }
-    return new_model("ProposalAnswer", __base__=ModelAnswer, **fields)
+    return create_model("ProposalAnswer", __base__=ModelAnswer, **fields)
 
 
 def reasons_first(answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -115,39 +138,26 @@ def reasons_first(answer: Mapping[str, Any]) -> dict[str, Any]:
     return {**answer, "properties": fields, "required": [*fields]}
 
 
-_TYPE_NAMES: Final = {
-    # the type of a field, or that of a list's items: as a prompt shows it, and in an error
-    "number": ("NUMBER", "a number"),
-    "integer": ("NUMBER", "a whole number"),
-    "boolean": ("true or false", "true or false"),
-    "string": ("TEXT", "a text"),
-    "array of object": ("[EDIT, EDIT, ...]", "a list of edits, one at least"),
-}
-
-
-def _sort(field: Mapping[str, Any]) -> tuple[str, str]:
-    name: str = field["type"]
-    return _TYPE_NAMES[f"{name} of {field['items']['type']}" if "items" in field else name]
-
-
 def form(answer: Mapping[str, Any]) -> str:
     """A schema as a prompt shows it."""
-    fields = answer["properties"].items()
-    entries = (f'"{n}": {n.upper() if "enum" in kind else _sort(kind)[0]}' for n, kind in fields)
+    words = {"boolean": "true or false", "string": "TEXT", "array": "[EDIT, EDIT, ...]"}
+    entries = (
+        f'"{name}": {name.upper() if "enum" in field else words.get(field["type"], "NUMBER")}'
+        for name, field in answer["properties"].items()
+    )
     return "{" + ", ".join(entries) + "}"
 
 
-def faults(error: ValidationError, model: type[BaseModel], answer: Mapping[str, Any]) -> list[str]:
-    """The wrong fields of an answer, a line each."""
-    kinds, lines = schema(model)["properties"], []
-    for field in dict.fromkeys(str(e["loc"][0]) for e in error.errors()):
-        if field not in answer:
-            lines.append(f"{field}: expected a value, found none")
-            continue
-        choices, text = kinds[field].get("enum"), repr(answer[field])
-        expected = f"one of {', '.join(choices)}" if choices else _sort(kinds[field])[1]
-        quoted = text if len(text) <= 60 else text[:60] + "..."
-        lines.append(f"{field}: expected {expected}, found {quoted}")
+def faults(error: ValidationError) -> dict[str, str]:
+    """A line for each wrong field of an answer, by its name."""
+    lines: dict[str, str] = {}
+    for e in error.errors(include_url=False):
+        field, expected, found = str(e["loc"][0]), e["msg"], f"{e['input']!r}"
+        if e["type"] == "missing":
+            expected, found = "a value", "none"
+        expected = expected.removeprefix("Input should be ")
+        found = found if len(found) <= 60 else found[:60] + "..."
+        lines.setdefault(field, f"{field}: expected {expected}, found {found}")
     return lines
 
 
@@ -196,19 +206,10 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
             no_word = "an answer that was cut off before its first word; think much less"
             fault = ("an empty answer", no_word)
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault[cut_off]}.")
-    # JSON escapes can encode characters that were removed from the text itself.
-    values = {key: cleaned(value) for key, value in fields.items()}
     try:
-        return model.model_validate(values)
+        return model.model_validate(fields)
     except ValidationError as error:
-        return Rejection(RejectionStage.FIELDS, "\n".join(faults(error, model, values)))
-
-
-def cleaned(value: Any) -> Any:
-    """A value with `clean` applied to a text or to the texts of a list."""
-    if isinstance(value, list):
-        return [clean(item) if isinstance(item, str) else item for item in value]
-    return clean(value) if isinstance(value, str) else value
+        return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
 
 
 def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
@@ -257,16 +258,7 @@ def check_decision(reply: Reply, rates: RateSettings) -> Accepted | Rejection:
         expected = f"a number from {rates.least} to {rates.most}"
         error = f"mutation_rate: expected {expected}, found {advised}"
         return Rejection(RejectionStage.RANGE, error)
-    decision = Guidance(
-        rate,
-        None,
-        "llm",
-        phase=answer.phase,
-        pattern=answer.pattern,
-        intervention=answer.intervention,
-        risk=answer.risk[:MAX_EXPLANATION],
-        reasoning=answer.reasoning[:MAX_EXPLANATION],
-    )
+    decision = Guidance(tree=None, source="llm", **{**dict(answer), "mutation_rate": rate})
     return Accepted(decision, "" if rate == advised else f"clamped from {advised}")
 
 
@@ -282,21 +274,14 @@ def check_proposal(
     With `existing`, the canonical texts of existing trees, these are rejected, and trees that
     `islandgp check` warns of.
     """
-    model: Any = proposal_model(targets)
-    proposal = read_answer(reply, model)
-    if isinstance(proposal, Rejection):
-        return proposal
-    tree = _check_tree(without_fences(proposal.tree), limits, vocabulary, existing)
+    answer = read_answer(reply, proposal_model(targets))
+    if isinstance(answer, Rejection):
+        return answer
+    values = dict(answer)
+    tree = _check_tree(values["tree"], limits, vocabulary, existing)
     if isinstance(tree, Rejection):
         return tree
-    rationale = proposal.rationale[:MAX_EXPLANATION]
-    return Accepted(Guidance(None, tree, "llm", target=proposal.target, rationale=rationale))
-
-
-def without_fences(text: str) -> str:
-    """A tree's text without a Markdown fence around it."""
-    match = _FENCED.search(text)
-    return match[1] if match else text
+    return Accepted(Guidance(mutation_rate=None, source="llm", **{**values, "tree": tree}))
 
 
 def _check_tree(
@@ -338,13 +323,15 @@ def check_edits(
     if isinstance(answer, Rejection):
         return answer
     listed, edits, wrong = answer.edits[:MAX_EDITS], [], []
-    for number, plain in enumerate(listed, 1):
+    for number, values in enumerate(listed, 1):
         try:
-            edit = _edit(plain)
+            edit = _edit(values)
             trees = {n: parse(living[n], vocabulary) for n in (edit.of, edit.donor) if n in living}
             text = to_text(edited(edit, trees, vocabulary, limits))
             _check_new(text, trees[edit.of], existing, vocabulary)
             edits.append(edit)
+        except ValidationError as error:
+            wrong.append(f"edit {number}: {'; '.join(faults(error).values())}")
         except (ValueError, TreeError) as error:
             wrong.append(f"edit {number}: {error}")
     if not edits:
@@ -353,32 +340,20 @@ def check_edits(
     return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:MAX_EXPLANATION])
 
 
-def _edit(plain: Mapping[str, Any]) -> Edit:
+def _edit(values: Mapping[str, Any]) -> Edit:
     """An edit from JSON values; those that its kind does not need are ignored.
 
     Raises ValueError or TreeError if they are not those of an edit.
     """
-    values = {k: cleaned(v) for k, v in plain.items() if v is not None and v != ""}
-    try:
-        answer = EditAnswer.model_validate(values)
-    except ValidationError as error:
-        raise ValueError("; ".join(faults(error, EditAnswer, values))) from None
-    if answer.kind not in EDITS:
-        raise ValueError(f"kind: expected one of {', '.join(EDITS)}, found {answer.kind!r:.60}")
+    answer = EditAnswer.model_validate({k: v for k, v in values.items() if v not in (None, "")})
     needs = EDITS[answer.kind].needs
     if needs not in answer.model_fields_set:
         raise ValueError(f"{needs}: expected a value in an edit {answer.kind}, found none")
-    return Edit(
-        answer.kind,
-        of=answer.of[:MAX_EXPLANATION],
-        at=answer.at[:MAX_EXPLANATION],
-        branch=parse(without_fences(answer.branch), name="branch") if needs == "branch" else None,
-        number=answer.number if needs == "number" else None,
-        term=answer.term,
-        donor=answer.donor[:MAX_EXPLANATION] if needs == "donor" else "",
-        donor_at=answer.donor_at[:MAX_EXPLANATION],
-        reason=answer.reason[:MAX_EXPLANATION],
-    )
+    needed: Any = getattr(answer, needs)
+    if needs == "branch":
+        needed = parse(needed, name="branch")
+    others = answer.model_dump(exclude={"branch", "number", "donor"})
+    return Edit(**{**others, needs: needed})
 
 
 def _check_new(text: str, before: Node, existing: frozenset[str], vocabulary: Vocabulary) -> None:

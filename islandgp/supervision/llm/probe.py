@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
-from dataclasses import asdict
 from itertools import count
+from math import inf
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.plain import from_json
 from islandgp.supervision.llm.answers import find_object
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import (
@@ -26,7 +25,7 @@ from islandgp.supervision.llm.message import (
     ServerCapabilities,
 )
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import Call, Transcript
+from islandgp.supervision.llm.transcript import Call, Learnt
 
 _SYSTEM: Final = "Answer in one short sentence."
 _QUESTION: Final = "Please greet me."
@@ -49,42 +48,32 @@ Parameters = tuple[bool, float | None]
 """Whether a JSON schema is sent, and the temperature that is sent, if any."""
 
 
-class CapabilitiesByGeneration:
-    """The server's capabilities by generation.
+def capabilities_in(
+    generation: int, calls: Calls, settings: LLMSettings
+) -> ServerCapabilities | Failure:
+    """The capabilities for the requests of a generation; a failure if there is no answer yet.
 
-    A run that starts while the server is busy probes it in each generation until it answers.
+    They are those of the transcript, or of a probe. A run that starts while the server is busy
+    probes it in each generation until it answers.
+
+    Args:
+        generation: of the requests; -1: the start of the run.
+        calls: to make the requests with.
+        settings: of the model.
+
+    Raises:
+        SupervisionError: as `probe_capabilities`.
     """
-
-    def __init__(self, settings: LLMSettings, transcript: Transcript, calls: Calls) -> None:
-        self.settings, self.transcript, self.calls = settings, transcript, calls
-
-    def start(self) -> ServerCapabilities | Failure:
-        """The capabilities at a run's start, from the transcript or by a probe."""
-        if self.transcript.start is not None:
-            recorded = self._known(self.transcript.learnt[0] if self.transcript.learnt else 0)
-            return recorded or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
-        return probe_capabilities(self.calls, self.settings)
-
-    def at(self, generation: int) -> ServerCapabilities | Failure:
-        """The capabilities for the requests of a generation; a failure if there is no answer yet.
-
-        Raises:
-            SupervisionError: as `probe_capabilities`.
-        """
-        if (recorded := self._known(generation)) is not None:
-            return recorded
-        capabilities = probe_capabilities(self.calls, self.settings, generation)
-        if isinstance(capabilities, ServerCapabilities) and self.transcript.learnt is None:
-            self.transcript.learn(generation, asdict(capabilities))
-        return capabilities
-
-    def _known(self, generation: int) -> ServerCapabilities | None:
-        start, learnt = self.transcript.start, self.transcript.learnt
-        if start is not None and start["dialect"] is not None:
-            return from_json(ServerCapabilities, start["dialect"])
-        if learnt is None or learnt[0] > generation:
-            return None
-        return from_json(ServerCapabilities, learnt[1])
+    transcript = calls.transcript
+    if generation < 0 and transcript.start is not None:
+        known = transcript.capabilities(inf)
+        return known or Failure(FailureKind.OVERLOADED, "none when the run was stopped")
+    if generation >= 0 and (known := transcript.capabilities(generation)):
+        return known
+    answer = probe_capabilities(calls, settings, generation)
+    if generation >= 0 and isinstance(answer, ServerCapabilities):
+        transcript.add(Learnt(generation, answer))
+    return answer
 
 
 def probe_capabilities(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,10 +17,10 @@ from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.budget import Ledger, recorded_requests
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.client import AnthropicClient, sdk_client
-from islandgp.supervision.llm.message import Client, ServerCapabilities
-from islandgp.supervision.llm.probe import CapabilitiesByGeneration
+from islandgp.supervision.llm.message import Client, Failure, ServerCapabilities
+from islandgp.supervision.llm.probe import capabilities_in
 from islandgp.supervision.llm.settings import LLMSettings, check_address
-from islandgp.supervision.llm.transcript import NAME, Transcript
+from islandgp.supervision.llm.transcript import NAME, Start, Transcript
 
 _WAYS: Final = """\
 Expected a key or an address for supervisor=llm, found none. There are four ways:
@@ -82,19 +82,18 @@ class LLM:
         calls = self._open()
         try:
             self._check_complete(calls.transcript)
-            capabilities = self._capabilities.start()
+            capabilities = capabilities_in(-1, calls, self.settings)
         except SupervisionError:
             self.close()
             raise
-        if isinstance(capabilities, ServerCapabilities):
-            dialect, server = asdict(capabilities), str(capabilities)
-        else:
-            dialect = None
-            server = f"no answer yet: {capabilities.message}; the fallback is used meanwhile"
+        known = capabilities if isinstance(capabilities, ServerCapabilities) else None
         if calls.transcript.start is None:
             settings = self.settings.model_dump(mode="json", exclude={"api_key", "client_factory"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            calls.transcript.begin({"settings": settings, "dialect": dialect})
+            calls.transcript.add(Start(settings, known))
+        server = str(capabilities)
+        if isinstance(capabilities, Failure):
+            server = f"no answer yet: {capabilities.message}; the fallback is used meanwhile"
         name, retires = self.settings.model_name, self.settings.facts.retires
         lines = [
             f"Supervised by {name} at {self.settings.place}: {server}",
@@ -118,7 +117,7 @@ class LLM:
         if calls.transcript.start is None:
             self.start()
         generation = state.now.generation
-        guidance = self.adviser.advise(state, rng, calls, self._capabilities.at)
+        guidance = self.adviser.advise(state, rng, calls)
         self._warn(guidance, generation)
         played = [p.episodes for p in calls.transcript.played if p.generation == generation]
         return replace(guidance, episodes=sum(played))
@@ -146,7 +145,6 @@ class LLM:
                 on_outage=settings.on_outage,
                 useless=None if settings.useless is None else settings.useless.most,
             )
-            self._capabilities = CapabilitiesByGeneration(settings, transcript, self._calls)
         return self._calls
 
     def _check_complete(self, transcript: Transcript) -> None:
