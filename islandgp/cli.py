@@ -34,6 +34,8 @@ COMMANDS: Final = {
     "fmt": CommandInfo("format tree files", "tree.bt"),
     "show": CommandInfo("draw a tree", "tree.bt"),
     "simplify": CommandInfo("shorten a tree without changing its behaviour", "tree.bt"),
+    "prune": CommandInfo("shorten a tree as far as its fitness allows", "tree.bt -o short.bt"),
+    "explain": CommandInfo("show what each branch of a tree does and is worth", "tree.bt"),
     "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
     "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
     "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),

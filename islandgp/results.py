@@ -104,7 +104,7 @@ class Results:
         if not folder.finished():
             return row
         summary = folder.summary()
-        return {**row, "tree": summary["champion"]["record"]["tree"], **values(summary)}
+        return {**row, "tree": summary["champion"]["tree"], **values(summary)}
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:

@@ -33,6 +33,7 @@ class Stream(IntEnum):
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
     EDIT = 17  # mutation of edited trees (supervisor.mutate_advice), by generation and slot
     PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
+    PRUNING = 19  # worlds in which the best robot is shortened, by slot; generation: the purpose
     RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any, Final
 
 import yaml
@@ -11,7 +11,9 @@ import yaml
 from islandgp.bt.core.language import parse
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.population import Evaluated, Individual, Origin
+from islandgp.gp.record import Champion
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes, classify
 from islandgp.scoring.generation_stats import GenerationStats
@@ -20,6 +22,13 @@ from islandgp.scoring.state import Crisis, PopulationState, StateSettings, popul
 _PAPER = resource("conf") / "classes" / "paper.yaml"
 CLASSES: Final = Classes(**yaml.safe_load(_PAPER.read_text(encoding="utf-8")))
 """The behaviours, classes and tiers of the paper."""
+
+
+def best_of(champion: Champion, validation: Validation | None = None) -> Best:
+    """A best robot that was not shortened."""
+    record = asdict(champion.record)
+    return Best(champion.generation, record, champion.record.tree, champion.record.tree, validation)
+
 
 ANY: Final = "patrol"  # component that holds a fitness whose terms do not matter
 

@@ -158,8 +158,8 @@ def _rows(
     for candidate, _ in finalists[:3]:
         names.setdefault(candidate.tree, candidate.id)
     if len(runs) == 1:
-        champion = runs[0].summary()["champion"]["record"]
-        name = names.get(champion["tree"], champion["id"])
+        champion = runs[0].summary()["champion"]
+        name = names.get(champion["tree"], champion["record"]["id"])
         names[champion["tree"]] = f"{name}, the run's best robot"
     library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
     labels = {**names, **{tree: name for tree, name in library.items() if tree not in names}}
@@ -211,17 +211,19 @@ def _candidates(
         champion = run.summary()["champion"]
         record = champion["record"]
         name = f"{run.path.name}, {record['id']}"
-        new = Candidate(champion["generation"], name, record["tree"], record["fitness"])
-        best.setdefault(record["tree"], new)
+        new = Candidate(champion["generation"], name, champion["tree"], record["fitness"])
+        best.setdefault(new.tree, new)
     return list(best.values())
 
 
 def _used_worlds(run: RunFolder) -> Iterator[int]:
-    """The worlds of a run's training and validation."""
+    """The worlds of a run's training, choice and test."""
     for record in run.checked_records():
         yield from record["worlds"]
-    if (validation := run.summary()["champion"]["validation"]) is not None:
-        yield from validation["worlds"]
+    champion = run.summary()["champion"]
+    yield from champion["chosen_in"]
+    if champion["validation"] is not None:
+        yield from champion["validation"]["worlds"]
 
 
 def _print(rows: Sequence[Row], worlds: int) -> None:

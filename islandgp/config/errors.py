@@ -251,7 +251,7 @@ def _yaml(error: yaml.YAMLError) -> str:
 
 
 def _no_text(source: ConfigSource) -> str:
-    """The message for the first file that is not UTF-8, or ""."""
+    """The message for the user's first file that is not UTF-8, or ""."""
     for file in _files(source):
         try:
             decoded(file.read_bytes(), str(file))
@@ -261,7 +261,7 @@ def _no_text(source: ConfigSource) -> str:
 
 
 def _no_mapping(source: ConfigSource) -> str:
-    """The message for the first file whose content is not a mapping, or ""."""
+    """The message for the user's first file whose content is not a mapping, or ""."""
     for file in _files(source):
         try:
             content = yaml.safe_load(file.read_bytes())
@@ -276,8 +276,7 @@ def _no_mapping(source: ConfigSource) -> str:
 
 
 def _files(source: ConfigSource) -> list[Path]:
-    folders = source.folders()[1:] or [source.folder]  # the package's own files are right
-    return sorted(file for folder in folders for file in folder.rglob("*.yaml"))
+    return sorted((source.user_folder or source.folder).rglob("*.yaml"))
 
 
 def _no_option(mistake: Mistake) -> str:

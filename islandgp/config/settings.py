@@ -17,6 +17,7 @@ from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.worlds import staged
+from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
 from islandgp.gp.random_trees import check_growth
@@ -117,6 +118,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     gp: GP
     budget: Budget = Budget()
     stop: Stop = Stop()
+    prune: Pruning = Field(default_factory=lambda: Pruning.model_validate({}))
     search: SearchSettings
     archive: ArchiveSettings = ArchiveSettings()
     perturb: Perturbation | None = None  # docs/perturbation.md

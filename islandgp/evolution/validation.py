@@ -8,9 +8,11 @@ evaluates the others in more worlds.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count, islice
 from statistics import fmean
+from types import MappingProxyType
 from typing import Any, Final
 
 from islandgp.domain import Outcome
@@ -26,27 +28,45 @@ from islandgp.scoring.constraints import (
     mean_violation,
     merit,
 )
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Stream, seed_of, stream
 
 FINALISTS: Final = 3  # candidates of the last round
+NO_OTHERS: Final[Mapping[str, Sequence[Outcome]]] = MappingProxyType({})
 WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all candidates
 
 
 @dataclass(frozen=True, slots=True)
+class Comparison:
+    """The paired differences of a tree to another one in the same worlds."""
+
+    name: str  # of the other tree
+    mean: float  # points
+    low: float  # 95 % interval of the mean, Student's t
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
 class Validation:
-    """Results of a tree in validation worlds."""
+    """Results of a tree in worlds."""
 
     worlds: tuple[int, ...]  # world seeds
     mean: float  # points, mean over the worlds
     low: float  # 95 % interval of the mean, Student's t
     high: float
     reached: dict[str, float]  # share of the worlds by tier
-    yardstick: str = ""  # name of the reference tree, "" for none
-    difference: float = 0.0  # points, mean of the paired differences to the reference tree
-    difference_low: float = 0.0  # its 95 % interval
-    difference_high: float = 0.0
+    comparisons: tuple[Comparison, ...] = ()  # with other trees
     violation: float | None = None  # of the constraints, by the counters' means; None: none
     feasible: float | None = None  # share of the worlds in which all are kept; None: none
+
+
+@dataclass(frozen=True, slots=True)
+class FrontTree:
+    """A tree of a front of size against points."""
+
+    nodes: int
+    tree: str  # canonical text
+    difference: Comparison | None  # to the longest tree in fresh worlds; None for the longest
+    chosen: bool = False  # True: the best robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +75,12 @@ class Best:
 
     generation: int
     record: Mapping[str, Any]  # the individual's, as plain values
-    validation: Validation | None  # None: it was not validated
+    tree: str  # canonical text, shortened
+    text: str  # the tree with comments on its branches
+    validation: Validation | None  # of the tree in worlds that chose nothing; None: not validated
+    front: tuple[FrontTree, ...] = ()  # the shortest first; (): it was not shortened
+    changes: tuple[str, ...] = ()  # from the individual's tree to the shortest one
+    chosen_in: tuple[int, ...] = ()  # worlds in which it was chosen and shortened
 
 
 def validation_seeds(
@@ -64,6 +89,18 @@ def validation_seeds(
     """The first `n` worlds of a run for a purpose, by default validation, that are not used."""
     draws = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
     return tuple(world for world in draws if world not in used)[:n]
+
+
+def fresh_worlds(seed: int, used: frozenset[int] = frozenset()) -> Callable[[int], list[int]]:
+    """A function that returns that number of new worlds at each call, for shortening a tree.
+
+    Args:
+        seed: of the run.
+        used: worlds that are left out.
+    """
+    draws = (seed_of(seed, Stream.PRUNING, slot=slot) for slot in count())
+    new = (world for world in draws if world not in used)
+    return lambda n: list(islice(new, n))
 
 
 def entrants(trees: Sequence[Candidate], episodes: int) -> Sequence[Candidate]:
@@ -99,7 +136,6 @@ def validate(
     classes: Classes,
     *,
     episodes: int,
-    reference_tree: tuple[str, str] | None = None,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[tuple[Candidate, Validation]]:
     """Evaluates candidates by successive halving.
@@ -111,7 +147,6 @@ def validate(
         stage: index of the curriculum's stage that scores them.
         classes: with the tiers to count.
         episodes: approximate number of episodes.
-        reference_tree: name and canonical text of a tree to compare the winner with.
         constraints: take precedence over fitness, by the counters' means over the worlds.
 
     Returns:
@@ -121,7 +156,7 @@ def validate(
         EvaluationError: an episode failed.
     """
     results = {candidate: list[Outcome]() for candidate in candidates}
-    count = 0  # worlds so far
+    tried = 0  # worlds so far
 
     def worth(c: Candidate) -> Merit:
         """By the outcomes so far; before the first round, by training."""
@@ -131,42 +166,45 @@ def validate(
 
     for size, new in rounds(len(candidates), episodes):
         ranked = sorted(results, key=worth, reverse=True)[:size]
-        batch = worlds[count : count + new]
+        batch = worlds[tried : tried + new]
         outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
         results = {
             c: [*results[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
             for k, c in enumerate(ranked)
         }
-        count += len(batch)
+        tried += len(batch)
     order = sorted(results, key=worth, reverse=True)
-    judged = [(c, _validation(worlds[:count], results[c], classes, constraints)) for c in order]
-    if reference_tree is not None:
-        name, text = reference_tree
-        references = evaluator.evaluate([Job(text, stage, world) for world in worlds[:count]])
-        best, verdict = judged[0]
-        judged[0] = (best, compared(verdict, results[best], references, name))
-    return judged
+    return [(c, judged(worlds[:tried], results[c], classes, constraints)) for c in order]
 
 
-def _validation(
-    worlds: Sequence[int], outcomes: Sequence[Outcome], classes: Classes, constraints: Constraints
+def judged(
+    worlds: Sequence[int],
+    outcomes: Sequence[Outcome],
+    classes: Classes,
+    constraints: Constraints,
+    others: Mapping[str, Sequence[Outcome]] = NO_OTHERS,
 ) -> Validation:
+    """The results of a tree from its outcomes.
+
+    Args:
+        worlds: at least one seed.
+        outcomes: one for each world.
+        classes: with the tiers to count.
+        constraints: to check.
+        others: outcomes of other trees in the same worlds, by name.
+    """
     mean, low, high = interval([o.fitness for o in outcomes])
     reached = [tiers(o, classes) for o in outcomes]
     shares = {name: fmean(name in own for own in reached) for name in classes.tiers}
-    verdict = Validation(tuple(worlds), mean, low, high, shares)
+    comparisons = tuple(compared(name, outcomes, other) for name, other in others.items())
+    verdict = Validation(tuple(worlds), mean, low, high, shares, comparisons)
     if not constraints:
         return verdict
     share = feasible_share([o.counters for o in outcomes], constraints)
     return replace(verdict, violation=mean_violation(outcomes, constraints), feasible=share)
 
 
-def compared(
-    verdict: Validation, outcomes: Sequence[Outcome], references: Sequence[Outcome], name: str
-) -> Validation:
-    """The results, with the paired differences to a reference tree in the same worlds."""
-    pairs = [a.fitness - b.fitness for a, b in zip(outcomes, references, strict=True)]
-    mean, low, high = interval(pairs)
-    return replace(
-        verdict, yardstick=name, difference=mean, difference_low=low, difference_high=high
-    )
+def compared(name: str, outcomes: Sequence[Outcome], others: Sequence[Outcome]) -> Comparison:
+    """The paired differences of outcomes to those of the tree of that name."""
+    pairs = [a.fitness - b.fitness for a, b in zip(outcomes, others, strict=True)]
+    return Comparison(name, *interval(pairs))

@@ -24,6 +24,26 @@ from islandgp.records.lines import Lines, dump
 
 
 @dataclass(frozen=True, slots=True)
+class _Compared:
+    """Fields of `evolution.validation.Comparison`; null: no interval of one world."""
+
+    name: str
+    mean: float
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _FrontTree:
+    """Fields of `evolution.validation.FrontTree`."""
+
+    nodes: int
+    tree: str
+    difference: _Compared | None
+    chosen: bool
+
+
+@dataclass(frozen=True, slots=True)
 class _Validated:
     """Fields of `evolution.validation.Validation` that are read; null: no interval of one world."""
 
@@ -32,10 +52,7 @@ class _Validated:
     low: float | None
     high: float | None
     reached: dict[str, float]
-    yardstick: str = ""
-    difference: float = 0.0
-    difference_low: float | None = 0.0
-    difference_high: float | None = 0.0
+    comparisons: tuple[_Compared, ...] = ()
     violation: float | None = None
     feasible: float | None = None
 
@@ -43,8 +60,13 @@ class _Validated:
 @dataclass(frozen=True, slots=True)
 class _Best:
     generation: int
-    record: IndividualRecord
+    record: IndividualRecord  # with the tree before it was shortened
+    tree: str  # canonical text
+    text: str  # with comments
     validation: _Validated | None
+    front: tuple[_FrontTree, ...]  # the shortest first; (): it was not shortened
+    changes: tuple[str, ...]
+    chosen_in: tuple[int, ...]  # worlds
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +106,8 @@ def validation_mean(summary: Mapping[str, Any]) -> float | None:
 
 
 PAGE: Final = "run.html"
+LONG: Final = "best_long.bt"
+"""The best robot's tree before it was shortened."""
 
 RUN_FILES: Final = (
     "about.json",
@@ -93,6 +117,7 @@ RUN_FILES: Final = (
     "costs.jsonl",
     "checkpoint.json",
     "best.bt",
+    LONG,
     "archive.json",
     "lineage.csv",
     PAGE,

@@ -6,7 +6,7 @@ docs/running.md lists its files. A run is finished if there is a summary.json.
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import asdict
@@ -27,7 +27,7 @@ from islandgp.records import files, lines, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import generation_of, save_state, sound_state
-from islandgp.records.files import RunMetadata, RunSummary, pretty
+from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
 from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import without_credentials
@@ -223,7 +223,8 @@ class RunFolder:
         with usable(self.path):
             best = self.path / "best.bt"
             if not best.exists():
-                self._restore_best(self.summary()["champion"]["record"]["tree"])
+                self._restore_best(self.summary()["champion"]["text"])
+            self._restore_long(self.summary())
             lineage = self.path / "lineage.csv"
             if not lineage.exists():
                 self._lineage.begin(self.records())
@@ -239,6 +240,12 @@ class RunFolder:
         best, text = self.path / "best.bt", self.best_text(tree).encode()
         if not best.exists() or best.read_bytes() != text:
             write_atomic(best, text)
+
+    def _restore_long(self, summary: Mapping[str, Any]) -> None:
+        """Writes the best robot's tree before it was shortened, if it was."""
+        champion = summary["champion"]
+        if champion["tree"] != champion["record"]["tree"] and not (self.path / LONG).exists():
+            write_atomic(self.path / LONG, self.best_text(champion["record"]["tree"]).encode())
 
     def append(self, step: Step) -> tuple[dict[str, Any], dict[str, Any]]:
         """Records a generation, then the checkpoint. Raises RunError as `usable`.
@@ -294,7 +301,8 @@ class RunFolder:
             self.must_be_as_left()
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
-            self._restore_best(summary["champion"]["record"]["tree"])
+            self._restore_best(summary["champion"]["text"])
+            self._restore_long(summary)
             self._lineage.write()
             end = pretty({**summary, "records": self._digest})
             manifest.write_manifest(self.path, end)

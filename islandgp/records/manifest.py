@@ -17,7 +17,7 @@ from typing import Final
 from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
 from islandgp.plain import from_json, read_json
-from islandgp.records.files import PAGE, pretty
+from islandgp.records.files import LONG, PAGE, pretty
 from islandgp.trust import must_have_no_links
 
 NAME: Final = "manifest.json"
@@ -37,7 +37,7 @@ REQUIRED: Final = (
 )
 """Files of every finished run."""
 
-RESTORABLE: Final = frozenset({"best.bt", "lineage.csv", PAGE})
+RESTORABLE: Final = frozenset({"best.bt", LONG, "lineage.csv", PAGE})
 """Files that the run's command restores from the others if they are missing."""
 
 

@@ -1,19 +1,33 @@
-"""Selects a run's best robot in validation worlds."""
+"""A run's best robot: chosen, shortened, tested in worlds that chose nothing, and explained."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
 from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Node, size
+from islandgp.bt.core.printer import with_subtrees
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.config.settings import Settings
-from islandgp.evaluation.base import Evaluator
+from islandgp.domain import Outcome
+from islandgp.evaluation.base import Evaluator, Problem, evaluated
 from islandgp.evolution.candidates import (
+    Candidate,
     Candidates,
     CandidatesByEvidence,
     CandidatesByFitness,
 )
+from islandgp.evolution.explain import explained, usage, with_losses
+from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
+    FrontTree,
     Validation,
+    compared,
     entrants,
+    fresh_worlds,
+    judged,
     validate,
     validation_seeds,
 )
@@ -21,6 +35,12 @@ from islandgp.gp.evidence import SHRINKAGE
 from islandgp.records.folder import RunFolder
 from islandgp.running.totals import RunTotals
 from islandgp.supervision.library import library_folder, read_tree
+
+TEST_WORLDS = 50  # in which the best robot is tested, at most
+TESTED = 3  # trees in these worlds: the robot, the reference tree, the best of generation 0
+EXPLAIN_SHARE = 0.15  # of the episodes of pruning, for its explanation
+EXPLAIN_WORLDS = 10  # in which a tree is explained, at most
+FIRST_BEST = "best tree of generation 0"
 
 
 def candidates_of(settings: Settings) -> Candidates:
@@ -31,50 +51,168 @@ def candidates_of(settings: Settings) -> Candidates:
     return CandidatesByFitness(settings.classes, constraints=settings.constraints)
 
 
+@dataclass(frozen=True, slots=True)
+class FinalEpisodes:
+    """Numbers of episodes after the training of a run."""
+
+    choice: int  # of the candidates
+    pruning: int  # with the explanation
+    test: int
+
+
+def final_episodes(settings: Settings, totals: RunTotals) -> FinalEpisodes:
+    """The episodes that follow the training; with a budget, all that remain.
+
+    There are none with gp.validation=0. Shortening takes no more episodes than the training.
+    """
+    if settings.gp.validation == 0:
+        return FinalEpisodes(0, 0, 0)
+    budget, test = settings.budget.episodes, TESTED * TEST_WORLDS
+    pruning = min(settings.prune.episodes, totals.episodes)
+    if budget is None:
+        choice = max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
+        return FinalEpisodes(choice, pruning, test)
+    left = budget - totals.episodes
+    pruning = min(pruning, int(settings.prune.budget_share * budget), left // 2)
+    test = min(test, (left - pruning) // 3)
+    return FinalEpisodes(left - pruning - test, pruning, test)
+
+
 def best_robot(
     settings: Settings, target: RunFolder, totals: RunTotals, evaluator: Evaluator
 ) -> Best:
-    """The run's best robot, by successive halving in validation worlds (held-out seeds).
+    """The run's best robot.
 
-    With gp.validation=0, or if the budget leaves no episode, it is the best individual of the last
-    stage. The number of candidates depends on the number of episodes.
+    It is chosen by successive halving in validation worlds, or, with gp.validation=0, by its
+    fitness in training. Then it is shortened, tested in fresh worlds, and explained.
     """
+    episodes = final_episodes(settings, totals)
+    winner, choice_worlds = _chosen(settings, totals, evaluator, episodes.choice)
+    problem = settings.problem()
+    vocabulary, stage = problem.domain.schema.vocabulary, totals.stage
+    used: list[int] = [*totals.worlds, *choice_worlds]
+    new_worlds = fresh_worlds(settings.seed, frozenset(used))
+
+    def worlds(n: int) -> list[int]:
+        drawn = new_worlds(n)
+        used.extend(drawn)
+        return drawn
+
+    def outcomes(trees: Sequence[Node], seeds: Sequence[int]) -> list[list[Outcome]]:
+        return evaluated(evaluator, trees, stage, seeds)
+
+    tree = parse(winner.tree, vocabulary)
+    explaining = int(EXPLAIN_SHARE * episodes.pruning)
+    pruned = prune(
+        tree,
+        vocabulary,
+        outcomes,
+        worlds,
+        Keep(settings.prune.tolerance, settings.classes, settings.constraints),
+        episodes=episodes.pruning - explaining,
+        most_worlds=settings.prune.worlds,
+    )
+    chosen_in = tuple(used[len(totals.worlds) :])
+    test_worlds = new_worlds(episodes.test // TESTED)
+    record = next(target.records(winner.generation))
+    return Best(
+        winner.generation,
+        next(i for i in record["individuals"] if i["id"] == winner.id),
+        to_text(pruned.best),
+        _explained(pruned.best, problem, outcomes, test_worlds, stage, explaining),
+        _tested(settings, totals, pruned.best, vocabulary, outcomes, test_worlds),
+        _front(pruned),
+        tuple(step.change for step in pruned.steps[1:]),
+        chosen_in,
+    )
+
+
+def _chosen(
+    settings: Settings, totals: RunTotals, evaluator: Evaluator, episodes: int
+) -> tuple[Candidate, Sequence[int]]:
+    """The best candidate, and the worlds in which the candidates were compared."""
     assert totals.candidates is not None
     contenders = totals.candidates.best()
-    episodes = validation_episodes(settings, totals)
-    verdict: Validation | None = None
     if episodes < 1:
-        winner = max(contenders, key=lambda c: c.merit)
-    else:
-        winner, verdict = validate(
-            entrants(contenders, episodes),
-            validation_seeds(settings.seed, frozenset(totals.worlds), episodes),
-            evaluator,
-            totals.stage,
-            settings.classes,
-            episodes=episodes,
-            reference_tree=_reference_tree(settings),
-            constraints=settings.constraints,
-        )[0]
-    born = next(target.records(winner.generation))
-    champion = next(i for i in born["individuals"] if i["id"] == winner.id)
-    return Best(winner.generation, champion, verdict)
+        return max(contenders, key=lambda c: c.merit), ()
+    winner, verdict = validate(
+        entrants(contenders, episodes),
+        validation_seeds(settings.seed, frozenset(totals.worlds), episodes),
+        evaluator,
+        totals.stage,
+        settings.classes,
+        episodes=episodes,
+        constraints=settings.constraints,
+    )[0]
+    return winner, verdict.worlds
 
 
-def validation_episodes(settings: Settings, totals: RunTotals) -> int:
-    """Number of validation episodes; with a budget, all that remain."""
-    if settings.gp.validation == 0:
-        return 0
-    if settings.budget.episodes is None:
-        return max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
-    return settings.budget.episodes - totals.episodes
+Evaluate = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
 
 
-def _reference_tree(settings: Settings) -> tuple[str, str] | None:
-    """Name and canonical text of the tree with which the best robot is compared, or None."""
+def _tested(
+    settings: Settings,
+    totals: RunTotals,
+    tree: Node,
+    vocabulary: Vocabulary,
+    evaluate: Evaluate,
+    worlds: Sequence[int],
+) -> Validation | None:
+    """The results in fresh worlds, compared with the reference tree and that of generation 0."""
+    if not worlds:
+        return None
+    others = {} if (reference := _reference_tree(settings)) is None else dict([reference])
+    if totals.first_best:
+        others[FIRST_BEST] = parse(totals.first_best, vocabulary)
+    own, *theirs = evaluate([tree, *others.values()], worlds)
+    by_name = dict(zip(others, theirs, strict=True))
+    return judged(worlds, own, settings.classes, settings.constraints, by_name)
+
+
+def _explained(
+    tree: Node,
+    problem: Problem,
+    evaluate: Evaluate,
+    worlds: Sequence[int],
+    stage: int,
+    episodes: int,
+) -> str:
+    """The tree's text with comments on its branches; without them if episodes are few."""
+    count = min(EXPLAIN_WORLDS, episodes // (size(tree) + 1), len(worlds))
+    if count < 2:
+        return to_text(tree)
+    usages = with_losses(
+        usage(problem, tree, worlds[:count], stage), tree, evaluate, worlds[:count]
+    )
+    return with_subtrees(explained(tree, usages))
+
+
+def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
+    """The front as plain values; () if the tree was not shortened."""
+    *shorter, original = pruned.front
+    if not shorter:
+        return ()
+    best = pruned.best
+    trees = [
+        FrontTree(
+            size(tried.tree),
+            to_text(tried.tree),
+            compared("the longest tree", tried.outcomes, original.outcomes),
+            tried.tree is best,
+        )
+        for tried in shorter
+    ]
+    return (
+        *trees,
+        FrontTree(size(original.tree), to_text(original.tree), None, best is original.tree),
+    )
+
+
+def _reference_tree(settings: Settings) -> tuple[str, Node] | None:
+    """The name of the reference tree in reports, and the tree; None: there is none."""
     library, domain = settings.library, settings.make_domain()
     if library.folder is None or not library.reference_trees:
         return None
     name = library.reference_trees[0]
     text = read_tree(library_folder(library.folder, domain), name)
-    return name, to_text(parse(text, domain.schema.vocabulary, name=name))
+    return f"tree {name}", parse(text, domain.schema.vocabulary, name=name)

@@ -52,7 +52,12 @@ def summary(
         "champion": {
             "generation": best.generation,
             "record": dict(best.record),
+            "tree": best.tree,
+            "text": best.text,
             "validation": None if best.validation is None else _plain(best.validation),
+            "front": nan_to_none([asdict(tree) for tree in best.front]),
+            "changes": list(best.changes),
+            "chosen_in": list(best.chosen_in),
         },
         **limits,
         "fittest": asdict(fittest),
@@ -96,7 +101,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             *_supervision(costs[-1]["llm"] if costs else {}, s["answers"]),
             f"Results: {target.path}",
             "",
-            best["tree"].rstrip(),
+            s["champion"]["text"].rstrip(),
             "",
         )
     )
@@ -142,16 +147,17 @@ def validated(champion: Mapping[str, Any]) -> Iterator[str]:
         yield f"{best}, not validated in other worlds"
         return
     yield (
-        f"{best}: {in_points(v['mean'])} points{_interval(v, '')} in {len(v['worlds'])}"
-        f" validation world{'s' * (len(v['worlds']) != 1)}"
+        f"{best}{_shortened(champion)}: {in_points(v['mean'])} points"
+        f"{_interval(v)} in {len(v['worlds'])} unseen"
+        f" world{'s' * (len(v['worlds']) != 1)}"
     )
     shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
     if shares:
         yield f"In these worlds it is {', '.join(shares)}"
-    if v["yardstick"]:
+    for other in v["comparisons"]:
         yield (
-            f"Against the tree {v['yardstick']} in the same worlds:"
-            f" {in_points(v['difference'], '+')} points{_interval(v, 'difference_', '+')}"
+            f"Against the {other['name']} in the same worlds:"
+            f" {in_points(other['mean'], '+')} points{_interval(other, '+')}"
         )
 
 
@@ -168,9 +174,16 @@ def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
     yield f"Constraints ({limits}): {result} on average, and in {v['feasible']:.0%} of these worlds"
 
 
-def _interval(v: Mapping[str, Any], unit: str, sign: str = "") -> str:
+def _shortened(champion: Mapping[str, Any]) -> str:
+    """The numbers of nodes before and after the shortening, if there was one."""
+    before = champion["record"]["nodes"]
+    after = [tree["nodes"] for tree in champion["front"] if tree["chosen"]]
+    return f", shortened from {before} to {after[0]} nodes" if after and after[0] < before else ""
+
+
+def _interval(v: Mapping[str, Any], sign: str = "") -> str:
     """A 95 % interval in brackets, or the reason why there is none."""
-    low, high = v[f"{unit}low"], v[f"{unit}high"]
+    low, high = v["low"], v["high"]
     if low is None or high is None:
         return " (no interval: one world)"
     return f" (95 %: {in_points(low, sign)} to {in_points(high, sign)})"

@@ -24,10 +24,13 @@ class RunTotals:
     snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
     costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
     decisions: list[Mapping[str, Any]] = field(default_factory=list)  # source and asked_at
+    first_best: str = ""  # canonical text of the fittest tree of generation 0
 
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
         """Add a generation, given its record and its costs as plain values."""
         self.curves.add(record, cost)
+        if not self.first_best:
+            self.first_best = max(record["individuals"], key=lambda i: i["fitness"])["tree"]
         self.worlds.update(record["worlds"])
         self.snapshots.append(record["snapshot"])
         self.costs.append(cost)

@@ -66,6 +66,7 @@ def read(entry: RunEntry) -> Run:
     folder = RunFolder(entry.path)
     try:
         champion = folder.summary()["champion"]
+        champion["record"] |= {"tree": champion["tree"]}  # shortened
         validation = champion["validation"] or {"worlds": (), "mean": None}
         run = Run(
             path=entry.path,
@@ -74,7 +75,7 @@ def read(entry: RunEntry) -> Run:
             records=tuple(folder.generations()),
             costs=tuple(from_plain(Cost, plain) for plain in folder.costs()),
             champion=from_plain(Champion, champion),
-            validation=tuple(validation["worlds"]),
+            validation=(*champion["chosen_in"], *validation["worlds"]),
             validation_mean=validation["mean"],
             feasible=validation.get("feasible"),
         )

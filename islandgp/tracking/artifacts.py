@@ -9,13 +9,14 @@ from typing import Any, Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
-from islandgp.records.files import PAGE, RunMetadata, fallback_words, validation_mean
+from islandgp.records.files import LONG, PAGE, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import in_points, title
 from islandgp.viewer.run_page import embedded_replay
 
 FILES: Final = (
     "best.bt",
+    LONG,
     "lineage.csv",
     "generations.jsonl",
     "costs.jsonl",
@@ -56,7 +57,7 @@ def _points(summary: Mapping[str, Any]) -> str:
     trained, mean = summary["champion"]["record"]["fitness"], validation_mean(summary)
     if mean is None:
         return f"{in_points(trained)} points in training, not validated"
-    return f"**{in_points(mean)}** points in validation worlds, {in_points(trained)} in training"
+    return f"**{in_points(mean)}** points in unseen worlds, {in_points(trained)} in training"
 
 
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
@@ -64,7 +65,6 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
         s, agent = folder.summary(), folder.agent
-        best = s["champion"]["record"]
         fallback = fallback_words([s])
         lines += [
             f"- best robot, of generation {s['champion']['generation']}: {_points(s)}",
@@ -76,7 +76,7 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
             *([f"- the fallback's answers: {fallback}"] if fallback else []),
             "",
             "```",
-            best["tree"].rstrip(),
+            s["champion"]["text"].rstrip(),
             "```",
         ]
     elif error := folder.error():

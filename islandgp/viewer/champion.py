@@ -36,7 +36,7 @@ def champion_replay(folder: RunFolder) -> str:
     champion = folder.summary()["champion"]
     place = first_episode(folder, champion["record"]["id"])
     problem = Problem.recorded(folder.configuration())
-    tree = parse(champion["record"]["tree"], problem.domain.schema.vocabulary)
+    tree = parse(champion["tree"], problem.domain.schema.vocabulary)
     episode = record(tree, problem, seed=place.seed, stage=place.stage)
     generation = champion["generation"]
-    return page(episode, title=f"{folder.path.name}: the best individual, generation {generation}")
+    return page(episode, title=f"{folder.path.name}: the best robot, of generation {generation}")

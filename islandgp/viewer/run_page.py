@@ -61,7 +61,7 @@ def run_page(
     champion, validation = history.fittest, None
     if status is Status.FINISHED:
         best = folder.summary()["champion"]
-        champion, validation = best["record"], best["validation"]
+        champion, validation = {**best["record"], "tree": best["tree"]}, best["validation"]
     values = [] if champion is None else [champion["fitness"], *champion["components"].values()]
     config = folder.configuration()
     view = RunView(folder, status, config, history, champion, validation, digits(values))
@@ -121,14 +121,21 @@ def _best_robot(view: RunView) -> str:
         fitness = view.points(view.champion["fitness"])
         return f"{name} has {fitness} points in training, not validated in other worlds,"
     n = len(v["worlds"])
-    between = ""
-    if n > 1:
-        between = f" (95\N{NO-BREAK SPACE}%: {view.points(v['low'])} to {view.points(v['high'])})"
-    worlds = f"{n} validation world{'s' * (n != 1)}"
+    between = _interval(view, v, "")
+    worlds = f"{n} unseen world{'s' * (n != 1)}"
     text = f"{name} earns {view.points(v['mean'])} points in {worlds}{between}"
-    if v["yardstick"]:
-        text += f", {view.points(v['difference'], '+')} against the tree {v['yardstick']},"
+    for other in v["comparisons"]:
+        gain = view.points(other["mean"], "+") + _interval(view, other, "+")
+        text += f", {gain} against the {other['name']},"
     return text
+
+
+def _interval(view: RunView, estimate: Mapping[str, Any], sign: str) -> str:
+    """A 95 % interval in brackets; "" for a single world."""
+    if estimate["low"] is None:
+        return ""
+    ends = (view.points(estimate[end], sign) for end in ("low", "high"))
+    return f" (95\N{NO-BREAK SPACE}%: {' to '.join(ends)})"
 
 
 def _milestones(view: RunView) -> str:
@@ -241,7 +248,7 @@ def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:
         f'<svg class="bt" role="img" aria-label="Behaviour tree of {len(boxes)} nodes"'
         f' width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}">'
         f"{drawing(boxes)}</svg></div>"
-        f"<details><summary>As text ({best['nodes']} nodes)</summary>"
+        f"<details><summary>As text ({len(boxes)} nodes)</summary>"
         f"<pre>{escape(best['tree'])}</pre></details>"
     )
     yield '<div class="tables">'

@@ -49,13 +49,13 @@ def test_numbers_of_purposes() -> None:
         "UNSEEN": 9,
         "LIBRARY": 10,
         "VALIDATION": 11,
-        "TRIAL": 12,
         "TEST": 13,
         "TUNING": 14,
         "SEARCH": 15,
         "ARCHIVE": 16,
         "EDIT": 17,
         "PERTURBATION": 18,
+        "PRUNING": 19,
         "RESAMPLING": 100,
     }
 

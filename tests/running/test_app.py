@@ -75,7 +75,7 @@ def test_the_page_of_a_finished_run_holds_its_champions_episode(cwd: Path) -> No
     (name,) = leaf(cwd)
     text = (cwd / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
     (replay,) = re.findall(r'<script[^>]* id="replay"[^>]*>(.*?)</script>', text, re.DOTALL)
-    assert f"{name}: the best individual, generation " in json.loads(replay)
+    assert f"{name}: the best robot, of generation " in json.loads(replay)
 
 
 def test_what_a_runs_folder_is_called() -> None:

@@ -99,20 +99,15 @@ class Finished:
     def summary(self) -> dict[str, Any]:
         """As in summary.json."""
         validation = {
-            "worlds": list(range(26)),
-            "mean": 52479,
-            "low": 49898,
-            "high": 55061,
-            "reached": {
-                "excellent": 1 / 26,
-                "complete": 1 / 26,
-                "full_service": 1 / 26,
-                "balanced_elite": 1.0,
-            },
-            "yardstick": "all_rounder",
-            "difference": 1284,
-            "difference_low": -219,
-            "difference_high": 2787,
+            "worlds": list(range(50)),
+            "mean": 53414,
+            "low": 51171,
+            "high": 55657,
+            "reached": {"excellent": 0.0, "complete": 0.0, "balanced_elite": 1.0},
+            "comparisons": [
+                {"name": "tree all_rounder", "mean": 2461, "low": 1145, "high": 3776},
+                {"name": "best tree of generation 0", "mean": 4684, "low": 3482, "high": 5886},
+            ],
         }
         components = {
             "garbage": 33300,
@@ -124,9 +119,14 @@ class Finished:
             "idle": 0,
             "collision": -2500,
         }
-        record = {"id": "31.2", "fitness": 57744, "components": components, "tree": "the tree"}
+        record = {"id": "31.2", "fitness": 57744, "components": components, "nodes": 43}
         return {
-            "champion": {"record": record, "validation": validation},
+            "champion": {
+                "record": record,
+                "text": "the tree",
+                "validation": validation,
+                "front": [{"nodes": 21, "chosen": True}],
+            },
             "fittest": {"record": {"fitness": 66997}, "generation": 33},
             "first": {"complete": 0, "excellent": 0},
             "answers": {},

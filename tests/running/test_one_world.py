@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
 
-from islandgp.evolution.validation import Best, Candidate, validate
+from islandgp.evolution.validation import Candidate, compared, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
 from islandgp.results import load
@@ -15,11 +15,12 @@ from islandgp.running.totals import totals_of
 from islandgp.study.select import find, read
 from tests.composed import composed
 from tests.evolution.fake import Fake
+from tests.samples import best_of, outcome
 from tests.tracking.folders import MILESTONES, begun, steps
 
 
 def _validated_once(path: Path, home: Path) -> RunFolder:
-    """A finished run with one candidate, which met one world and a yardstick there."""
+    """A finished run with one candidate, which met one world and another tree there."""
     folder, finished_steps = begun(path, home), steps()
     for step in finished_steps:
         folder.append(step)
@@ -32,9 +33,9 @@ def _validated_once(path: Path, home: Path) -> RunFolder:
         0,
         composed().classes,
         episodes=1,
-        reference_tree=("good", champion.record.tree),
     )
-    best = Best(champion.generation, asdict(champion.record), validation)
+    same = compared("good tree", [outcome(1.0)], [outcome(1.0)])
+    best = best_of(champion, replace(validation, comparisons=(same,)))
     folder.finish(summary(totals_of(folder), champion, best, MILESTONES))
     folder.close()
     return folder
@@ -46,9 +47,9 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
     text = (folder.path / "summary.json").read_text(encoding="utf-8")
     assert "NaN" not in text
     validation = json.loads(text)["champion"]["validation"]
-    ends = ("low", "high", "difference_low", "difference_high")
-    assert [validation[end] for end in ends] == [None] * 4
-    assert validation["difference"] == 0
+    assert [validation[end] for end in ("low", "high")] == [None] * 2
+    none = {"name": "good tree", "mean": 0, "low": None, "high": None}
+    assert validation["comparisons"] == [none]
     assert values(folder.summary())["validation_mean"] == validation["mean"]
     assert load(tmp_path).runs["validation_mean"][0] == validation["mean"]
     (run,) = find(tmp_path)
@@ -58,8 +59,8 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
 def test_the_report_of_such_a_run_gives_the_reason(tmp_path: Path) -> None:
     """No interval is shown, and the reason is."""
     lines = report(_validated_once(tmp_path / "run", tmp_path), []).splitlines()
-    assert lines[0].endswith("points (no interval: one world) in 1 validation world")
-    (line,) = (line for line in lines if line.startswith("Against the tree good"))
+    assert lines[0].endswith("points (no interval: one world) in 1 unseen world")
+    (line,) = (line for line in lines if line.startswith("Against the good tree"))
     assert line.endswith("+0 points (no interval: one world)")
 
 

@@ -8,20 +8,18 @@ from islandgp.running.report import validated
 def test_small_points_have_three_digits() -> None:
     """Returns from 0 to 1 are not all shown as 0 or 1, and no zero is negative."""
     champion = {
-        "record": {"id": "3.1"},
+        "record": {"id": "3.1", "nodes": 9},
         "validation": {
             "worlds": [1, 2, 3],
             "mean": 0.7312,
             "low": -0.0,
             "high": 1.25,
             "reached": {},
-            "yardstick": "by_hand",
-            "difference": 0.0312,
-            "difference_low": -0.2,
-            "difference_high": 12345.6,
+            "comparisons": [{"name": "tree by_hand", "mean": 0.0312, "low": -0.2, "high": 12345.6}],
         },
+        "front": [],
     }
     assert [*validated(champion)] == [
-        "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 validation worlds",
+        "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 unseen worlds",
         "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)",
     ]

@@ -160,7 +160,15 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
         mean = run.validation_mean or 0.0
         validation = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
         summary = {
-            "champion": {**asdict(run.champion), "validation": validation and asdict(validation)},
+            "champion": {
+                **asdict(run.champion),
+                "validation": validation and asdict(validation),
+                "tree": run.champion.record.tree,
+                "text": run.champion.record.tree,
+                "front": [],
+                "changes": [],
+                "chosen_in": [],
+            },
             "fittest": asdict(run.champion),
             "first": {},
             **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import yaml
 
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.validation import Best, Validation
+from islandgp.evolution.validation import Validation
 from islandgp.gp.record import Champion, Step
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
@@ -20,6 +19,7 @@ from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.store import MLflowSettings, Place, Store
 from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
+from tests.samples import best_of
 
 MILESTONES = ("complete", "excellent")
 SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking=mlflow")
@@ -80,7 +80,7 @@ def finished(
     folder: RunFolder, champion: Champion, validation: Validation | None = None
 ) -> dict[str, Any]:
     """The summary of a run; without a validation it chose its champion in no other worlds."""
-    best = Best(champion.generation, asdict(champion.record), validation)
+    best = best_of(champion, validation)
     return summary(totals_of(folder), champion, best, MILESTONES)
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from islandgp.evolution.validation import Best, Validation
+from islandgp.evolution.validation import Comparison, Validation
 from islandgp.gp.archive import archive_record
 from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
@@ -21,7 +20,7 @@ from islandgp.running.report import summary
 from islandgp.running.totals import totals_of
 from tests.composed import plain
 from tests.evolution.runs import SMALL, Constant, plan, run
-from tests.samples import CLASSES
+from tests.samples import CLASSES, best_of
 
 VALIDATION = Validation(
     worlds=(1, 2, 3),
@@ -29,10 +28,7 @@ VALIDATION = Validation(
     low=10000.0,
     high=14000.0,
     reached={"excellent": 0.0, "complete": 2 / 3},
-    yardstick="all_rounder",
-    difference=-500.0,
-    difference_low=-900.0,
-    difference_high=-100.0,
+    comparisons=(Comparison("tree all_rounder", -500.0, -900.0, -100.0),),
 )
 
 
@@ -74,7 +70,7 @@ def closed_run(
         folder.append(step)
     if complete:
         champion, elites = steps[-1].champion, steps[-1].archive
-        best = Best(champion.generation, asdict(champion.record), VALIDATION)
+        best = best_of(champion, VALIDATION)
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
         archive = ArchiveFile.of("island", axes, 0, elites, record)

@@ -85,8 +85,9 @@ def page(finished: RunFolder) -> Parsed:
 
 def test_the_result_in_a_sentence(page: Parsed) -> None:
     """Mean, interval, difference to the reference tree and tiers in worlds without training."""
-    assert "earns 12,345 points in 3 validation worlds (95 %: 10,000 to 14,000)" in page.text
-    assert "-500 against the tree all_rounder, after 8 generations and 96 episodes." in page.text
+    assert "earns 12,345 points in 3 unseen worlds (95 %: 10,000 to 14,000)" in page.text
+    gain = "-500 (95 %: -900 to -100) against the tree all_rounder"
+    assert f"{gain}, after 8 generations and 96 episodes." in page.text
     assert "In these worlds it is Complete in 67%." in page.text
 
 

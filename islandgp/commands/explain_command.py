@@ -1,0 +1,77 @@
+"""`islandgp explain`: what each branch of a tree does, and what is lost without it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict
+
+import click
+
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.printer import with_subtrees
+from islandgp.commands.files import FILE
+from islandgp.commands.options import DomainOptions, with_domain_options, with_stage_option
+from islandgp.commands.setting import stage_index, tree_in_domain
+from islandgp.commands.tables import standard_output
+from islandgp.domain import Outcome
+from islandgp.evolution.explain import Usage, explained, in_words, usage, with_losses
+from islandgp.plain import nan_to_none
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--worlds", type=click.IntRange(1, 10_000), default=20, help="Number of worlds.")
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the worlds.")
+@click.option("--text", "as_text", is_flag=True, help="Print the tree with comments instead.")
+@click.option("--json", "as_json", is_flag=True, help="Print a row per node as JSON.")
+@with_domain_options
+@with_stage_option
+def command(
+    file: str,
+    worlds: int,
+    seed: int,
+    as_text: bool,
+    as_json: bool,
+    options: DomainOptions,
+    stage: int | None,
+) -> None:
+    """Explain the tree in FILE: what each node does over several worlds.
+
+    For each node: the share of worlds in which it runs (a guard runs if its child does), its ticks,
+    successes and failures in an episode, the points that the actions below it earn, and how many
+    points change without it, with a 95 % interval over the worlds.
+    """
+    from islandgp.evaluation.base import evaluated
+    from islandgp.evolution.validation import fresh_worlds
+    from islandgp.running.parts import make_evaluator
+
+    tree, settings, problem = tree_in_domain(file, options)
+    index, seeds = stage_index(settings, stage), fresh_worlds(seed)(worlds)
+    with closing(make_evaluator(settings)) as evaluator:
+
+        def outcomes(trees: Sequence[Node], places: Sequence[int]) -> list[list[Outcome]]:
+            return evaluated(evaluator, trees, index, places)
+
+        usages = with_losses(usage(problem, tree, seeds, index), tree, outcomes, seeds)
+    if as_json:
+        click.echo(json.dumps(nan_to_none([asdict(u) for u in usages]), indent=2))
+    elif as_text:
+        click.echo(with_subtrees(explained(tree, usages)), nl=False)
+    else:
+        _draw(tree, usages)
+
+
+def _draw(tree: Node, usages: Sequence[Usage]) -> None:
+    """Draws the tree with the usage of each node."""
+    from rich.text import Text
+
+    from islandgp.bt.export.render import to_rich
+
+    notes = []
+    for u in usages:
+        ran = bool(u.worlds)
+        counts = f"{u.ticks:,.0f} ticks, {u.successes:,.0f} succeeded, {u.failures:,.0f} failed; "
+        notes.append(Text((counts if ran else "") + in_words(u), "dim" if ran else "bold red"))
+    standard_output().print(to_rich(tree, notes))

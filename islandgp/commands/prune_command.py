@@ -1,0 +1,133 @@
+"""`islandgp prune`: shortens a tree as far as its fitness allows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+
+import click
+
+from islandgp.bt.core.language import domain_of, to_text
+from islandgp.bt.core.node import Node, size
+from islandgp.commands.files import FILE, check_other_file, read_tree_text, write_text
+from islandgp.commands.options import (
+    DomainOptions,
+    NumberRange,
+    with_domain_options,
+    with_output_option,
+    with_stage_option,
+)
+from islandgp.commands.setting import stage_index, tree_in_domain
+from islandgp.commands.tables import Column, numbers, print_table
+from islandgp.domain import Outcome
+from islandgp.evolution.prune import Keep, PruneResult, prune
+from islandgp.intervals import interval
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@with_output_option
+@click.option(
+    "--tolerance",
+    type=NumberRange(min=0, max=0.5),
+    help="Largest loss of mean fitness, as a share of it; by default that of the configuration.",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(100, 1_000_000),
+    default=3_000,
+    help="Maximum number of episodes.",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the worlds.")
+@with_domain_options
+@with_stage_option
+def command(
+    file: str,
+    output: str,
+    tolerance: float | None,
+    episodes: int,
+    seed: int,
+    options: DomainOptions,
+    stage: int | None,
+) -> None:
+    """Shorten the tree in FILE as far as its fitness allows.
+
+    Nodes, terms and digits go if the tree keeps its fitness within the tolerance, and its tiers,
+    behaviours and constraints, in the same worlds. The trees on the way are then evaluated in
+    fresh worlds; the shortest one that is as good there is printed, or written with -o. What went
+    is reported on the standard error. `simplify` makes only changes that cannot be noticed.
+    """
+    from islandgp.evaluation.base import evaluated
+    from islandgp.evolution.validation import fresh_worlds
+    from islandgp.running.parts import make_evaluator
+
+    check_other_file(file, output)
+    tree, settings, problem = tree_in_domain(file, options)
+    index, pruning = stage_index(settings, stage), settings.prune
+    keep = Keep(
+        pruning.tolerance if tolerance is None else tolerance,
+        settings.classes,
+        settings.constraints,
+    )
+    with closing(make_evaluator(settings)) as evaluator:
+
+        def outcomes(trees: Sequence[Node], worlds: Sequence[int]) -> list[list[Outcome]]:
+            return evaluated(evaluator, trees, index, worlds)
+
+        result = prune(
+            tree,
+            problem.domain.schema.vocabulary,
+            outcomes,
+            fresh_worlds(seed),
+            keep,
+            episodes=episodes,
+            most_worlds=pruning.worlds,
+        )
+    domain = domain_of(read_tree_text(file).text)
+    write_text(output, (f"domain {domain}\n\n" if domain else "") + to_text(result.best))
+    _report(result)
+
+
+def _report(result: PruneResult) -> None:
+    """Two tables: the steps with their differences, and the trees in fresh worlds."""
+    from rich.console import Console
+
+    console = Console(stderr=True, highlight=False, markup=False)
+    if len(result.front[-1].outcomes) and not any(o.fitness for o in result.front[-1].outcomes):
+        console.print("The tree earns 0 points in every world, so there is nothing to compare.")
+        return
+    columns = [
+        Column("nodes", [str(size(step.tree)) for step in result.steps]),
+        Column("points", ["", *_signed([step.difference for step in result.steps[1:]])]),
+        Column("change", ["simplified", *(step.change for step in result.steps[1:])], left=True),
+    ]
+    print_table(console, columns)
+    worlds = len(result.front[-1].outcomes)
+    console.print(
+        f"\nThe trees on the way in {worlds} fresh worlds; differences are to the original"
+        " (95 % intervals):"
+    )
+    original = [o.fitness for o in result.front[-1].outcomes]
+    rows = []
+    for tried in result.front[:-1]:
+        pairs = [o.fitness - a for o, a in zip(tried.outcomes, original, strict=True)]
+        rows.append(interval(pairs))
+    cells = [_signed([row[end] for row in rows]) for end in range(3)]
+    texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]
+    trees = [tried.tree for tried in result.front]
+    chosen = ["chosen" if tree is result.best else "" for tree in trees]
+    table = [
+        Column("nodes", [str(size(tree)) for tree in trees]),
+        Column("difference", [*texts, "the original"], left=True),
+        Column("", chosen, left=True),
+    ]
+    print_table(console, table)
+    console.print(
+        f"{size(result.front[-1].tree)} nodes before, {size(result.best)} after;"
+        f" {result.episodes:,} episodes"
+    )
+
+
+def _signed(values: Sequence[float]) -> list[str]:
+    """Numbers with a sign, with as many decimals as they need."""
+    return [text if text[0] == "-" else f"+{text}" for text in numbers(values)]

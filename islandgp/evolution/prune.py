@@ -1,0 +1,391 @@
+"""Shortens a tree as far as its fitness, tiers and constraints allow.
+
+Trees of genetic programming carry nodes without effect (bloat). `shorten` tries shorter forms of a
+tree in the same worlds as the tree itself and keeps those without a loss, by sequential halving: a
+form that loses clearly in a few worlds is rejected there. The result is a front of trees from the
+longest to the shortest. As each of them was chosen in the worlds in which it was tried, `confirm`
+evaluates the front in fresh worlds and returns the shortest tree that holds there as well.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from math import sqrt
+from statistics import fmean, stdev
+from typing import Final, TypeAlias
+
+from pydantic import BaseModel, Field
+
+from islandgp.bt.analysis.shorter import ShorterForm, rounded_forms, shorter_forms
+from islandgp.bt.analysis.simplify import simplify
+from islandgp.bt.core.node import Node, size
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.domain import Outcome
+from islandgp.scoring.classes import Classes, tiers
+from islandgp.scoring.constraints import Constraints, mean_violation
+
+FIRST: Final = 4  # worlds in which every form is tried
+BATCH: Final = 4  # forms that are tried at once
+DIGITS: Final = (1, 2)  # significant digits of rounded numbers, the fewest first
+NEEDED: Final = 0.1  # a form that loses this share of the fitness is tried once only
+LOST_SHARE: Final = 0.05  # of the worlds in which a tier or behaviour may be lost
+FRONT: Final = 8  # most trees of a front that are confirmed
+SEARCH_SHARE: Final = 0.7  # of the episodes; the others confirm the front
+FORMS_TO_AFFORD: Final = 16  # forms that can be compared in all worlds, at least
+
+Evaluate: TypeAlias = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
+"""(trees, world seeds) -> the outcomes of each tree in each world."""
+
+
+class Pruning(BaseModel, frozen=True, extra="forbid"):
+    """Settings of the shortening of a run's best robot."""
+
+    tolerance: float = Field(0.005, ge=0, le=0.5)
+    """Largest loss of mean fitness, as a share of the mean size of the tree's fitness."""
+    episodes: int = Field(1500, ge=0, le=1_000_000)  # at most; 0: the tree stays as it is
+    budget_share: float = Field(0.15, ge=0, le=0.5)  # of `budget.episodes`, at most
+    worlds: int = Field(20, ge=FIRST, le=1000)  # in which a shorter form is compared, at most
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """What a shorter tree must keep: fitness, tiers, behaviours and constraints."""
+
+    tolerance: float  # as in `Pruning`
+    classes: Classes  # with the tiers and behaviours
+    constraints: Constraints  # kept at least as well as the original does
+
+
+@dataclass(frozen=True, slots=True)
+class Standard:
+    """The outcomes of the original tree in some worlds, with which others are compared."""
+
+    outcomes: Sequence[Outcome]
+    keep: Keep
+
+    def differences(self, outcomes: Sequence[Outcome]) -> list[float]:
+        """Points by world, from the first one on: a tree's fitness less that of the original."""
+        pairs = zip(outcomes, self.outcomes, strict=False)
+        return [mine.fitness - original.fitness for mine, original in pairs]
+
+    @property
+    def size(self) -> float:
+        """The mean size of the fitness, points."""
+        return fmean(abs(o.fitness) for o in self.outcomes)
+
+    @property
+    def allowed(self) -> float:
+        """The largest loss of mean fitness, points."""
+        return self.keep.tolerance * self.size
+
+    def keeps(self, outcomes: Sequence[Outcome]) -> bool:
+        """True if a tree with these outcomes can replace the original."""
+        if fmean(self.differences(outcomes)) < -self.allowed or self._worse_in_kind(outcomes):
+            return False
+        return self.is_feasible(outcomes)
+
+    def is_feasible(self, outcomes: Sequence[Outcome]) -> bool:
+        """True if a tree with these outcomes violates constraints no more than the original."""
+        limit = mean_violation(self.outcomes[: len(outcomes)], self.keep.constraints)
+        return mean_violation(outcomes, self.keep.constraints) <= limit
+
+    def is_hopeless(self, outcomes: Sequence[Outcome]) -> bool:
+        """True if the loss in these worlds exceeds the tolerance by a standard error."""
+        return self._loses(outcomes, self.allowed) or self._worse_in_kind(outcomes, 1)
+
+    def is_ruined(self, outcomes: Sequence[Outcome]) -> bool:
+        """True if the loss exceeds NEEDED by a standard error."""
+        return self._loses(outcomes, NEEDED * self.size)
+
+    def _loses(self, outcomes: Sequence[Outcome], points: float) -> bool:
+        """True if the mean loss exceeds a number of points by a standard error."""
+        differences = self.differences(outcomes)
+        error = stdev(differences) / sqrt(len(differences)) if len(differences) > 1 else 0.0
+        return fmean(differences) + error < -points
+
+    def _worse_in_kind(self, outcomes: Sequence[Outcome], spare: int = 0) -> bool:
+        """True if a tier or a behaviour is reached in too few of the worlds.
+
+        `spare`: number of worlds in which it may be lost, whatever their share.
+        """
+        most = max(spare, int(LOST_SHARE * len(outcomes)))
+        before = [self._kinds(o) for o in self.outcomes[: len(outcomes)]]
+        after = [self._kinds(o) for o in outcomes]
+        names = set().union(*before)
+        return any(
+            sum(name in kinds for kinds in before) - sum(name in kinds for kinds in after) > most
+            for name in names
+        )
+
+    def _kinds(self, outcome: Outcome) -> frozenset[str]:
+        """The tiers and behaviours of an episode."""
+        shown = self.keep.classes.behaviours_of(outcome.counters)
+        return frozenset(
+            (*tiers(outcome, self.keep.classes), *(f"behaviour {name}" for name in shown))
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Shortened:
+    """A tree of the front, with the change that led to it."""
+
+    tree: Node
+    change: str  # from the tree before; "" for the first
+    difference: float  # points, mean difference to the original in the worlds of the search
+
+
+_Change: TypeAlias = tuple[str, int]
+"""A change in words, and its number among those with the same words."""
+
+
+@dataclass
+class _Bench:
+    """Evaluates trees in a sequence of worlds, each once, and counts the episodes."""
+
+    standard: Standard  # the original's outcomes in all worlds
+    evaluate: Evaluate
+    worlds: Sequence[int]
+    episodes: int  # at most
+    spent: int = 0
+    known: dict[Node, list[Outcome]] = field(default_factory=dict)
+    last: Sequence[Outcome] = ()  # those of the last tree of the front, in all worlds
+    ruinous: set[_Change] = field(default_factory=set)  # changes that lose NEEDED
+
+    def outcomes(self, trees: Sequence[Node], worlds: int) -> list[list[Outcome]]:
+        """The outcomes of each tree in the first worlds."""
+        for have in range(worlds):
+            group = [tree for tree in trees if len(self.known.get(tree, ())) == have]
+            if group:
+                new = self.evaluate(group, self.worlds[have:worlds])
+                self.spent += len(group) * (worlds - have)
+                for tree, outcomes in zip(group, new, strict=True):
+                    self.known[tree] = [*self.known.get(tree, ()), *outcomes]
+        return [self.known[tree][:worlds] for tree in trees]
+
+    def affords(self, trees: int) -> bool:
+        """True if the first worlds of some trees and all worlds of one are within the budget."""
+        return self.spent + trees * FIRST + len(self.worlds) <= self.episodes
+
+
+def shorten(
+    tree: Node,
+    vocabulary: Vocabulary,
+    evaluate: Evaluate,
+    worlds: Sequence[int],
+    keep: Keep,
+    *,
+    episodes: int,
+) -> tuple[list[Shortened], int]:
+    """Shortens a tree step by step.
+
+    Args:
+        tree: the original.
+        vocabulary: of its domain.
+        evaluate: runs episodes.
+        worlds: at least FIRST seeds, in which forms are compared with the original.
+        keep: what a form must keep.
+        episodes: at most.
+
+    Returns:
+        The trees from the original, simplified, to the shortest, and the episodes spent. Each tree
+        is shorter than the one before, or has a plainer condition.
+    """
+    simple = simplify(tree, vocabulary).tree
+    front = [Shortened(simple, "", 0.0)]
+    bench = _Bench(Standard((), keep), evaluate, worlds, episodes)
+    if not bench.affords(1):
+        return front, 0
+    original = bench.outcomes([simple], len(worlds))[0]
+    if not any(outcome.fitness for outcome in original):
+        return front, bench.spent  # every tree that earns nothing would be as good
+    bench.standard, bench.last = Standard(original, keep), original
+    while _pass(front, shorter_forms, bench, vocabulary):
+        pass  # a change may allow others that were rejected before
+    for digits in DIGITS:
+        while _pass(front, partial(rounded_forms, digits=digits), bench, vocabulary):
+            pass
+    return front, bench.spent
+
+
+def _pass(
+    front: list[Shortened],
+    forms: Callable[[Node], list[ShorterForm]],
+    bench: _Bench,
+    vocabulary: Vocabulary,
+) -> bool:
+    """Tries each form of the last tree once, and adds those that keep the standard to the front.
+
+    Returns:
+        True if there was one.
+    """
+    rejected = set(bench.ruinous)
+    before = len(front)
+    while True:
+        candidates = [
+            (change, form)
+            for change, form in _numbered(forms(front[-1].tree))
+            if change not in rejected
+        ]
+        kept = _first_kept(candidates, bench, rejected)
+        if kept is None:
+            return len(front) > before
+        mean = fmean(bench.standard.differences(bench.last))
+        front.append(Shortened(simplify(kept.tree, vocabulary).tree, kept.change, mean))
+
+
+def _numbered(forms: Iterable[ShorterForm]) -> Iterator[tuple[_Change, ShorterForm]]:
+    """The forms with a key that stays the same when another part of the tree changes."""
+    seen: Counter[str] = Counter()
+    for form in forms:
+        yield (form.change, seen[form.change]), form
+        seen[form.change] += 1
+
+
+def _first_kept(
+    candidates: Sequence[tuple[_Change, ShorterForm]], bench: _Bench, rejected: set[_Change]
+) -> ShorterForm | None:
+    """The first form that keeps the standard; None: there is none, or no budget.
+
+    Forms that do not are added to `rejected`.
+    """
+    for start in range(0, len(candidates), BATCH):
+        batch = candidates[start : start + BATCH]
+        if not bench.affords(len(batch)):
+            return None
+        bench.outcomes([form.tree for _, form in batch], FIRST)
+        for change, form in batch:
+            if not bench.affords(0):
+                return None
+            if (outcomes := _kept_outcomes(form.tree, bench)) is not None:
+                bench.last = outcomes
+                return form
+            if bench.standard.is_ruined(bench.known[form.tree]):
+                bench.ruinous.add(change)
+            rejected.add(change)
+    return None
+
+
+def _kept_outcomes(tree: Node, bench: _Bench) -> Sequence[Outcome] | None:
+    """The outcomes of a tree in all worlds if it keeps the standard, else None.
+
+    A tree that loses clearly in few worlds is not tried in more; nor is one whose outcomes equal
+    those of the last tree of the front in twice FIRST worlds, as it probably behaves as that one.
+    """
+    standard, everywhere = bench.standard, len(bench.worlds)
+    for worlds in (FIRST, 2 * FIRST):
+        if worlds < everywhere:
+            outcomes = bench.outcomes([tree], worlds)[0]
+            if standard.is_hopeless(outcomes):
+                return None
+            if worlds > FIRST and outcomes == list(bench.last[:worlds]):
+                return bench.last
+    outcomes = bench.outcomes([tree], everywhere)[0]
+    return outcomes if standard.keeps(outcomes) else None
+
+
+def thinned(front: Sequence[Shortened], most: int) -> list[Shortened]:
+    """At most `most` trees of a front, with different numbers of nodes, always the shortest one.
+
+    Of trees with equal numbers of nodes, the last one is kept.
+    """
+    by_size = {size(step.tree): step for step in front}
+    steps = [by_size[nodes] for nodes in sorted(by_size)]
+    if len(steps) <= most:
+        return steps
+    if most == 1:
+        return steps[:1]
+    return [steps[i * (len(steps) - 1) // (most - 1)] for i in range(most)]
+
+
+@dataclass(frozen=True, slots=True)
+class Confirmed:
+    """A tree of the front in fresh worlds."""
+
+    tree: Node
+    outcomes: tuple[Outcome, ...]  # by world
+    kept: bool  # True: it keeps the standard of the original
+
+
+def confirm(
+    original: Node,
+    front: Sequence[Shortened],
+    evaluate: Evaluate,
+    worlds: Sequence[int],
+    keep: Keep,
+) -> list[Confirmed]:
+    """Evaluates the trees of a front and the original in fresh worlds.
+
+    Args:
+        original: the long tree.
+        front: from `shorten`, thinned.
+        evaluate: runs episodes.
+        worlds: at least one seed, none of those in which the front was made.
+        keep: what a shorter tree must keep.
+
+    Returns:
+        The trees of the front, the shortest first, and the original last. A tree is kept unless
+        its loss exceeds the tolerance by a standard error (the one-standard-error rule of
+        Breiman et al. 1984, Classification and Regression Trees, 3.4.3), or it loses a tier, a
+        behaviour or a constraint.
+    """
+    trees = [step.tree for step in front]
+    *outcomes, reference = evaluate([*trees, original], worlds)
+    standard = Standard(reference, keep)
+    judged = [
+        Confirmed(tree, tuple(own), not standard.is_hopeless(own) and standard.is_feasible(own))
+        for tree, own in zip(trees, outcomes, strict=True)
+    ]
+    return [*judged, Confirmed(original, tuple(reference), True)]
+
+
+@dataclass(frozen=True, slots=True)
+class PruneResult:
+    """The result of `prune`."""
+
+    steps: tuple[Shortened, ...]  # from the original to the shortest tree
+    front: tuple[Confirmed, ...]  # the shortest first; the original last
+    episodes: int  # that were spent
+
+    @property
+    def best(self) -> Node:
+        """The shortest tree that keeps the standard in fresh worlds."""
+        return next(confirmed.tree for confirmed in self.front if confirmed.kept)
+
+
+def prune(
+    tree: Node,
+    vocabulary: Vocabulary,
+    evaluate: Evaluate,
+    worlds: Callable[[int], Sequence[int]],
+    keep: Keep,
+    *,
+    episodes: int,
+    most_worlds: int,
+) -> PruneResult:
+    """Shortens a tree and confirms the result in fresh worlds.
+
+    Args:
+        tree: the original.
+        vocabulary: of its domain.
+        evaluate: runs episodes.
+        worlds: returns that number of fresh world seeds at each call.
+        keep: what a shorter tree must keep.
+        episodes: at most, of which SEARCH_SHARE are for `shorten`.
+        most_worlds: in which a shorter form is compared.
+
+    Returns:
+        The steps and the front. With too few episodes for a comparison, both are the original.
+    """
+    search = int(SEARCH_SHARE * episodes)
+    count = min(most_worlds, search // FORMS_TO_AFFORD)
+    if count < FIRST:
+        return PruneResult((Shortened(tree, "", 0.0),), (Confirmed(tree, (), True),), 0)
+    steps, spent = shorten(tree, vocabulary, evaluate, worlds(count), keep, episodes=search)
+    left = episodes - search
+    front = thinned(steps, max(1, min(FRONT, left // (3 * FIRST) - 1)))
+    fresh = worlds(max(1, left // (len(front) + 1)))
+    front_in_fresh = confirm(tree, front, evaluate, fresh, keep)
+    return PruneResult(tuple(steps), tuple(front_in_fresh), spent + len(fresh) * (len(front) + 1))

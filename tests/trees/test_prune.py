@@ -1,0 +1,105 @@
+"""`islandgp prune` and `islandgp explain`, as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from islandgp.bt.core.language import parse
+from islandgp.bt.core.node import size
+from tests.trees.shell import Cli
+
+SHORT = ("--set", "world.episode.length=60", "--set", "evaluator=serial")
+LONG = """domain island
+
+# my robot
+selector {
+  when lap == 2 { sequence { SeekCharger PatrolWaypoint SeekCharger } }
+  when foundGarbage { sequence { MoveToGarbage PickupGarbage } }
+  PatrolWaypoint
+}
+"""
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """A file with a branch that never runs."""
+    path = tmp_path / "my tree.bt"
+    path.write_text(LONG)
+    return path
+
+
+def test_prune_prints_the_shorter_tree_and_what_went(islandgp: Cli, tree: Path) -> None:
+    """The tree goes to the standard output, the report to the standard error."""
+    result = islandgp("prune", tree, "--episodes", 200, *SHORT)
+    assert result.code == 0, result.err
+    assert result.out.startswith("domain island\n\nselector {")
+    assert size(parse(result.out)) <= 6
+    assert "without `when lap == 2` (5 nodes)" in result.err
+    assert f"11 nodes before, {size(parse(result.out))} after" in result.err
+    assert islandgp("prune", tree, "--episodes", 200, *SHORT) == result
+
+
+def test_prune_writes_a_file(islandgp: Cli, tree: Path, tmp_path: Path) -> None:
+    """With -o the tree is written; the file that is read is never overwritten."""
+    target = tmp_path / "short.bt"
+    assert islandgp("prune", tree, "--episodes", 200, "-o", target, *SHORT).code == 0
+    assert size(parse(target.read_text())) <= 6
+    assert islandgp("prune", tree, "-o", tree, *SHORT).code == 2
+    assert tree.read_text() == LONG
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--tolerance", 2), "expected a number from 0 to 0.5"),
+        (("--tolerance", "nan"), "found nan"),
+        (("--episodes", 5), "expected a number from 100"),
+        (("--stage", 9), "--stage: expected 1 to"),
+        (("--set", "prune.tolerance=2"), "prune.tolerance"),
+        (("--set", "prune.worlds=1"), "prune.worlds"),
+    ],
+)
+def test_prune_rejects_bad_values(
+    islandgp: Cli, tree: Path, arguments: tuple[object, ...], expected: str
+) -> None:
+    """One message, exit code 2, nothing on the standard output."""
+    result = islandgp("prune", tree, *arguments)
+    assert (result.code, result.out) == (2, "")
+    assert expected in result.err
+    assert "Traceback" not in result.err
+
+
+def test_a_tree_without_shorter_forms_stays(islandgp: Cli, tmp_path: Path) -> None:
+    """A single action is printed as it is."""
+    text = "PatrolWaypoint\n"
+    path = tmp_path / "small.bt"
+    path.write_text(text)
+    result = islandgp("prune", path, "--episodes", 200, *SHORT)
+    assert (result.code, result.out) == (0, text)
+
+
+def test_explain_draws_the_tree(islandgp: Cli, tree: Path) -> None:
+    """A line per node, with its share of worlds, its points and its loss."""
+    result = islandgp("explain", tree, "--worlds", 3, *SHORT)
+    assert result.code == 0, result.err
+    assert len(result.out.splitlines()) == 11
+    assert "lap == 2" in result.out
+    assert "never runs" in result.out.splitlines()[1]
+    assert "without it -" in result.out
+
+
+def test_explain_as_text_and_json(islandgp: Cli, tree: Path) -> None:
+    """The tree with comments is a tree again; JSON has a row for each node."""
+    text = islandgp("explain", tree, "--worlds", 2, "--text", *SHORT).out
+    assert size(parse(text)) == 11
+    assert "# never runs" in text
+    rows = json.loads(islandgp("explain", tree, "--worlds", 1, "--json", *SHORT).out)
+    assert len(rows) == 11
+    assert rows[2] | {"loss": None} == {
+        "worlds": 0, "ticks": 0, "successes": 0, "failures": 0, "aborts": 0, "points": 0,
+        "loss": None,
+    }  # fmt: skip
+    assert rows[1]["loss"]["low"] is None  # one world has no interval
