@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from time import time
 
-from islandgp.atomic_files import reading, usable, write_atomic
+from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import UntrustedError, brief
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.lines import stamp
+from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import add_to_manifest, is_as_written
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.history import RunCurves
@@ -44,6 +45,9 @@ def write_page(folder: RunFolder, status: Status, curves: RunCurves | None = Non
 def complete_page(folder: RunFolder, curves: RunCurves | None = None) -> None:
     """Writes the page of a finished run if it is missing or changed. Raises as `write_page`."""
     if not is_as_written(folder.path, PAGE):
+        with usable(folder.path):
+            remove_leftovers(folder.path, f"{MANIFEST}.*")  # of a process that was killed here
+            remove_leftovers(folder.path, f"{PAGE}.*")
         write_page(folder, Status.FINISHED, curves)
 
 

@@ -192,7 +192,7 @@ def test_ctrl_c_leaves_a_server_that_does_not_answer(which: signal.Signals, tmp_
         run = start(tmp_path, *TINY, *fake("Instant"), uri, "tracking.policy.patience=300")
         assert run.stdout is not None
         output = ""
-        while "Ctrl-C leaves" not in output and (line := run.stdout.readline()):
+        while "Ctrl-C stops waiting" not in output and (line := run.stdout.readline()):
             output += line
         os.killpg(run.pid, which)
         code, rest = finish(run)

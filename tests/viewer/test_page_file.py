@@ -38,6 +38,14 @@ def test_a_page_is_completed_once(folder: RunFolder) -> None:
     assert (folder.path / PAGE).read_text() == text
 
 
+@pytest.mark.parametrize("name", ["run.html", "manifest.json"])
+def test_a_file_that_a_killed_process_left_is_removed(name: str, folder: RunFolder) -> None:
+    """When the page is completed."""
+    (folder.path / f".{name}.17.tmp").write_text("half")
+    complete_page(folder)
+    assert not [*folder.path.glob(".*.tmp")]
+
+
 def test_a_changed_page_is_written_again(folder: RunFolder) -> None:
     """As its content is in the other files."""
     complete_page(folder)
