@@ -148,7 +148,7 @@ def domain_file(name: str, options: DomainOptions) -> Path:
     name = name or (named[-1] if named else default_domain())
     files = domain_files(options.config_dir)
     if name not in files:
-        from islandgp.config.error_lines import unknown_option
+        from islandgp.config.errors import unknown_option
 
         raise ConfigError(unknown_option("domain", name, sorted(files)))
     return files[name]

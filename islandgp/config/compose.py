@@ -18,9 +18,9 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
-from islandgp.config.errors import USER_ERRORS, check_packages, explain, parsed, unresolved
+from islandgp.config.errors import USER_ERRORS, explain, parsed, unresolved
 from islandgp.config.naming import command_line, group_of, run_folder
-from islandgp.config.settings import Settings, read_settings, with_generations
+from islandgp.config.settings import DomainSettings, Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import key_of
@@ -222,7 +222,15 @@ def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
         composed = source.compose(overrides)
     except USER_ERRORS as error:
         raise ConfigError(explain(error, overrides, source)) from None
-    check_packages(composed, source)
+    for group in ("domain", "experiment"):
+        below = composed.get(group)
+        keys = Settings.model_fields.keys() - DomainSettings.model_fields.keys()
+        if isinstance(below, DictConfig) and keys & set(map(str, below)):
+            raise ConfigError(
+                f"{group}={composed.hydra.runtime.choices.get(group)}: expected"
+                " `# @package _global_` as the first line of the file, found none; add it, so that"
+                " its keys are those of the whole configuration."
+            )
     return composed
 
 

@@ -1,28 +1,30 @@
-"""Errors of Hydra, OmegaConf and YAML as one-line messages: expected, found, remedy."""
+"""Errors of Hydra, OmegaConf, YAML and pydantic as messages of one line each.
+
+Three mistakes have messages of this project: unknown keys, unknown options, and values that cannot
+be read. All others are in the words of the library.
+"""
 
 from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from importlib.util import find_spec
-from itertools import accumulate
-from pathlib import Path
-from typing import Any, Final, NamedTuple
+from types import UnionType
+from typing import Any, Final, Union, get_args, get_origin
 
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import Override
 from hydra.errors import HydraException
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from pydantic import BaseModel, ValidationError
 
-from islandgp.config.error_lines import keys_at, unknown_key, unknown_option
-from islandgp.config.settings import Settings
 from islandgp.config.sources import ConfigSource
-from islandgp.errors import ConfigError, IslandError
-from islandgp.records.parameters import flatten, is_secret
+from islandgp.errors import ConfigError, IslandError, brief
+from islandgp.plugin import ComponentConfig, imported
+from islandgp.records.parameters import is_secret
 from islandgp.redaction import HIDDEN
 from islandgp.text_files import decoded
 
@@ -37,324 +39,216 @@ USER_ERRORS: Final = (
 )
 """Exceptions of Hydra and OmegaConf for a user's error."""
 
-LEVELS: Final = 50  # most levels of brackets in a value
-MAX_KEY: Final = 200  # most characters of a key, as Hydra uses it as a file name
-DIGITS: Final = 1000  # most digits of a number
-
 
 def parsed(overrides: Sequence[str], source: ConfigSource) -> list[Override]:
-    """The overrides parsed by Hydra. Raises ConfigError for the first invalid one."""
+    """The overrides parsed by Hydra. Raises ConfigError for the first that cannot be read."""
     parser = OverridesParser.create(config_loader=source.loader())
     overrides_read: list[Override] = []
     for override in overrides:
-        if not override.lstrip("+~").partition("=")[0]:
-            raise ConfigError(f"{override}: expected KEY=VALUE, found no key; write KEY=VALUE")
-        _must_be_readable(override)
         try:
             overrides_read += parser.parse_overrides([override])
-        except HydraException:
-            raise ConfigError(_unreadable(override, parser)) from None
+        except (HydraException, ValueError, RecursionError) as error:
+            raise ConfigError(_unreadable(override, error)) from None
     return overrides_read
 
 
-def _must_be_readable(override: str) -> None:
-    """Raises ConfigError for a value that Hydra's parser or Python cannot process."""
-    key, _, value = override.partition("=")
-    if len(key) > MAX_KEY:
-        raise ConfigError(
-            f"{key[:20]}...: expected a key of at most {MAX_KEY} characters, found {len(key):,};"
-            " write a shorter one"
-        )
-    steps = ((character in "[{(") - (character in "]})") for character in value)
-    deepest = max(accumulate(steps, initial=0))
-    if deepest > LEVELS:
-        raise ConfigError(
-            f"{key}: expected a value of at most {LEVELS} levels of brackets, found {deepest};"
-            " write a flatter one"
-        )
-    digits = max(map(len, re.findall(r"\d+", value)), default=0)
-    if digits > DIGITS:
-        raise ConfigError(
-            f"{key}: expected a number of at most {DIGITS} digits, found {digits}; write a"
-            " shorter one"
-        )
-
-
-def _unreadable(override: str, parser: OverridesParser) -> str:
+def _unreadable(override: str, error: Exception) -> str:
     key, equals, value = override.partition("=")
-    if override.isidentifier() and find_spec(f"islandgp.commands.{override}_command"):
-        return f"{override}: expected KEY=VALUE, found a command; write islandgp {override}"
-    if not equals:
-        return f"{override}: expected KEY=VALUE, found no =; write {override}=VALUE"
     if is_secret(key):
-        return f"{key}={HIDDEN}: expected a value, found one that cannot be read; quote it"
-    if value.startswith("~"):
-        return f"{override}: expected a path, found ~, which only shells expand; write it whole"
+        return f"{key}={HIDDEN}: expected KEY=VALUE, found a value that cannot be read; quote it"
     escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-    quoted = f'{key}="{escaped}"'
-    try:
-        parser.parse_override(quoted)
-    except HydraException:
-        return f"{override}: expected KEY=VALUE, found a key that cannot be read; correct the key"
-    return (
-        f"{override}: expected a value, found one that cannot be read; correct it, or quote it"
-        f" inside and out where it is a text: {shlex.quote(quoted)}"
-    )
-
-
-class Mistake(NamedTuple):
-    """An error of composing a configuration."""
-
-    error: Exception
-    overrides: Sequence[str]
-    source: ConfigSource
-
-    def parsed(self) -> list[Override]:
-        """The overrides, as parsed by Hydra."""
-        return parsed(self.overrides, self.source)
-
-    def chosen(self) -> Any:
-        """The unresolved configuration of the chosen options, without overrides of values."""
-        loader = self.source.loader()
-        groups = [o for o in self.parsed() if loader.get_group_options(o.key_or_group)]
-        composed = self.source.compose([o.input_line for o in groups if o.input_line is not None])
-        return OmegaConf.to_container(composed, resolve=False)
+    quoted = shlex.quote(f'{key}="{escaped}"')
+    remedy = f"a text needs quotes inside and out: {quoted}"
+    if not equals:
+        remedy = f"write {key}=VALUE, or islandgp {key} if it is a command"
+    elif value.startswith("~"):
+        remedy = "write the path whole, as only shells expand ~"
+    elif len(override) > 200:
+        override, remedy = f"{override[:100]}...", "write a shorter value"
+    first, *more = [*str(error).splitlines(), type(error).__name__]
+    reason = more[0] if first.startswith("Error parsing override") else first
+    return f"{override}: expected KEY=VALUE, found what cannot be read ({reason}); {remedy}"
 
 
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
     """The message for an error of composing these overrides. Raises a TypeError of the program."""
-    mistake, text = Mistake(error, overrides, source), str(error)
-    if isinstance(error, TypeError):
-        if line := _no_entry(mistake):
-            return line
+    text = str(error).partition("\nConfig search path:")[0]
+    if isinstance(error, TypeError) and "is not an int" not in text:
         raise error
-    if isinstance(error, yaml.YAMLError):
-        return _yaml(error)
-    if isinstance(error, RecursionError):
-        return "Expected a configuration of a few levels, found a nesting too deep to be read."
-    if isinstance(error, UnicodeDecodeError):
-        return _no_text(source) or _short(error)
     for pattern, message in RULES:
-        if match := re.search(pattern, text, re.MULTILINE):
-            line = message(mistake, match) if callable(message) else match.expand(message)
-            return line or _short(error)
-    return _short(error)
+        if match := re.search(pattern, text):
+            return (
+                match.expand(message)
+                if isinstance(message, str)
+                else message(match, overrides, source)
+            )
+    cause = f" ({brief(error.__cause__)})" if isinstance(error.__cause__, Exception) else ""
+    start = "Expected YAML, found: " if isinstance(error, yaml.YAMLError) else ""
+    return f"{start}{' '.join(text.split())}{cause}"
 
 
-def _no_experiment(mistake: Mistake, _: re.Match[str]) -> str:
-    return _no_option(mistake) or (
-        "domain: expected the name of an option, found none; there are"
-        f" {', '.join(mistake.source.options('domain'))}"
-    )
+def _no_such_key(match: re.Match[str], overrides: Sequence[str], source: ConfigSource) -> str:
+    if source.options(match[1]):  # a group without an option in the chosen files
+        return " ".join(match.string.split())
+    loader = source.loader()
+    groups = [o for o in parsed(overrides, source) if loader.get_group_options(o.key_or_group)]
+    chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
+    key, config = match[1], OmegaConf.to_container(chosen, resolve=False)
+    line = unknown_key(key, config)
+    is_beside = f"did you mean {key.rpartition('.')[0]}" in line
+    return line if is_beside else f"{line} If it has no value yet, write +{key}=VALUE."
 
 
-def _no_such_key(mistake: Mistake, match: re.Match[str]) -> str:
-    key = match[1]
-    if mistake.source.options(key):
-        return (
-            f"{key}: expected a group that the chosen files have an option of, found none; write"
-            f" +{key}=OPTION for an option on top of that file"
-        )
-    return _no_entry(mistake) or _unknown(key, mistake.chosen())
-
-
-def _no_such_option(_: Mistake, match: re.Match[str]) -> str:
+def _no_such_option(match: re.Match[str], *_: object) -> str:
     group, _slash, option = match[1].rpartition("/")
     return unknown_option(group, option, re.findall(r"^\t(\S+)$", match[2], re.MULTILINE))
 
 
-def _cannot_merge(mistake: Mistake, match: re.Match[str]) -> str:
-    if line := _no_entry(mistake):
-        return line
-    cause = mistake.error.__cause__
-    return f"{match[1]}: {_short(cause)}" if isinstance(cause, Exception) else ""
+def _broken_file(match: re.Match[str], _: object, source: ConfigSource) -> str:
+    """The message for the first file that is not UTF-8, or has no keys, if there is one."""
+    folders = source.folders()[1:] or [source.folder]  # the package's own files are right
+    for file in sorted(file for folder in folders for file in folder.rglob("*.yaml")):
+        try:
+            content = yaml.safe_load(decoded(file.read_bytes(), str(file)))
+        except IslandError as error:
+            return str(error)
+        except yaml.YAMLError:  # not a file of this command, or its error would be reported
+            continue
+        if content is not None and not isinstance(content, dict):
+            kind = type(content).__name__
+            return f"Expected keys with values in {file}, found a {kind}; write KEY: VALUE lines."
+    return (
+        f"Expected one option of a group, found several; add -m. ({match.string.splitlines()[0]})"
+    )
 
 
-RULES: Final[tuple[tuple[str, str | Callable[[Mistake, re.Match[str]], str]], ...]] = (
-    ("with ListConfig", lambda m, _: _no_mapping(m.source) or _no_option(m)),
-    (
-        r"Ambiguous value for argument '(.+)'",
-        r"\1: expected one value, found a sweep; give one of them",
-    ),
-    (
-        r"(?:Multiple values for |^)([^.\s]+)(?:\. To | appears more than once)",
-        r"\1: expected one option, found another one added to it; write \1=OPTION, without +",
-    ),
-    (r"\$\{experiment\}_\$\{domain\}", _no_experiment),
-    ("Config group override must be", lambda m, _: _no_option(m)),
-    (
-        r"Could not override '([^'@]+)@([^']*)'",
-        r"\1@\2: expected GROUP=OPTION, found a package after the group; write \1=OPTION",
-    ),
-    (r"Could not override '([^']+)'", _no_such_key),
-    (r"Could not delete from config. '([^']+)' does not exist", _no_such_key),
-    (
-        r"Could not delete from config. The value of '([^']+)' is (.*) and not (.*)\.",
-        r"\1: expected its value \2 behind ~, found \3; write ~\1",
-    ),
-    (
-        r"Could not append to config. An item is already at '([^']+)'",
-        r"\1: expected a new key after +, found one that has a value; write \1=VALUE, without +",
-    ),
+Message = Callable[[re.Match[str], Sequence[str], ConfigSource], str]
+
+RULES: Final[tuple[tuple[str, str | Message], ...]] = (
+    (r"Could not (?:override|delete from config\.) '([^'@]+)'(?! is )", _no_such_key),
     (
         r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'",
         r"hydra/launcher: expected Hydra's \1 launcher, found it not installed;"
         r" pip install 'islandgp[\1]'",
     ),
+    (r"Cannot merge DictConfig with ListConfig|codec can't decode", _broken_file),
+    (
+        "maximum recursion depth exceeded",
+        "Expected a configuration of a few levels, found a nesting too deep to be read.",
+    ),
     (r"Could not find '([^']+)'[\s\S]*?Available options in '[^']*':\n([\s\S]*)", _no_such_option),
-    (r"\AError merging override ([\s\S]*)", _cannot_merge),
-    (r"\Ainvalid literal for int\(\)", lambda m, _: _no_entry(m)),
 )
-"""Patterns in Hydra's messages, with the replacement: a template, or a function. "" keeps Hydra's
-first line."""
+"""Patterns in Hydra's messages, with the message in their place: a template, or a function."""
 
 
-GLOBAL_PACKAGE: Final = re.compile(r"^\s*#\s*@package\s+_global_\s*$", re.MULTILINE)
-"""The line with which Hydra applies a group's file to the whole configuration."""
+def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
+    """The message for an option that a group does not have, with the nearest one."""
+    near = get_close_matches(option, options, 1, 0.5)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
 
 
-def check_packages(composed: DictConfig, source: ConfigSource) -> None:
-    """Raises ConfigError for a domain or an experiment without the line `# @package _global_`.
+def unknown_key(path: str, config: Any, at: str = "") -> str:
+    """The message for a dotted key that `config`, the configuration below `at`, does not have."""
+    keys = [key.rpartition(".") for key in _keys(config, at) if key != path]
+    above, _, last = path.rpartition(".")
+    beside = get_close_matches(last, [name for up, _, name in keys if up == above], 1, 0.5)
+    elsewhere = ["".join(key) for key in keys if key[2] == last and not last.isdecimal()]
+    if beside or (elsewhere := get_close_matches(path, elsewhere, 1, 0.5)):
+        near = f"{above}.{beside[0]}".lstrip(".") if beside else elsewhere[0]
+        return f"{path}: unknown key; did you mean {near}?"
+    while above != at and above not in map("".join, keys):
+        above = above.rpartition(".")[0]
+    known = [name for up, _, name in keys if up == above]
+    found = f"there are {', '.join(known)}" if known else f"{above} has no keys"
+    return f"{path}: unknown key; {found}."
 
-    Hydra then puts all of its keys below the group, e.g. `world` at `domain.world`.
-    """
-    for group, group_keys in (("domain", {"factory"}), ("experiment", set[str]())):
-        choice, below = composed.hydra.runtime.choices.get(group), composed.get(group)
-        if choice is None or not isinstance(below, DictConfig):
-            continue
-        if not set(map(str, below)) & (Settings.model_fields.keys() - group_keys):
-            continue
-        for file in source.files(f"{group}/{choice}"):
-            if not GLOBAL_PACKAGE.search(file.read_text(encoding="utf-8")):
-                raise ConfigError(
-                    f"{group}={choice}: expected `# @package _global_` as the first line of {file},"
-                    " whose keys are those of the whole configuration, found none; add it."
-                )
+
+def _keys(config: Any, at: str) -> Iterator[str]:
+    """All dotted keys of a configuration, those of lists by their numbers."""
+    entries = enumerate(config) if isinstance(config, list) else ()
+    for key, value in config.items() if isinstance(config, Mapping) else entries:
+        path = f"{at}.{key}" if at else str(key)
+        if not str(key).startswith("_"):
+            yield path
+            yield from _keys(value, path)
 
 
 def unresolved(error: OmegaConfBaseException) -> str:
     """The message for an interpolation that cannot be resolved."""
-    key, reason = error.full_key or "", _short(error)
-    if match := re.search(r'"(.+)"$', reason):  # the message of a resolver
-        reason = match[1]
-    return f"{key}: expected a value, found none ({reason}); give {key}=VALUE"
+    key = error.full_key or ""
+    return f"{key}: expected a value, found none ({brief(error)}); give {key}=VALUE"
 
 
-def _yaml(error: yaml.YAMLError) -> str:
-    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
-        mark = error.problem_mark
-        return (
-            f"Expected YAML in {mark.name}, found a mistake in line {mark.line + 1}, column"
-            f" {mark.column + 1}: {error.problem}; correct it there."
-        )
-    return f"Expected YAML, found: {' '.join(str(error).split())}; correct it there."
+def error_lines(
+    error: ValidationError, config: Any, model: type[BaseModel], at: str = ""
+) -> Iterator[str]:
+    """A line for each error of validating `config` with `model`; `at` is the path of `config`."""
+    details = error.errors(include_url=False)
+    inside = {e["loc"][:n] for e in details for n in range(len(e["loc"]))}
+    for e in details:
+        if e["type"] == "too_short" and e["loc"] in inside:
+            continue  # errors within items are reported only once
+        path = ".".join(str(part) for part in ((at, *e["loc"]) if at else e["loc"]))
+        message = e["msg"].removeprefix("Value error, ")
+        if e["type"] == "extra_forbidden":
+            fields = keys_at(config, e["loc"][:-1], model)
+            yield unknown_key(path, dict.fromkeys(fields), path.rpartition(".")[0])
+        elif e["type"] == "value_error":
+            colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
+            yield f"{path}{colon}{message}" if path else message
+        elif e["type"] == "missing":
+            yield f"{path}: expected a value, found none"
+        else:
+            yield f"{path}={e['input']!r}: {message[0].lower()}{message[1:]}"
 
 
-def _no_text(source: ConfigSource) -> str:
-    """The message for the user's first file that is not UTF-8, or ""."""
-    for file in _files(source):
-        try:
-            decoded(file.read_bytes(), str(file))
-        except IslandError as error:
-            return str(error)
-    return ""
+def keys_at(
+    config: Mapping[str, Any], path: Sequence[int | str], model: type[BaseModel]
+) -> list[str]:
+    """The valid keys at a path: the fields of the model there, else the keys of `config`."""
+    kind: Any = model
+    section: Any = config
+    for part in path:
+        kind = _kind_below(kind, part, section)
+        section = setting_at(section, part)
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return [*kind.model_fields]
+    keys = map(str, section) if isinstance(section, Mapping) else ()
+    return [key for key in keys if not key.startswith("_")]
 
 
-def _no_mapping(source: ConfigSource) -> str:
-    """The message for the user's first file whose content is not a mapping, or ""."""
-    for file in _files(source):
-        try:
-            content = yaml.safe_load(file.read_bytes())
-        except yaml.YAMLError:  # not a file of this command, or its error would be reported before
-            continue
-        if content is not None and not isinstance(content, dict):
-            return (
-                f"Expected keys with values in {file}, found a {type(content).__name__}; write"
-                " KEY: VALUE lines."
-            )
-    return ""
+def _kind_below(kind: Any, part: int | str, config: Any) -> Any:
+    """The type of a key of a type; None if it is unknown."""
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        if part in ("world", "rewards") and "domain" in kind.model_fields:
+            return getattr(_factory(setting_at(config, "domain")), str(part).capitalize(), None)
+        if issubclass(kind, ComponentConfig) and part == "policy":
+            return getattr(_factory(config), "Settings", None)
+        field = kind.model_fields.get(str(part))
+        kind = field and field.annotation
+    else:
+        inner = [a for a in get_args(kind) if a is not Ellipsis]
+        kind = inner[-1] if inner else None  # of dict[str, kind] or tuple[kind, ...]
+    models = [a for a in get_args(kind) if isinstance(a, type) and issubclass(a, BaseModel)]
+    union = get_origin(kind) in (Union, UnionType)
+    return models[0] if union and models else kind
 
 
-def _files(source: ConfigSource) -> list[Path]:
-    return sorted((source.user_folder or source.folder).rglob("*.yaml"))
+def _factory(part: Any) -> Any:
+    """The class that a group names; None if there is none."""
+    try:
+        return imported(str(setting_at(part, "factory")))
+    except (ValidationError, IslandError):
+        return None
 
 
-def _no_option(mistake: Mistake) -> str:
-    """The message for a group that is set to a list, a number or null, or ""."""
-    for override in mistake.parsed():
-        key, value = override.key_or_group, override.value()
-        options = mistake.source.options(key)
-        if not options or isinstance(value, str) or override.is_delete():
-            continue
-        option = (override.input_line or "").partition("=")[2]
-        if isinstance(value, list):
-            return (
-                f"{key}={option}: expected the name of an option, found a list; write"
-                f" {key}={option.strip('[] ')} -m for a run with each"
-            )
-        return (
-            f"{key}={option}: expected the name of an option, found {option};"
-            f" there are {', '.join(options)}; for none leave it out"
-        )
-    return ""
-
-
-def _no_entry(mistake: Mistake) -> str:
-    """The message for the first key with an entry of a list that the list does not have, or ""."""
-    config = mistake.chosen()
-    for override in mistake.parsed():
-        value, parts = config, override.key_or_group.split(".")
-        for i, part in enumerate(parts):
-            if isinstance(value, dict):
-                value = value.get(part)
-            elif isinstance(value, list) and part.isdecimal() and int(part) < len(value):
-                value = value[int(part)]
-            elif isinstance(value, list):
-                numbers = f"a number from 0 to {len(value) - 1}" if value else "no further key"
-                return (
-                    f"{override.key_or_group}: expected {numbers} after {'.'.join(parts[:i])},"
-                    f" which is a list of {len(value)}, found {part}"
-                )
-    return ""
-
-
-def _unknown(path: str, config: Any) -> str:
-    """The message for a key that is not in the configuration, about its first unknown part."""
-    parts = path.split(".")
-    keys = keys_at(config, parts[:-1], Settings)
-    if len(parts) > 1 and parts[-1] in keys:
-        return f"{path}: expected a key that has a value, found none; write +{path}=VALUE"
-    same = [key for key in flatten(config) if key.rpartition(".")[2] == parts[-1]]
-    if near := get_close_matches(path, same, 1, 0.5):
-        return f"{path}: unknown key; did you mean {near[0]}?"
-    for i, part in enumerate(parts[:-1]):
-        if part not in config:
-            near = get_close_matches(part, _keys(config), 1, 0.5)
-            above = ".".join(parts[:i]) or "the configuration"
-            hint = (
-                f"did you mean {'.'.join([*parts[:i], near[0], *parts[i + 1 :]])}?"
-                if near
-                else f"{above} has {', '.join(_keys(config)) or 'no keys'}"
-            )
-            return f"{path}: unknown key; {hint}"
-        config = _entries(config[part])
-    return unknown_key(path, keys)
-
-
-def _entries(value: Any) -> dict[str, Any]:
-    """The values below a value by their keys; those of a list by their numbers."""
-    if isinstance(value, list):
-        return {str(k): entry for k, entry in enumerate(value)}
-    return value if isinstance(value, dict) else {}
-
-
-def _keys(config: dict[str, Any]) -> list[str]:
-    return [key for key in config if not key.startswith("_")]
-
-
-def _short(error: Exception) -> str:
-    """The first line of a message that is not blank; with the next one if it ends in a colon."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    if len(lines) > 1 and lines[0].endswith(":"):
-        return f"{lines[0]} {lines[1]}"
-    return lines[0] if lines else type(error).__name__
+def setting_at(settings: Any, key: int | str) -> Any:
+    """The value at a key of plain configuration, or of settings; None if there is none."""
+    if isinstance(settings, ComponentConfig) and key == "policy":
+        return settings.settings()
+    if isinstance(settings, Mapping):
+        return settings.get(key)
+    if isinstance(settings, list):
+        return settings[key] if isinstance(key, int) else None
+    return getattr(settings, str(key), None)

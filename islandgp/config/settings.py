@@ -9,9 +9,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
 
-from islandgp.config.error_lines import NAME, TAG, error_lines, setting_at
+from islandgp.config.errors import error_lines, setting_at
 from islandgp.domain import Domain, Schema
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
@@ -31,6 +38,21 @@ from islandgp.search.base import SEARCHES, USES
 from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
+
+TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
+"""Names of tags that MLflow takes."""
+
+
+def _must_be_scalar(value: object) -> object:
+    if isinstance(value, str | int | float):
+        return value
+    raise ValueError(f"expected text, a number, true or false, found {value!r}")
+
+
+TagValue = Annotated[str | int | float | bool, BeforeValidator(_must_be_scalar)]
+
+NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+"""Names of runs and sweeps, which are names of folders."""
 
 OWN_TAGS: Final = frozenset(
     {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind"}
@@ -103,9 +125,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     progress: Literal["auto", "plain", "off"]
-    tags: dict[Annotated[str, Field(pattern=TAG)], str | int | float | bool] = Field(
-        default_factory=dict
-    )
+    tags: dict[Annotated[str, Field(pattern=TAG)], TagValue] = Field(default_factory=dict)
     start: str | None = Field(None, min_length=1)
     """First trees of generation 0: a .bt file, or a finished run, whose archive is used."""
     domain: DomainSettings
@@ -279,7 +299,7 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
             world = staged(settings.world, stage.world)
         except ValidationError as error:
             values = {**before, **stage.world}
-            yield from error_lines(error, values, type(settings.world), at=(path,))
+            yield from error_lines(error, values, type(settings.world), path)
             continue
         with plugin_errors(path_of(settings.domain.factory)):
             declared = settings.domain.factory.make(world, settings.rewards).schema

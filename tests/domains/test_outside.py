@@ -98,9 +98,8 @@ def test_another_reward_is_put_on_top_of_the_domains_file(
     (example / "conf/rewards/own.yaml").write_text(rows, encoding="utf-8")
     assert main([*SHORT_RUN, "rewards=own"]) == 2
     errors = capsys.readouterr().err
-    expected = "islandgp: rewards: expected a group that the chosen files have an option of"
-    assert errors.startswith(expected)
-    assert "write +rewards=OPTION" in errors
+    assert errors.startswith("islandgp: Could not override 'rewards'.")
+    assert "use +rewards=own" in errors
     assert main([*SHORT_RUN, "+rewards=own", "--cfg", "job"]) == 0
     rewards = yaml.safe_load(capsys.readouterr().out)["rewards"]
     assert rewards["events"]["picked"] == {"component": "progress", "base": 12.5}
@@ -137,8 +136,8 @@ def test_a_file_without_its_package_is_one_line(
     file.write_text(text, encoding="utf-8")
     assert main([*OWN, *([] if group == "domain" else ["experiment=pick_place"])]) == 2
     assert capsys.readouterr().err == (
-        f"islandgp: {group}=pick_place: expected `# @package _global_` as the first line of {file},"
-        " whose keys are those of the whole configuration, found none; add it.\n"
+        f"islandgp: {group}=pick_place: expected `# @package _global_` as the first line of the"
+        " file, found none; add it, so that its keys are those of the whole configuration.\n"
     )
 
 

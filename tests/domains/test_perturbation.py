@@ -154,7 +154,7 @@ def test_a_world_that_cannot_be_is_reported() -> None:
 
 WRONG = [
     ({}, "perturb: expected world, noise or delay, found nothing to perturb; give one"),
-    ([], "perturb: expected a mapping with keys of world, noise, delay, training, found []"),
+    ([], "perturb=[]: input should be a valid dictionary or instance of Perturbation"),
     ({"world": {"charge_below": [30, 60]}}, "perturb.world.charge_below: expected a number among"),
     ({"world": {"robot": 3}}, "perturb.world: expected robot: [LEAST, GREATEST], found 3"),
     ({"world": {"start": [1, 2]}}, "perturb.world.start: expected a number among the world's"),

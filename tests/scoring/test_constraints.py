@@ -93,7 +93,7 @@ def test_words() -> None:
         ({"pickups": {"at_most": True}}, "constraints.pickups.at_most=true: input should be"),
         (
             {"pickups": 3},
-            "constraints.pickups: expected a mapping with keys of at_least, at_most, found 3",
+            "constraints.pickups=3: input should be a valid dictionary or instance of Bound",
         ),
         ([3], "constraints=[3]: input should be a valid dictionary"),
     ],
