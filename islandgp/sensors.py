@@ -38,7 +38,13 @@ class Sensors:
         """`rng` is consumed, here and in each tick."""
         self._rng = rng
         self._noisy = [
-            (place, faults.noise * key.noise, key.low, inf if key.most is None else key.most)
+            (
+                place,
+                faults.noise * key.noise,
+                key.low,
+                inf if key.most is None else key.most,
+                round if key.whole else float,
+            )
             for place, key in enumerate(keys.values())
             if faults.noise * key.noise > 0
         ]
@@ -48,14 +54,14 @@ class Sensors:
     def __call__(self, values: Sequence[float]) -> list[float]:
         """The values that the tree reads in the next tick, from the true `values`, by key index.
 
-        Numbers are clipped to the ranges of their keys. During the initial delay, the tree reads
-        the first values.
+        Numbers are clipped to the ranges of their keys, and whole numbers are rounded. During the
+        initial delay, the tree reads the first values.
         """
         sensed = [float(value) for value in values]
         if self._noisy:
             draws = self._rng.standard_normal(len(self._noisy)).tolist()
-            for (place, sd, low, most), draw in zip(self._noisy, draws, strict=True):
-                sensed[place] = min(max(sensed[place] + sd * draw, low), most)
+            for (place, sd, low, most, kind), draw in zip(self._noisy, draws, strict=True):
+                sensed[place] = min(max(float(kind(sensed[place] + sd * draw)), low), most)
         self._past.append(sensed)
         return self.values
 

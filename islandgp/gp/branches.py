@@ -33,7 +33,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
-from islandgp.gp.cleaning import clean
+from islandgp.gp.cleaning import NEW_WORLD, clean
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
 if TYPE_CHECKING:  # variation imports this module
@@ -277,7 +277,8 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
 def fine(value: float, key: Key) -> float:
     """The value clipped to the key's range and rounded to a multiple of about range / FINE."""
     digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
-    unit = 1.0 if key.whole else min(digit, key.step)
+    whole = key.whole and (NEW_WORLD or not key.noise)
+    unit = 1.0 if whole else min(digit, key.step)
     nearest = round(round(value / unit) * unit, 9)
     return min(key.high, max(key.low, nearest)) + 0.0  # no -0
 

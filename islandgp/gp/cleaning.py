@@ -9,7 +9,8 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 
 NEW_WORLD: Final = False
-"""True: evolution uses `clean`, which changes the records of all runs. The one switch for it."""
+"""True: evolution uses all of `clean`, and mutations keep whole numbers with noise whole. This
+changes the records of all runs, so it is one switch."""
 
 
 def clean(tree: Node, vocabulary: Vocabulary, *, new_world: bool = NEW_WORLD) -> Node:

@@ -186,3 +186,10 @@ def test_parts_that_cannot_be(observation: dict[str, Any], message: str) -> None
     observations = {**TAXI["observations"], "goal": {**observation, "meaning": "m"}}
     with pytest.raises(ValidationError, match=message):
         GymnasiumWorld.model_validate({**TAXI, "observations": observations})
+
+
+def test_whole_numbers_of_an_observation() -> None:
+    """Discrete numbers and boxes of integers are whole, boxes of floats are not."""
+    box, row = spaces.Box(0, 1, (2,)), spaces.Box(0, 9, (1,), np.int64)
+    space = spaces.Tuple((spaces.Discrete(4), box, spaces.Dict({"row": row})))
+    assert of(space, spaces.Discrete(2)).whole == (True, False, False, True)

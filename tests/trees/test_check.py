@@ -211,6 +211,29 @@ def test_a_branch_that_earlier_ones_exclude_is_reported() -> None:
     assert "as the branches before it leave only lap <= 1" in redundant.message
 
 
+WHOLE = """selector {
+  when lap == 2.05 { SeekCharger }
+  when lap < 1.03 { MoveToGarbage }
+  when robotCurrentExtraCapacity > 30 { DeliverToClearingPoint }
+  PatrolWaypoint
+}"""
+
+
+def test_thresholds_of_whole_numbers(islandgp: Cli, tmp_path: Path) -> None:
+    """Decimals have no effect, or the condition never holds; nor does one above the capacity."""
+    (tmp_path / "t.bt").write_text(WHOLE, encoding="utf-8")
+    lines = islandgp("check", tmp_path / "t.bt").out.splitlines()
+    found = [line.partition("warning: ")[2] for line in lines if "warning: " in line]
+    assert len(found) == 3
+    assert found[0].startswith(
+        "this branch can never run: lap == 2.05 can't hold, as lap is a whole"
+    )
+    assert found[1] == "lap is a whole number: lap < 1.03 is lap < 2"
+    assert "robotCurrentExtraCapacity > 30 can't hold" in found[2]
+    larger = islandgp("check", tmp_path / "t.bt", "--set", "world.robot.capacity=40").out
+    assert "robotCurrentExtraCapacity > 30 can't hold" not in larger
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -426,6 +449,7 @@ def test_no_vocabulary_is_needed(islandgp: Cli, tmp_path: Path, arguments: tuple
 
 
 DOUBTFUL = {
+    "whole-number": "when lap < 1.5 { MoveToGarbage }",
     "unreachable": "selector { PatrolWaypoint MoveToGarbage }",
     "needless-guard": "when foundGarbage { when foundGarbage { PatrolWaypoint } }",
     "long-condition": "when lap > 1 and lap > 0 { PatrolWaypoint }",

@@ -210,6 +210,23 @@ def test_rule(name: str) -> None:
     assert simplify(short_tree(before), VOCABULARY).tree == short_tree(after)
 
 
+@pytest.mark.parametrize(
+    ("operator", "simplified"),
+    [("<", "< 2"), ("<=", "<= 1"), (">", "> 1"), (">=", ">= 2"), ("==", ""), ("!=", "always")],
+)
+def test_thresholds_of_whole_numbers_are_rounded(operator: str, simplified: str) -> None:
+    """The rounded comparison has the same value for each whole number."""
+    tree = parse(
+        f"selector {{ when lap {operator} 1.5 {{ MoveToGarbage }} SeekCharger }}", VOCABULARY
+    )
+    text = " ".join(to_text(simplify(tree, VOCABULARY).tree).split())
+    if simplified in ("", "always"):
+        assert "lap" not in text
+        assert ("MoveToGarbage" in text) == bool(simplified)
+    else:
+        assert f"when lap {simplified} {{" in text
+
+
 @pytest.mark.slow
 def test_on_the_island() -> None:
     """Random trees and their simplified forms do the same, tick by tick, in two worlds."""

@@ -20,7 +20,7 @@ from itertools import islice
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
-from islandgp.bt.core.condition import combine, opposite, terms
+from islandgp.bt.core.condition import WHOLE, combine, opposite, terms
 from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -51,7 +51,10 @@ class NodeContext(NamedTuple):
 
 def root_context(vocabulary: Vocabulary, *, siblings: bool = True) -> NodeContext:
     """The context of the root of a tree."""
-    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary, siblings)
+    always: Conditions = vocabulary.always
+    if not siblings:  # the records of evolution are older than whole numbers
+        always = tuple(each for each in vocabulary.always if each.operator != WHOLE)
+    return NodeContext(always, always, None, vocabulary, siblings)
 
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:

@@ -24,7 +24,13 @@ from islandgp.bt.analysis.context import (
     root_context,
 )
 from islandgp.bt.analysis.outcomes import dead_end
-from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, shortened
+from islandgp.bt.analysis.satisfiability import (
+    Conditions,
+    excludes,
+    implies,
+    shortened,
+    without_decimals,
+)
 from islandgp.bt.core.builder import NodePlace
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import advance_status, kind_of
@@ -43,6 +49,7 @@ CODES: Final = {
     "unreachable": "a branch that can never run",
     "needless-guard": "a redundant guard",
     "long-condition": "a condition that is equivalent to a shorter one",
+    "whole-number": "a threshold with decimals of a whole number",
     "double-inverter": "an inverter of an inverter",
     "never-succeeds": "an action that can never succeed in its place",
     "needless-abort": "an abort rule that stops nothing",
@@ -53,7 +60,9 @@ CODES: Final = {
 """Codes of warnings, which do not change between versions, with their meanings."""
 
 
-ADVICE: Final = frozenset({"needless-guard", "long-condition", "double-inverter", "needless-abort"})
+ADVICE: Final = frozenset(
+    {"needless-guard", "long-condition", "whole-number", "double-inverter", "needless-abort"}
+)
 """Codes of parts that could be removed."""
 
 
@@ -218,6 +227,11 @@ def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str,
         message = f"this guard is redundant: {_reason(expr, place)}"
         yield at, "needless-guard", message
         return
+    if (same := without_decimals(expr, context.vocabulary)) != expr:
+        pairs = zip(terms(expr), terms(same), strict=True)
+        name = next(term.key for term, new in pairs if term != new)
+        message = f"{name} is a whole number: {condition_text(expr)} is {condition_text(same)}"
+        yield at, "whole-number", message
     effects = dict(zip(("self", "lower"), abort_effects(place.node, context), strict=True))
     if not effects.get(guard.abort, True):
         reason = _inert(guard.abort, place)

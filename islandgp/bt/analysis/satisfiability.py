@@ -9,14 +9,17 @@ from typing import Final, TypeAlias
 
 from islandgp.bt.core.condition import (
     WHOLE,
+    Compound,
     Condition,
     ConditionExpr,
     combine,
     opposite,
     ordered,
+    rounded,
     terms,
     to_nnf,
 )
+from islandgp.bt.core.vocabulary import Vocabulary
 
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
@@ -53,6 +56,14 @@ def shortened(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
     while (reduced := _without_redundant(condition, related)) != condition:
         condition = reduced
     return condition if _word_count(condition) < _word_count(expr) else expr
+
+
+def without_decimals(expr: ConditionExpr, vocabulary: Vocabulary) -> ConditionExpr:
+    """The condition with the thresholds of whole numbers rounded, where its value stays equal."""
+    if isinstance(expr, Compound):
+        return expr._replace(parts=tuple(without_decimals(p, vocabulary) for p in expr.parts))
+    key = vocabulary.keys.get(expr.key)
+    return rounded(expr) if key is not None and key.whole else expr
 
 
 def _word_count(expr: ConditionExpr) -> int:

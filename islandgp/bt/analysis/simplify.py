@@ -24,7 +24,7 @@ from islandgp.bt.analysis.context import (
     without_interrupts,
 )
 from islandgp.bt.analysis.outcomes import child_may_end, dead_end, idle
-from islandgp.bt.analysis.satisfiability import Conditions, implies, shortened
+from islandgp.bt.analysis.satisfiability import Conditions, implies, shortened, without_decimals
 from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, advance_status, count_of, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -204,6 +204,19 @@ def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     return changed, f"the condition of {head(node)} is equivalent to {condition_text(condition)}"
 
 
+def _whole_numbers(node: Node, context: NodeContext) -> Rewrite:
+    # No whole number lies between a threshold and the rounded one.
+    guard = guard_of(node)
+    condition = without_decimals(guard.condition, context.vocabulary)
+    if not context.siblings or condition == guard.condition:
+        return None
+    changed = node._replace(args=guard._replace(condition=condition))
+    return (
+        changed,
+        f"{condition_text(guard.condition)} of whole numbers is {condition_text(condition)}",
+    )
+
+
 def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
     # The parts that differ never stop a node: the child ends in the tick in which it starts, the
     # condition does not change while the child or a later branch runs, or there is no later branch.
@@ -218,7 +231,14 @@ _COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
 _PARALLEL: Final = (_only_child, _same_parallel_inside)
 _INVERTER: Final = (_double_inverter, _inverted_composite)
 _REPEATER: Final = (_repeats_once, _double_repeater)
-_GUARD: Final = (_holds_anyway, _guard_twice, _weaker_guard, _shorter_condition, _needless_abort)
+_GUARD: Final = (
+    _holds_anyway,
+    _guard_twice,
+    _weaker_guard,
+    _shorter_condition,
+    _whole_numbers,
+    _needless_abort,
+)
 
 
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from math import ceil, floor
 from typing import Final, NamedTuple, TypeAlias
 
 OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")
@@ -74,6 +75,16 @@ def combine(word: str, parts: Sequence[ConditionExpr]) -> ConditionExpr:
         same = isinstance(part, Compound) and part.word == word
         flat += part.parts if isinstance(part, Compound) and same else (part,)
     return flat[0] if len(flat) == 1 else Compound(word, tuple(flat))
+
+
+def rounded(term: Condition) -> Condition:
+    """The same comparison of a whole number, without decimals if there is one."""
+    if term.number % 1 == 0 or term.operator not in _ROUNDING:
+        return term
+    return term._replace(number=float(_ROUNDING[term.operator](term.number)))
+
+
+_ROUNDING: Final = {"<": ceil, ">=": ceil, "<=": floor, ">": floor}
 
 
 def negate(expr: ConditionExpr) -> ConditionExpr:

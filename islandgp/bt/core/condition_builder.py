@@ -71,11 +71,6 @@ class _ConditionBuilder:
 
             raise unknown_word(word, name.text, key, self._comparable(name.text))
         value = self._scope.number(right)
-        if key is not None and key.whole and value != int(value):
-            raise word.error(
-                f"{name.text} is a whole number and can't be compared with {shown(word.token)}",
-                expected="a number without decimals",
-            )
         return Condition(name.text, str(operator), value)
 
     def _comparable(self, name: str) -> list[str]:

@@ -77,7 +77,7 @@ class Key:
     step: float = 1.0  # distance between two thresholds of random trees, > 0
     most: float | None = None  # greatest value in any world; None: unbounded
     noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
-    whole: bool = False  # True: a whole number, compared with whole numbers only
+    whole: bool = False  # True: a whole number, of which thresholds have no decimals
     words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
 
     @property
@@ -131,9 +131,19 @@ def number(
     return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
 
 
-def integer(meaning: str, low: int, high: int, step: int = 1, *, most: int | None = None) -> Key:
-    """A key that is a whole number, compared with whole numbers only; otherwise as `number`."""
-    return Key(meaning, flag=False, low=low, high=high, step=step, most=most, whole=True)
+def integer(
+    meaning: str,
+    low: int,
+    high: int,
+    step: int = 1,
+    *,
+    most: int | None = None,
+    noise: float = 0.0,
+) -> Key:
+    """A key that is a whole number, with noise too; otherwise as `number`."""
+    return Key(
+        meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise, whole=True
+    )
 
 
 def enumeration(meaning: str, words: Collection[str]) -> Key:
@@ -209,10 +219,10 @@ def _check_range(key: Key, where: str) -> None:
         )
     if key.most is not None and key.most <= key.low:
         raise DomainError(f"Expected most above low for {where}, found {key.most:g}, {key.low:g}.")
-    bounds = (key.low, key.high, key.step, key.most or 0, key.noise)
-    if key.whole and (key.noise or any(bound % 1 for bound in bounds)):
+    bounds = (key.low, key.high, key.step, key.most or 0)
+    if key.whole and any(bound % 1 for bound in bounds):
         raise DomainError(
-            f"Expected whole numbers as low, high, step and most of {where}, and no noise, found"
+            f"Expected whole numbers as low, high, step and most of {where}, found"
             f" {', '.join(map(repr, bounds))}."
         )
     if key.noise < 0:

@@ -74,7 +74,10 @@ class Gymnasium(Stepped):
                 " with pip install 'islandgp[gymnasium]'."
             )
         domain = cls(world, rewards)
-        _check(world, domain.environment(render=False))
+        spaces = Spaces.of(domain.environment(render=False), world.environment)
+        _check(world, spaces)
+        whole = [place for place, at in spaces.places.items() if spaces.whole[at]]
+        domain.schema = world.declared(whole)
         return domain
 
     def environment(self, *, render: bool) -> Any:
@@ -262,9 +265,8 @@ def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]
     return lambda values: values[at] // divide % modulo
 
 
-def _check(world: settings.GymnasiumWorld, env: Any) -> None:
+def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:
     """Raises ConfigError if the environment lacks an observation or action of the configuration."""
-    spaces = Spaces.of(env, world.environment)
     for name, observation in world.observations.items():
         if observation.at is not None and observation.at not in spaces.places:
             raise ConfigError(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from operator import methodcaller
 from typing import Any
 
@@ -23,6 +24,7 @@ class Spaces:
     none: int | tuple[float, ...]  # the first of each choice, or zeros
     choices: tuple[range, ...] = ()  # the values of each choice; empty: of a Box
     bounds: tuple[tuple[float, float], ...] = ()  # of each number of a Box
+    whole: tuple[bool, ...] = ()  # of each value in an observation: True for a whole number
 
     @classmethod
     def of(cls, env: Any, name: str) -> Spaces:
@@ -30,7 +32,8 @@ class Spaces:
         read, paths = _observations(env.observation_space, name)
         places: dict[int | str, int] = {path: at for at, path in enumerate(paths) if path}
         places |= {at: at for at in range(len(paths))}
-        return cls(read, places, len(paths), *_actions(env.action_space, name))
+        whole = tuple(_whole(env.observation_space))
+        return cls(read, places, len(paths), *_actions(env.action_space, name), whole)
 
     def named(self) -> str:
         """The places of an observation as text."""
@@ -96,6 +99,18 @@ def _observations(space: Any, name: str) -> tuple[Read, list[str]]:
         f"world.environment: expected observations that are numbers (a Box with one row, Discrete,"
         f" MultiDiscrete, MultiBinary, or a Dict or Tuple of them), found {space} in {name}."
     )
+
+
+def _whole(space: Any) -> Iterator[bool]:
+    """For each number of an observation, in order: True for a whole number."""
+    kind = type(space).__name__
+    if kind in ("Dict", "Tuple"):
+        for inside in space.spaces.values() if kind == "Dict" else space.spaces:
+            yield from _whole(inside)
+    elif kind == "Discrete":
+        yield True
+    else:
+        yield from [space.dtype.kind != "f"] * prod(space.shape)
 
 
 def _path(key: str, at: int, inside: Sequence[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
 from math import inf
 from typing import Annotated, Any, Final, Self
 
@@ -62,14 +64,16 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
             return 0, len(self.words) - 1
         return (-inf, inf) if self.flag else self.range
 
-    def key(self) -> Key:
-        """The key for the vocabulary."""
+    def key(self, whole: Collection[int | str] = ()) -> Key:
+        """The key for the vocabulary; `whole` are the places of whole numbers."""
         if self.flag:
             return flag(self.meaning)
         if self.words:
             return enumeration(self.meaning, self.words)
         low, high = self.range
-        return number(self.meaning, low, high, self.step, most=high, noise=self.noise)
+        key = number(self.meaning, low, high, self.step, most=high, noise=self.noise)
+        is_whole = self.at in whole and not any(bound % 1 for bound in (low, high, self.step))
+        return replace(key, whole=is_whole)
 
 
 class Filled(BaseModel, frozen=True, extra="forbid"):
@@ -179,15 +183,18 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
                 )
         return self
 
-    def declared(self) -> Schema:
-        """The schema of the domain. Raises DomainError for keywords of the language."""
+    def declared(self, whole: Collection[int | str] = ()) -> Schema:
+        """The schema of the domain; `whole` are the places of whole numbers in an observation.
+
+        Raises DomainError for keywords of the language.
+        """
         signals = {name: Event(signal.meaning) for name, signal in self.signals.items()}
         counts = {name: Counter(signal.meaning) for name, signal in self.signals.items()}
         return Schema(
             vocabulary=Vocabulary(
                 domain=self.name,
                 actions={n: _action(choice) for n, choice in self.actions.items()},
-                keys={n: observation.key() for n, observation in self.observations.items()},
+                keys={n: observation.key(whole) for n, observation in self.observations.items()},
             ),
             components={
                 "reward": "the environment's own reward",

@@ -69,8 +69,12 @@ class Island:
 
     @classmethod
     def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
-        """See `Domain`: ExecuteCharge starts below the greatest `charge_below` of the worlds."""
+        """See `Domain`: the greatest `capacity` and `charge_below` of the worlds are bounds."""
         vocabulary = cls.schema.vocabulary
+        if (room := vocabulary.keys.get("robotCurrentExtraCapacity")) is not None:
+            room = replace(room, most=max(world.robot.capacity for world in worlds))
+            keys = {**vocabulary.keys, "robotCurrentExtraCapacity": room}
+            vocabulary = replace(vocabulary, keys=keys)
         if (charge := vocabulary.actions.get("ExecuteCharge")) is None:
             return vocabulary
         most = max(world.robot.charge_below for world in worlds)

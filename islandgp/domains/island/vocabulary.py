@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
-from islandgp.bt.core.vocabulary import Action, Condition, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import Action, Condition, Vocabulary, flag, integer, number
 from islandgp.domain import Counter, Event, Form, Schema
 
 _ROOM: Final = Condition("robotCurrentExtraCapacity", ">=", 1)
@@ -69,10 +69,10 @@ VOCABULARY: Final = Vocabulary(
         "batteryLevel": number(
             "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100, noise=2
         ),
-        "robotCurrentExtraCapacity": number(
+        "robotCurrentExtraCapacity": integer(
             "room left for garbage in items, 0 to 30", 0, 30, noise=1
         ),
-        "lap": number("patrol rounds finished, from 0", 0, 5, noise=0.1),
+        "lap": integer("patrol rounds finished, from 0", 0, 5, noise=0.1),
         "foundGarbage": flag("garbage is in sight"),
         "isHumanoidWantToClear": flag("a humanoid in sight asks for clearing"),
     },

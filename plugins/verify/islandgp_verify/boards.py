@@ -13,7 +13,7 @@ from math import floor, inf
 from sys import maxsize
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, ordered, to_nnf
+from islandgp.bt.core.condition import Condition, ConditionExpr, ordered, rounded, to_nnf
 from islandgp.bt.core.vocabulary import Key
 
 Boards: TypeAlias = int
@@ -126,6 +126,10 @@ class BoardSets:
 
     def _single(self, expr: Condition) -> Boards:
         expr, empty, full = ordered(expr), NO_BOARD, ANY_BOARD
+        if not expr.other and self._keys[self.key_index[expr.key]].whole:
+            expr = rounded(expr)
+            if expr.number % 1:  # == or != with a number that is not whole
+                return empty if expr.operator == "==" else full
         x = float(expr.number)
         cuts: tuple[Cut, ...]
         cuts, parts = {
@@ -236,7 +240,10 @@ def _usual(key: Key) -> float:
 def _between(low: Cut, high: Cut) -> float:
     """A value between two cuts: a whole number if there is one, and about in the middle."""
     if high[0] == inf:
-        return 0.0 if low[0] == -inf else floor(low[0]) + 1.0
+        if low[0] == -inf:
+            return 0.0
+        first = float(floor(low[0]))
+        return first if low < (first, 0.5) else first + 1.0
     if low[0] == -inf:
         return -floor(-high[0]) - 1.0
     middle = (low[0] + high[0]) / 2
