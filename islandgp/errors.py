@@ -4,6 +4,7 @@ IslandError            root; one message: expected, found, remedy; exit code 2 o
 |-- TreeError          a text is not a tree of the language (line, column, caret)
 |   |-- UnknownNameError  an action, a key or a subtree does not exist
 |   |-- LimitError     a tree is deeper or larger than its limits
+|   |-- SharedResourceError  two actions use one resource in the same tick
 |   `-- OtherDomainError  a tree is for another domain; a DomainError as well
 |-- ConfigError        the configuration is wrong (one line per error)
 |-- DomainError        a domain's declaration is wrong
@@ -51,6 +52,10 @@ class UnknownNameError(TreeError):
 
 class LimitError(TreeError):
     """A tree is deeper or has more nodes than its limits allow."""
+
+
+class SharedResourceError(TreeError):
+    """Two actions of a tree can run in the same tick, but use the same resource."""
 
 
 class ConfigError(IslandError):

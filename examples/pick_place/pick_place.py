@@ -14,17 +14,24 @@ from islandgp.ticking import Stepped
 TABLES = {"start": (0.0, 0.0), "pick": (-3.0, 2.0), "place": (3.0, 2.0)}  # m
 
 READY = ("Localise", "Tuck")  # what driving needs
+BASE, BOTH = ("base",), ("arm", "base")  # what actions use
 
 SCHEMA = Schema(
     vocabulary=Vocabulary(
         domain="pick_place",
         actions={
-            "Localise": Action("finds out where the robot is, in two ticks; may fail"),
-            "Tuck": Action("tucks the arm"),
-            "MoveToPick": Action("drives to the blocks; needs to be ready", after=READY),
-            "MoveToPlace": Action("drives to the goal table; needs to be ready", after=READY),
-            "Pick": Action("picks up a block and untucks the arm; may fail", after=("MoveToPick",)),
-            "Place": Action("places the block, untucks the arm; may fail", after=("MoveToPlace",)),
+            "Localise": Action("finds out where the robot is, in two ticks; may fail", uses=BASE),
+            "Tuck": Action("tucks the arm", uses=("arm",)),
+            "MoveToPick": Action("drives to the blocks; needs to be ready", after=READY, uses=BASE),
+            "MoveToPlace": Action(
+                "drives to the goal table; needs to be ready", after=READY, uses=BASE
+            ),
+            "Pick": Action(
+                "picks up a block and untucks the arm; may fail", after=("MoveToPick",), uses=BOTH
+            ),
+            "Place": Action(
+                "places the block, untucks the arm; may fail", after=("MoveToPlace",), uses=BOTH
+            ),
         },
         keys={
             "localised": flag("the robot knows where it is"),

@@ -11,19 +11,27 @@ from typing import Any, Final, NamedTuple
 
 import click
 
-from islandgp.bt.analysis.lint import LintWarning, warnings
+from islandgp.bt.analysis.lint import REFUSED, LintWarning, warnings
 from islandgp.bt.core.language import plain, tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
+from islandgp.bt.core.source import Source
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, TreeText, read_tree_text
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of
-from islandgp.errors import LimitError, OtherDomainError, TreeError, UnknownNameError
+from islandgp.errors import (
+    LimitError,
+    OtherDomainError,
+    SharedResourceError,
+    TreeError,
+    UnknownNameError,
+)
 
 CODES: Final[dict[type[TreeError], str]] = {
     UnknownNameError: "unknown-name",
     LimitError: "limit",
+    SharedResourceError: "shared-resource",
     OtherDomainError: "domain",
 }
 """Codes of errors in JSON; all other errors are syntax errors."""
@@ -100,7 +108,14 @@ def findings(
             return Findings(None, errors)
         tree = source.tree(vocabulary)
         check_limits(tree, limits)
-        return Findings(tree, (), warnings(text, vocabulary, name=name, folder=folder))
+        found = warnings(text, vocabulary, name=name, folder=folder)
+        if refused := [each for each in found if each.code in REFUSED]:
+            file = Source(plain(text), name)
+            errors = [
+                file.error(e.message, e.line, e.column, kind=SharedResourceError) for e in refused
+            ]
+            return Findings(None, errors)
+        return Findings(tree, (), found)
     except TreeError as error:
         return Findings(None, [error])
 

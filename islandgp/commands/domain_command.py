@@ -117,7 +117,9 @@ def _lines(schema: Schema) -> Iterator[str]:
     yield schema.task
     sections = {
         "Actions": {
-            signature(name, action.arguments): described(action.meaning, action.arguments)
+            signature(name, action.arguments): described(
+                action.meaning, action.arguments, action.uses
+            )
             for name, action in vocabulary.actions.items()
         },
         "Keys that are yes or no": {n: k.meaning for n, k in keys if k.flag},
@@ -148,7 +150,7 @@ def _plain(schema: Schema) -> dict[str, Any]:
     """The schema as JSON values; statuses by name."""
     plain = asdict(schema)
     for action in plain["vocabulary"]["actions"].values():
-        for name in ("arguments", "condition"):
+        for name in ("arguments", "condition", "uses"):
             if not action[name]:
                 del action[name]
         for conditions in ("to_start", "to_succeed"):

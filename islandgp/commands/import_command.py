@@ -6,6 +6,7 @@ from typing import Final
 
 import click
 
+from islandgp.bt.analysis.lint import REFUSED, warnings
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import to_text
 from islandgp.bt.export.declared import UNNAMED
@@ -72,5 +73,7 @@ def command(
     write_text(
         output, (f"domain {vocabulary.domain}\n\n" if named else "") + format_text(imported.text)
     )
-    for line in losses:
+    lint = warnings(imported.text, vocabulary, name=name)
+    shared = [f"{name}: warning: {each.message}" for each in lint if each.code in REFUSED]
+    for line in (*losses, *shared):
         click.echo(line, err=True)

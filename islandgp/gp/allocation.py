@@ -160,6 +160,7 @@ def _children(
         tree, origin = parents[0].tree, Origin.COPY
         if len(parents) > 1:
             rng = streams(Stream.CROSSOVER, generation=generation, slot=slot)
-            tree, origin = cross(rng, tree, parents[1].tree, gp.limits), Origin.CROSSOVER
+            crossed = cross(rng, tree, parents[1].tree, gp.limits)
+            tree, origin = plan.space.repaired(crossed), Origin.CROSSOVER
         ids = tuple(parent.id for parent in parents)
         yield Individual(f"{generation}.{slot}", tree, origin, ids)

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
+from islandgp.bt.analysis.conflicts import without_conflicts
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
 from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
@@ -60,6 +61,10 @@ class TreeSpace:
     settings: TreeSettings
     vocabulary: Vocabulary
     limits: Limits
+
+    def repaired(self, tree: Node) -> Node:
+        """The tree without branches that would use a resource in the tick of another action."""
+        return without_conflicts(tree, self.vocabulary)
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
@@ -251,7 +256,7 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
         depth = min(int(rng.integers(least, most + 1)), space.limits.max_depth)
         if depth < 2:
             break
-        tree = inner_node(rng, space, depth)
+        tree = space.repaired(inner_node(rng, space, depth))
         if within(tree, space.limits):
             return tree
     return random_action(rng, space)

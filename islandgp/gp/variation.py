@@ -298,6 +298,7 @@ def mutate(
     for _ in range(TRIES):
         name = weighted(rng, settings.operators)
         new = function(name, MUTATIONS, _must_be_mutant)(rng, tree, space, settings)
+        new = space.repaired(new)
         if new != tree and within(new, space.limits):
             return new, name
     return tree, ""

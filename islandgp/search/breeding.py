@@ -129,7 +129,7 @@ def new_child(
     if fathers and rng.random() < breeding.crossover_rate:
         father = fathers[int(rng.integers(len(fathers)))]
         cross = crossover(weighted(rng, breeding.crossovers))
-        crossed = cross(rng, tree, father.tree, space.limits)
+        crossed = space.repaired(cross(rng, tree, father.tree, space.limits))
         if crossed != tree:
             tree, origin = crossed, Origin.CROSSOVER
             parents += [father.id] if father.id else []

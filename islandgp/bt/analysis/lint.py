@@ -12,6 +12,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
 
+from islandgp.bt.analysis.conflicts import conflicts
 from islandgp.bt.analysis.context import (
     NodeContext,
     abort_effects,
@@ -49,6 +50,7 @@ CODES: Final = {
     "unreachable": "a branch that can never run",
     "needless-guard": "a redundant guard",
     "long-condition": "a condition that is equivalent to a shorter one",
+    "shared-resource": "two actions that use one resource in the same tick",
     "whole-number": "a threshold with decimals of a whole number",
     "double-inverter": "an inverter of an inverter",
     "never-succeeds": "an action that can never succeed in its place",
@@ -64,6 +66,10 @@ ADVICE: Final = frozenset(
     {"needless-guard", "long-condition", "whole-number", "double-inverter", "needless-abort"}
 )
 """Codes of parts that could be removed."""
+
+
+REFUSED: Final = frozenset({"shared-resource"})
+"""Codes that `check` reports as errors."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -129,6 +135,13 @@ def warnings(
             doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
                 never_run.update(range(at, at + size(places[at].node)))
+    for first, second, resource, *_ in conflicts(tree, vocabulary):
+        names = [head(places[at].node) for at in (first, second)]
+        message = (
+            f"{names[1]} can run in the same tick as {names[0]} in line {source[first].line}, but"
+            f" both use {resource}"
+        )
+        doubts.setdefault((source[second].origin, "shared-resource"), {})[second] = message
     reached: dict[int, list[int]] = {}  # places that can run, by origin
     for at, origin in enumerate(place.origin for place in source):
         if at not in never_run:

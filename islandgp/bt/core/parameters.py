@@ -122,10 +122,11 @@ def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
     return f"{name}({', '.join(ranges)})" if parameters else name
 
 
-def described(meaning: str, parameters: Mapping[str, Parameter]) -> str:
-    """The meaning of an action, with its arguments and their defaults."""
+def described(meaning: str, parameters: Mapping[str, Parameter], uses: Collection[str] = ()) -> str:
+    """The meaning of an action, with its arguments, their defaults, and the resources it uses."""
     lines = (f"{key} {each.meaning}, else {each.default}" for key, each in parameters.items())
-    return "; ".join([meaning, *lines])
+    used = [f"uses {', '.join(uses)}, which no other action may use in the same tick"] * bool(uses)
+    return "; ".join([meaning, *lines, *used])
 
 
 def is_text(value: str) -> bool:

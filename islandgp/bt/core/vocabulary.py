@@ -53,6 +53,9 @@ class Action:
     arguments: Mapping[str, Parameter] = field(default_factory=dict)
     """By name, in the order in which trees are written."""
     condition: bool = False  # never RUNNING and without effect; see `condition_leaf`
+    uses: tuple[str, ...] = ()
+    """Resources that it holds until it ends, such as the base of a robot. Two actions that share
+    one never run in the same tick."""
 
 
 def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = None) -> Action:
@@ -189,6 +192,10 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
             f"Expected neither RUNNING nor changes of {where}, which is a condition; use"
             " condition_leaf(...), or leave out `condition`."
         )
+    if wrong_name := [name for name in action.uses if not is_name(name)]:
+        raise DomainError(
+            f"Expected names of letters, digits and _ as uses of {where}, found {wrong_name[0]!r}."
+        )
     terms = (*action.to_start, *action.to_succeed)
     for key in (*(key for term in terms for key in term.keys), *action.changes):
         if key not in keys:
@@ -262,6 +269,7 @@ class Vocabulary:
     domain: str  # its name, as in `domain NAME` of a tree file
     actions: Mapping[str, Action]
     keys: Mapping[str, Key]
+    resources: tuple[str, ...] = ()  # that actions may use; empty: those that they name
 
     def __post_init__(self) -> None:
         """Checks names, types and ranges."""
@@ -282,6 +290,11 @@ class Vocabulary:
             where = f"the action {name} of the domain {self.domain}"
             _check_action(action, where, self.keys)
             check_parameters(action.arguments, where, is_name)
+            if self.resources and (unknown := [u for u in action.uses if u not in self.resources]):
+                raise DomainError(
+                    f"Expected resources of the vocabulary ({', '.join(self.resources)}) as uses of"
+                    f" {where}, found {unknown[0]!r}."
+                )
             for before in action.after:
                 if before not in self.actions or before == name:
                     raise DomainError(

@@ -29,7 +29,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Vocabulary
 from islandgp.bt.export.plan import (
     CLOCK,
     CUSTOM_NODES,
@@ -210,7 +210,7 @@ def to_xml(
         action = vocabulary.action(name)
         tag = "Condition" if action.condition else "Action"
         ports = [_port(port, each) for port, each in action.arguments.items()]
-        lines += _model(tag, name, ports, _comment(action.meaning))
+        lines += _model(tag, name, ports, _comment(_with_uses(action)))
     for tag, names, category in (NODES[kind] for kind in sorted(custom_kinds)):
         lines += _model(category, tag, [f'<input_port name="{name}"/>' for name in names])
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
@@ -298,6 +298,12 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
 
 def _text_of(attributes: Mapping[str, str]) -> str:
     return "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
+
+
+def _with_uses(action: Action) -> str:
+    """The meaning of an action, with the resources that it uses."""
+    uses = f"uses {', '.join(action.uses)}" if action.uses else ""
+    return "; ".join(part for part in (action.meaning, uses) if part)
 
 
 def _comment(text: str) -> str:

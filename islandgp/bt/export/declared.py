@@ -210,6 +210,7 @@ class _Action(BaseModel, extra="forbid"):
     after: list[str] = []
     arguments: dict[str, _Parameter] = {}
     condition: bool = False
+    uses: list[str] = []
 
     def action(self, keys: Mapping[str, Key]) -> Action:
         return Action(
@@ -221,6 +222,7 @@ class _Action(BaseModel, extra="forbid"):
             tuple(self.after),
             {name: each.parameter() for name, each in self.arguments.items()},
             self.condition,
+            tuple(self.uses),
         )
 
 
@@ -260,6 +262,7 @@ class _Words(BaseModel):
     domain: str
     actions: dict[str, _Action]
     keys: dict[str, _Key] = {}
+    resources: list[str] = []
 
 
 def _line(text: str, plain: Any, path: Sequence[str | int]) -> int:
@@ -280,7 +283,7 @@ def _schema(text: str, name: str) -> Vocabulary:
         declared = _Words.model_validate_json(json.dumps(declaration), strict=True)
         keys = {name: entry.key() for name, entry in declared.keys.items()}
         actions = {action: entry.action(keys) for action, entry in declared.actions.items()}
-        return Vocabulary(declared.domain, actions, keys)
+        return Vocabulary(declared.domain, actions, keys, tuple(declared.resources))
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False)[0]
         at = ".".join(map(str, first["loc"])) or "the file"

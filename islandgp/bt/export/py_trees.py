@@ -25,6 +25,7 @@ from islandgp.bt.core.node import (
     ParallelArgs,
     SecondsArgs,
     keys_in,
+    names_in,
     walk,
 )
 from islandgp.bt.core.parameters import bound
@@ -102,6 +103,9 @@ def to_python(
     keys = "".join(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
+    for name in sorted(names_in(tree)[0]):
+        if uses := vocabulary.action(name).uses:
+            text += f"\n    {name} uses {', '.join(uses)}, which no other action may use at once.\n"
     module = own_nodes("tree_module.txt")
     reserved = {*re.findall(r"\w+", module + _node_source()), *keyword.kwlist, *dir(builtins)}
     root, subtrees = separated(planned, reserved)

@@ -220,4 +220,10 @@ def _action(choice: Choice) -> Action:
         else "it leaves the other numbers of a step as they are"
     )
     arguments = {name: each.parameter() for name, each in choice.arguments.items()}
-    return Action(f"{choice.meaning}; {fields}", frozenset({SUCCESS}), arguments=arguments)
+    places: Collection[int] = [each.at for each in choice.arguments.values()]
+    if isinstance(choice.do, tuple):
+        places = range(len(choice.do))
+    uses = tuple(f"number_{place}" for place in places) or ("action",)
+    return Action(
+        f"{choice.meaning}; {fields}", frozenset({SUCCESS}), arguments=arguments, uses=uses
+    )

@@ -170,7 +170,7 @@ def language(vocabulary: Vocabulary) -> str:
             "Actions:",
             *(
                 f"- {signature(name, action.arguments)}:"
-                f" {described(action.meaning, action.arguments)}"
+                f" {described(action.meaning, action.arguments, action.uses)}"
                 for name, action in vocabulary.actions.items()
             ),
             "",
