@@ -205,6 +205,12 @@ def _check(
         for line in unseen:
             click.echo(f"  {line}")
         click.echo("A tree that reaches them can be added: islandgp domain NAME --check TREE.bt")
+    if shared := list(suite.shared()):
+        click.echo(
+            "\nActions that seem to share a resource; declare it as their `uses` if they do:"
+        )
+        for line in shared:
+            click.echo(f"  {line}")
     return 1 if faults or (strict and unseen) else 0
 
 

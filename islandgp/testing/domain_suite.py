@@ -14,7 +14,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
-from itertools import count, islice, pairwise
+from itertools import combinations_with_replacement, count, islice, pairwise
 from math import isclose, isfinite
 from typing import ClassVar, Final
 
@@ -22,7 +22,7 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import STATUS_NAMES, Limits, Node, leaf, sequence
+from islandgp.bt.core.node import STATUS_NAMES, Limits, Node, ParallelArgs, leaf, sequence
 from islandgp.domain import Domain, Observer, Outcome
 from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
@@ -32,6 +32,7 @@ from islandgp.testing.survey import (
     FrameChecker,
     ObservedRun,
     Survey,
+    TickObserver,
     fault_text,
     tree_line,
     unreached,
@@ -106,6 +107,34 @@ class DomainSuite:
     def unseen(self) -> Iterator[str]:
         """A line for each event, action and key of the schema that no tree has reached."""
         yield from unreached(self._survey)
+
+    def shared(self) -> Iterator[str]:
+        """A line for actions that seem to share a resource that they do not declare.
+
+        Two actions do if their order in a parallel changes an episode, and an action does with
+        itself if two of it at once do not do the same as one.
+        """
+        actions = self._survey.domain.schema.vocabulary.actions
+        acting = [name for name, action in actions.items() if not action.condition]
+        for one, other in combinations_with_replacement(acting, 2):
+            if {*actions[one].uses} & {*actions[other].uses}:
+                continue
+            first, second = leaf(one), leaf(other)
+            both = Node("parallel", ParallelArgs("all", "all"), (first, second))
+            swapped = first if one == other else both._replace(children=(second, first))
+            before = dict.fromkeys((*actions[one].after, *actions[other].after))
+            prepared = [leaf(name) for name in before]
+            if self._seen(sequence(*prepared, both)) != self._seen(sequence(*prepared, swapped)):
+                yield f"{one} with itself" if one == other else f"{one} and {other}"
+
+    def _seen(self, tree: Node) -> list[Hashable]:
+        """The first blackboards and movers of an episode; empty if it fails."""
+        observed = TickObserver()
+        try:
+            self._run(self._survey.domain, tree, SEEDS[0], {}, observed)
+        except (Exception, SystemExit):  # the first test reports it
+            return []
+        return observed.ticks
 
     @property
     def trees_run(self) -> int:

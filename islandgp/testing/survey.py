@@ -16,6 +16,7 @@ from islandgp.plugin import raised_in
 from islandgp.ticking import Stepped
 
 SHOWN: Final = 200  # characters of a tree in a message
+FIRST_TICKS: Final = 500  # that are compared for effects of two actions on each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +104,23 @@ def _rewarded(domain: Domain) -> Mapping[str, object]:
     """The events that earn points, of which every observer is notified."""
     events: Mapping[str, object] = getattr(getattr(domain, "rewards", None), "events", {})
     return events
+
+
+class TickObserver(Observer):
+    """The first blackboards of an episode, with the things that move."""
+
+    def __init__(self) -> None:
+        self.ticks: list[Hashable] = []
+
+    def node(self, place: int, status: int) -> None:
+        del place, status  # places are others when two actions are exchanged
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        del component, points, event, action
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        if len(self.ticks) < FIRST_TICKS:
+            self.ticks.append((tuple(board), scene.movers if scene else ()))
 
 
 class EpisodeRecorder(Observer):

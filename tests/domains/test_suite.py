@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import ClassVar
@@ -122,3 +124,26 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
 
     with pytest.raises(AssertionError, match=r"ReturnToStart to return SUCCESS, found RUNNING\."):
         Suite().test_actions_return_the_statuses_that_they_declare()
+
+
+def test_actions_that_seem_to_share_a_resource_are_listed() -> None:
+    """Two drives of one base are, as long as they do not declare it; tucking twice is not."""
+
+    class Undeclared(TestPickPlace):
+        declares = False
+
+        def make_domain(self) -> Domain:
+            domain = copy(pick_place())
+            words = domain.schema.vocabulary
+            actions = {name: replace(a, uses=()) for name, a in words.actions.items()}
+            words = words if self.declares else replace(words, actions=actions)
+            domain.schema = replace(domain.schema, vocabulary=words)
+            return domain
+
+    class Declared(Undeclared):
+        declares = True
+
+    found = {*Undeclared().shared()}
+    assert "MoveToPick and MoveToPlace" in found
+    assert "Tuck with itself" not in found
+    assert "MoveToPick and MoveToPlace" not in {*Declared().shared()}
