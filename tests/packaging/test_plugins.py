@@ -51,6 +51,13 @@ COMMANDS = {
 """The words of a command of each plug-in, its exit code, and what it prints."""
 
 
+def commands_of(folder: Path) -> dict[str, str]:
+    """The entry points of a plug-in's commands, by name."""
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    commands: dict[str, str] = project["entry-points"]["islandgp.commands"]
+    return commands
+
+
 def write_page(folder: Path) -> None:
     """Writes the files of the page's section, each under the name in its first line."""
     blocks = re.findall(r"^```(?:toml|python|yaml)\n# (\S+)\n(.*?)^```", SECTION, re.M | re.S)
@@ -117,6 +124,22 @@ def test_a_file_of_the_user_with_the_name_of_the_stranger_s(python: Path, tmp_pa
     assert error.count("heater.yaml") == 2
 
 
+@pytest.mark.parametrize("content", [b"rewards: [1", b"\xff"])
+def test_a_broken_file_of_a_distribution(python: Path, tmp_path: Path, content: bytes) -> None:
+    """One line names it; other domains work."""
+    (file,) = python.parents[1].rglob("islandgp_heater/conf/domain/heater.yaml")
+    before = file.read_bytes()
+    file.write_bytes(content)
+    try:
+        error = fails(python, "-m", "islandgp", "domain=heater", "tracking=off", cwd=tmp_path)
+        call(python, "-m", "islandgp", "domain=cartpole", "--cfg", "job", cwd=tmp_path)
+    finally:
+        file.write_bytes(before)
+    assert error.startswith("islandgp: Expected ")
+    assert str(file) in error
+    assert error.count("\n") == 1
+
+
 def test_a_broken_distribution_is_named_and_others_work(core: Path, tmp_path: Path) -> None:
     """One line for each command, exit code 2; folders are left out with a line."""
     folder, page = tmp_path / "broken", tmp_path / "page"
@@ -170,8 +193,7 @@ def test_each_plugin_from_its_wheel(folder: Path, core: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
 def test_the_help_of_a_plugin_ends_with_an_example(folder: Path, islandgp: Cli) -> None:
     """As that of the core's commands; its options exist."""
-    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    for name, value in project["entry-points"]["islandgp.commands"].items():
+    for name, value in commands_of(folder).items():
         module, _, attribute = value.partition(":")
         command = getattr(import_module(module), attribute)
         result = islandgp(name, "--help")
@@ -181,7 +203,10 @@ def test_the_help_of_a_plugin_ends_with_an_example(folder: Path, islandgp: Cli) 
 
 
 def test_nothing_in_the_core_knows_a_plugin() -> None:
-    """No module of `islandgp` names a package of plugins/."""
-    names = [path.name for path in (ROOT / "plugins").glob("*/islandgp_*")]
+    """No module of `islandgp` names a package of plugins/, or one of their commands."""
+    names = {path.name for path in (ROOT / "plugins").glob("*/islandgp_*")}
+    for folder in PLUGINS:
+        names |= commands_of(folder).keys()
+    assert len(names) >= 2 * len(PLUGINS) > 0
     sources = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")]
     assert [name for name in names if any(name in source for source in sources)] == []

@@ -1,9 +1,8 @@
 """The kinds of nodes: their syntax, appearance, and the properties that analyses use.
 
-Each kind is declared once, in KINDS. The parser, the printer, pictures, `check`, `simplify`,
-`verify-tree` and evolution use this declaration. Only `engine`, which ticks nodes, and `export`,
-which maps them to those of other libraries, treat kinds by name. docs/semantics.md specifies the
-behaviour of each.
+Each kind is declared once, in KINDS. The parser, the printer, pictures, `check`, `simplify` and
+evolution use this declaration. Only `engine`, which ticks nodes, and `export`, which maps them to
+those of other libraries, treat kinds by name. docs/semantics.md specifies the behaviour of each.
 """
 
 from __future__ import annotations
