@@ -14,6 +14,17 @@ def in_points(value: float, sign: str = "") -> str:
     return format(rounded(value), f"{sign},")
 
 
+def in_interval(mean: float, low: float | None, high: float | None) -> str:
+    """A difference in points with its interval, as in `+4,000 [+3,100, +4,900]`.
+
+    Without `low` and `high`, as for a single world, there is no interval.
+    """
+    ends = (
+        "" if low is None or high is None else f" [{in_points(low, '+')}, {in_points(high, '+')}]"
+    )
+    return in_points(mean, "+") + ends
+
+
 def title(name: str) -> str:
     """A name for display: "Full Service" for `full_service`."""
     return name.replace("_", " ").title()

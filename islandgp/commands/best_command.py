@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -30,7 +30,7 @@ from islandgp.scoring.constraints import Constraints, feasible_share, recorded_c
 from islandgp.seeding import Stream
 from islandgp.study.comparable import TASK
 from islandgp.study.library import reference_trees
-from islandgp.text import in_points, title
+from islandgp.text import in_interval, in_points, title
 
 TIMEOUT: Final = 600.0  # time limit of an episode, s
 EFFORT: Final = 20
@@ -75,10 +75,21 @@ class UnseenWorlds:
 )
 @with_workers_option
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
+@click.option(
+    "--front", is_flag=True, help="Print the run's shortened trees, by size, and run no episode."
+)
+@click.option("--nodes", type=click.IntRange(1), help="Print the tree of --front of this size.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 @with_trust_options
 def command(
-    run: Path, tier: str | None, worlds: int, workers: int, output: str | None, as_json: bool
+    run: Path,
+    tier: str | None,
+    worlds: int,
+    workers: int,
+    output: str | None,
+    front: bool,
+    nodes: int | None,
+    as_json: bool,
 ) -> None:
     """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
 
@@ -87,7 +98,14 @@ def command(
     library's reference trees are then evaluated in test worlds, which were used neither for
     training nor for selection.
     """
+    if nodes is not None and not front:
+        raise click.UsageError("expected --front with --nodes")
+    if front and tier:
+        raise click.UsageError("expected --tier without --front, which runs no episode")
     runs = _finished(run)
+    if front:
+        _show_front(runs, nodes, output, as_json)
+        return
     config = runs[0].configuration()
     processes = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
     with closing(processes(Problem.recorded(config))) as evaluator:
@@ -102,6 +120,54 @@ def command(
         click.echo(json.dumps(plain, indent=2))
     elif output != STDIN:
         _print(rows, worlds)
+
+
+def _show_front(
+    runs: Sequence[RunFolder], nodes: int | None, output: str | None, as_json: bool
+) -> None:
+    """Prints the front of size against points, or one of its trees.
+
+    Raises:
+        RunError: there is more than one run, no front, or no tree of that size.
+    """
+    if len(runs) > 1:
+        raise RunError(f"Expected one run for --front, found {len(runs)}; give a run's own folder.")
+    trees = runs[0].summary()["champion"]["front"]
+    if not trees:
+        raise RunError(
+            f"Expected a front in {runs[0].path}, found none: its tree was not shortened."
+        )
+    by_size = {tree["nodes"]: tree for tree in reversed(trees)}  # of equal sizes the shortened one
+    chosen = next(tree for tree in trees if tree["chosen"])
+    if nodes is not None and nodes not in by_size:
+        sizes = ", ".join(map(str, sorted(by_size)))
+        raise RunError(f"--nodes: expected one of {sizes}, found {nodes}")
+    tree = chosen if nodes is None else by_size[nodes]
+    if output is not None:
+        write_text(output, tree["tree"])
+    if as_json:
+        click.echo(json.dumps(trees, indent=2))
+    elif nodes is not None and output is None:
+        click.echo(tree["tree"], nl=False)
+    elif output != STDIN:
+        _print_front([by_size[size] for size in sorted(by_size)])
+
+
+def _print_front(trees: Sequence[Mapping[str, Any]]) -> None:
+    differences = [
+        "" if (d := tree["difference"]) is None else in_interval(d["mean"], d["low"], d["high"])
+        for tree in trees
+    ]
+    console = standard_output()
+    columns = [
+        Column("nodes", [str(tree["nodes"]) for tree in trees]),
+        Column("to the longest (95 %)", differences),
+        Column("", ["best robot" if tree["chosen"] else "" for tree in trees], left=True),
+    ]
+    print_table(console, columns)
+    console.print(
+        "\nPoints in the same worlds, in which no tree was made; --nodes N prints that tree."
+    )
 
 
 def _finished(path: Path) -> list[RunFolder]:
@@ -233,9 +299,7 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
         return [] if None in values else [Column(heading, [*map(form, values)])]
 
     differences = [
-        f"{in_points(row.difference, '+')} [{in_points(row.difference_low, '+')},"
-        f" {in_points(row.difference_high, '+')}]"
-        for row in rows[1:]
+        in_interval(row.difference, row.difference_low, row.difference_high) for row in rows[1:]
     ]
     console = standard_output()
     columns = [

@@ -20,11 +20,13 @@ from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_
 from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import recorded, stage_index, tree_in_domain
 from islandgp.commands.tables import Column, numbers, print_table, standard_output
-from islandgp.domain import Outcome, Schema
+from islandgp.domain import Counter, Outcome, Schema
 from islandgp.errors import EvaluationError
 from islandgp.intervals import interval
 from islandgp.plain import nan_to_none
 from islandgp.scoring.classes import specialist, tiers
+from islandgp.scoring.constraints import feasible_share, in_words
+from islandgp.text import title
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
@@ -83,14 +85,14 @@ def command(
     if len(files) == 1:
         rows = _world_rows(outcomes[0], *perturbed)
     else:
-        rows = _comparison(list(map(_fitness, outcomes)), perturbed)
+        rows = _comparison(outcomes, settings, perturbed)
         rows = [{"file": display_name(file), **row} for file, row in zip(files, rows, strict=True)]
     if as_json:
         click.echo(json.dumps(nan_to_none(rows), indent=2))
     elif len(files) == 1:
         _print(outcomes[0], schema, settings, stage, *perturbed)
     else:
-        _print_comparison(rows, seeds, settings)
+        _print_comparison(rows, seeds, schema, settings)
 
 
 def _fitness(outcomes: Sequence[Outcome]) -> list[float]:
@@ -106,22 +108,40 @@ def _world_rows(outcomes: Sequence[Outcome], *perturbed: Sequence[float]) -> lis
 
 
 def _comparison(
-    points: Sequence[Sequence[float]], perturbed: Sequence[Sequence[float]]
+    outcomes: Sequence[Sequence[Outcome]],
+    settings: Settings,
+    perturbed: Sequence[Sequence[float]],
 ) -> list[dict[str, Any]]:
-    """A row for each tree: means with 95 % intervals, whose ends are nan for a single world."""
+    """A row for each tree: means with 95 % intervals, whose ends are nan for a single world.
+
+    Counters are means over the worlds; tiers and constraints are shares of the worlds.
+    """
     rows = []
-    for own in points:
-        pairs = [a - b for a, b in zip(own, points[0], strict=True)]
-        row = dict(zip((f"fitness{end}" for end in ENDS), interval(own), strict=True))
+    for own in outcomes:
+        points = _fitness(own)
+        pairs = [a - b for a, b in zip(points, _fitness(outcomes[0]), strict=True)]
+        reached = [tiers(outcome, settings.classes) for outcome in own]
+        row: dict[str, Any] = dict(
+            zip((f"fitness{end}" for end in ENDS), interval(points), strict=True)
+        )
         row |= zip((f"difference{end}" for end in ENDS), interval(pairs), strict=True)
-        rows.append({**row, "better_in": sum(pair > 0 for pair in pairs)})
+        row["better_in"] = sum(pair > 0 for pair in pairs)
+        row["counters"] = {name: fmean(o.counters[name] for o in own) for name in own[0].counters}
+        row["tiers"] = {
+            tier: fmean(tier in names for names in reached) for tier in settings.classes.tiers
+        }
+        if settings.constraints:
+            row["feasible"] = feasible_share([o.counters for o in own], settings.constraints)
+        rows.append(row)
     for row, values in zip(rows, perturbed, strict=False):
         row |= {"perturbed": fmean(values), "perturbed_worst": min(values)}
     return rows
 
 
-def _print_comparison(rows: Sequence[dict[str, Any]], worlds: int, settings: Settings) -> None:
-    """Prints one row for each tree."""
+def _print_comparison(
+    rows: Sequence[dict[str, Any]], worlds: int, schema: Schema, settings: Settings
+) -> None:
+    """Prints one row for each tree: fitness, then tiers, constraints and counters."""
     fitness, difference = (_with_intervals(rows, name) for name in ("fitness", "difference"))
     better = [f"{row['better_in']} of {worlds}" for row in rows[1:]]
     columns = [
@@ -133,12 +153,26 @@ def _print_comparison(rows: Sequence[dict[str, Any]], worlds: int, settings: Set
     if settings.perturb:
         for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
             columns.append(Column(heading, numbers([row[name] for row in rows])))
-    console = standard_output()
+    files, console = columns[0], standard_output()
     print_table(console, columns)
+    shares = {title(tier): [row["tiers"][tier] for row in rows] for tier in settings.classes.tiers}
+    if settings.constraints:
+        shares["constraints kept"] = [row["feasible"] for row in rows]
+    counters = [
+        Column(_heading(key, counter), numbers([row["counters"][key] for row in rows]))
+        for key, counter in schema.counters.items()
+    ]
+    console.print()
+    print_table(console, [files, *(Column(k, [f"{v:.0%}" for v in s]) for k, s in shares.items())])
+    if counters:
+        console.print()
+        print_table(console, [files, *counters])
+    if settings.constraints:
+        console.print(f"\nConstraints: {in_words(settings.constraints)}.")
     if worlds > 1:
         console.print(
             f"\nMeans over the worlds 0 to {worlds - 1}; differences are to the first tree in the"
-            " same worlds, with Student's t."
+            " same worlds, with Student's t. Tiers are shares of the worlds."
         )
     else:
         console.print("\nOne world has no interval; --seeds N takes more.")
@@ -252,8 +286,11 @@ def _print(
 def _counters(outcomes: Sequence[Outcome], schema: Schema) -> Iterator[tuple[str, list[float]]]:
     """The heading of each counter, and its values in the worlds."""
     for name, counter in schema.counters.items():
-        unit = f" {counter.unit}" if counter.unit else ""
-        yield f"{counter.heading or name}{unit}", [outcome.counters[name] for outcome in outcomes]
+        yield _heading(name, counter), [outcome.counters[name] for outcome in outcomes]
+
+
+def _heading(name: str, counter: Counter) -> str:
+    return f"{counter.heading or name} {counter.unit}".rstrip()
 
 
 def _summary(title: str, rows: Sequence[tuple[str, Sequence[float]]]) -> list[Column]:

@@ -50,13 +50,24 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
 
     at_least: dict[str, FiniteFloat] = Field(default_factory=dict)  # lower bounds, inclusive
     above: dict[str, FiniteFloat] = Field(default_factory=dict)  # lower bounds, exclusive
+    at_most: dict[str, FiniteFloat] = Field(default_factory=dict)  # upper bounds, inclusive
     also: Name | None = None  # another tier that is required
     better_than: Name | None = None  # the next lower tier; None: by the order of the table
+
+    @model_validator(mode="after")
+    def _can_be_reached(self) -> Tier:
+        for name, most in self.at_most.items():
+            if (least := self.at_least.get(name, self.above.get(name, most))) > most:
+                raise ValueError(f"{name}: expected bounds up to at_most={most:g}, found {least:g}")
+        return self
 
     def values_hold(self, o: Outcome) -> bool:
         """True if an outcome meets the conditions of this row."""
         for name, least in self.at_least.items():
             if not o.measure(name) >= least:
+                return False
+        for name, most in self.at_most.items():
+            if not o.measure(name) <= most:
                 return False
         return all(o.measure(name) > v for name, v in self.above.items())
 
@@ -137,8 +148,8 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
             yield from unknown(f"classes.behaviours.{name}", counter, schema.counters)
         measures = {**schema.counters, "fitness": None}
         for name, tier in self.tiers.items():
-            for part, values in (("at_least", tier.at_least), ("above", tier.above)):
-                for measure in values:
+            for part in ("at_least", "above", "at_most"):
+                for measure in getattr(tier, part):
                     path = f"classes.tiers.{name}.{part}.{measure}"
                     yield from unknown(path, measure, measures)
 

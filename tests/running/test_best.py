@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from shutil import copytree
+from typing import Final
 
 import pytest
 from click.testing import CliRunner, Result
@@ -12,6 +14,7 @@ import islandgp
 from islandgp.bt.core.language import parse
 from islandgp.cli import islandgp as group
 from islandgp.records.folder import RunFolder
+from islandgp.records.manifest import add_to_manifest
 from islandgp.seeding import Stream, stream
 
 SHORT = (
@@ -66,9 +69,49 @@ def test_the_same_again(run: Path) -> None:
     assert best(run, "--worlds", "2").output == best(run, "--worlds", "2").output
 
 
+FRONT: Final = [
+    {
+        "nodes": nodes,
+        "tree": f"# {nodes}\nPatrolWaypoint\n",
+        "difference": difference,
+        "chosen": nodes == 5,
+    }
+    for nodes, difference in (
+        (3, {"name": "the longest tree", "mean": -900.0, "low": -1200.0, "high": -600.0}),
+        (5, {"name": "the longest tree", "mean": 12.0, "low": None, "high": None}),
+        (9, None),
+    )
+]
+
+
+def test_the_front_of_a_run(run: Path, tmp_path: Path) -> None:
+    """Sizes with the differences to the longest tree, and the tree of one size."""
+    copied = tmp_path / "copy"
+    copytree(run, copied)
+    assert "its tree was not shortened" in str(best(copied, "--front").exception)
+    summary = RunFolder(copied).summary()
+    summary["champion"]["front"] = FRONT
+    (copied / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
+    add_to_manifest(copied, "summary.json")
+    assert json.loads(best(copied, "--front", "--json").output) == FRONT
+    lines = best(copied, "--front").output.splitlines()
+    assert [line.split() for line in lines[1:4]] == [
+        ["3", "-900", "[-1,200,", "-600]"],
+        ["5", "+12", "best", "robot"],
+        ["9"],
+    ]
+    assert best(copied, "--front", "--nodes", "9").output == FRONT[2]["tree"]
+    file = tmp_path / "short.bt"
+    best(copied, "--front", "--nodes", "3", "-o", str(file))
+    assert file.read_text(encoding="utf-8") == FRONT[0]["tree"]
+    assert "expected one of 3, 5, 9" in str(best(copied, "--front", "--nodes", "4").exception)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--nodes", "3"], "expected --front with --nodes"),
+        (["--front", "--tier", "complete"], "expected --tier without --front"),
         (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
         (["--tier", "excellent"], "Expected excellent robots in the last stage"),
         (["--worlds", "1"], "1 is not in the range 2<=x<=10000"),

@@ -273,6 +273,15 @@ def test_tiers_of_other_counters() -> None:
     assert tiers(colour_outcome(reds=2, steps=4), colours("red", tiers=strict)) == ("good", "any")
 
 
+def test_a_tier_with_an_upper_bound() -> None:
+    """`at_most` is met by equality; below a lower bound of the same counter it is refused."""
+    classes = colours("red", tiers={"good": {"at_least": {"reds": 1}, "at_most": {"steps": 3}}})
+    assert tiers(colour_outcome(reds=1, steps=3), classes) == ("good",)
+    assert tiers(colour_outcome(reds=1, steps=3.5), classes) == ()
+    with pytest.raises(ValidationError, match="steps: expected bounds up to at_most=3, found 4"):
+        colours("red", tiers={"good": {"above": {"steps": 4}, "at_most": {"steps": 3}}})
+
+
 def test_also_may_name_a_tier_further_up() -> None:
     """The order of tiers is only the order in which they are reported."""
     classes = colours("red", tiers={"good": {"at_least": {"reds": 2}}, "kind": {"also": "good"}})
@@ -325,7 +334,7 @@ def test_unknown_counters_are_reported_with_their_path() -> None:
         behaviours={"red": "reds", "far": "metres"},
         tiers={
             "good": {"at_least": {"reds": 1, "fun": 2}, "above": {"fitness": 3}},
-            "best": {"above": {"joy": 1}},
+            "best": {"above": {"joy": 1}, "at_most": {"sun": 1}},
         },
     )
     counters = "reds, greens, blues, steps"
@@ -333,5 +342,6 @@ def test_unknown_counters_are_reported_with_their_path() -> None:
         f"classes.behaviours.far: expected one of {counters}, found 'metres'",
         f"classes.tiers.good.at_least.fun: expected one of {counters}, fitness, found 'fun'",
         f"classes.tiers.best.above.joy: expected one of {counters}, fitness, found 'joy'",
+        f"classes.tiers.best.at_most.sun: expected one of {counters}, fitness, found 'sun'",
     ]
     assert list(colours("red").faults(SCHEMA)) == []

@@ -289,14 +289,25 @@ def test_play_several(islandgp: Cli) -> None:
     """Trees are compared in the same worlds by their paired differences to the first."""
     compared = islandgp("play", GOOD, "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
     good, patrol = json.loads(compared.out)
-    one = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
+    one = islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out
     other = islandgp("play", "-", "--seeds", 3, "--json", *SHORT, stdin="PatrolWaypoint")
-    pairs = [b["fitness"] - a["fitness"] for a, b in zip(one, json.loads(other.out), strict=True)]
+    pairs = [
+        b["fitness"] - a["fitness"]
+        for a, b in zip(json.loads(one), json.loads(other.out), strict=True)
+    ]
     half = 4.302653 * stdev(pairs) / sqrt(3)  # Student's t with 2 degrees of freedom
     assert patrol["difference"] == pytest.approx(fmean(pairs))
     assert patrol["difference_high"] == pytest.approx(fmean(pairs) + half)
     assert (good["difference"], good["difference_low"]) == (0, 0)
-    result = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, stdin="PatrolWaypoint")
+    assert good["counters"]["laps"] == pytest.approx(
+        fmean(w["counters"]["laps"] for w in json.loads(one))
+    )
+    assert good["tiers"] == {"excellent": 0, "complete": 0, "full_service": 0, "balanced_elite": 0}
+    limit = ("--set", "constraints={distance: {at_most: 0}}")
+    result = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, *limit, stdin="PatrolWaypoint")
+    for heading in ("Balanced Elite", "constraints kept", "battery %"):
+        assert heading in result.out
+    assert "Constraints: distance at most 0." in result.out
     assert [line.split()[0] for line in result.out.splitlines()[:3]] == [
         "tree",
         str(GOOD),

@@ -214,6 +214,7 @@ def _tier(name: str, classes: Classes, episodes: int) -> str:
     tier = classes.tiers[name]
     bounds = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
     bounds += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
+    bounds += [f"{measure} of at most {value:g}" for measure, value in tier.at_most.items()]
     bounds += [f"and all that is asked of {classes.tier_title(tier.also)}s"] if tier.also else []
     where = "in one episode" if episodes == 1 else f"on the mean of {episodes} episodes"
     return f"- {classes.tier_title(name)}: {where} {', '.join(bounds) or 'anything'}."
