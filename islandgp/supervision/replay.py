@@ -18,9 +18,9 @@ from pydantic import BaseModel
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.supervisor import Adviser
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 from islandgp.trust import must_trust_code
 

@@ -14,10 +14,9 @@ from islandgp.bt.core.language import to_text
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
-from islandgp.supervision.llm.adviser import Adviser
 from islandgp.supervision.llm.client import AnthropicClient
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
-from islandgp.supervision.llm.supervisor import LLM
+from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.supervisor import LLM, Adviser
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay
 from tests.llm.samples import (
@@ -619,7 +618,7 @@ def test_a_server_that_works_on_nothing_is_asked_to_the_end(kind: FailureKind) -
 
 
 def test_waiting_ends_where_it_is_paid_for() -> None:
-    """An outage is waited out; answers that never arrive, as many as of useless ones, are not."""
+    """An outage is waited out; a request that may be charged has its three attempts."""
     plain = answering()
 
     def cut(request: Request, n: int) -> Reply | Failure:
@@ -630,7 +629,28 @@ def test_waiting_ends_where_it_is_paid_for() -> None:
     llm, client = supervisor(cut, *overrides, run_context=run_context)
     sources = [advise(llm, state(g)).source for g in range(8)]
     assert sources == ["fallback"] * 8
-    assert len(client.requests) == 1 + 4 * 3 + 3 * 3
+    assert len(client.requests) == 1 + 4 * 3
+
+
+@pytest.mark.parametrize("kind", sorted(HOPELESS - {FailureKind.FOREIGN}))
+@pytest.mark.parametrize("on_outage", ["fallback", "wait", "stop"])
+def test_a_failure_that_cannot_heal_is_asked_once(kind: FailureKind, on_outage: str) -> None:
+    """A key revoked in the run: one request; then the fallback, or the end of the run."""
+    plain = answering()
+
+    def revoked(request: Request, n: int) -> Reply | Failure:
+        return plain(request, n) if n < 2 else failed(kind)
+
+    run_context = context(None, "supervisor.inject=false")
+    llm, client = supervisor(revoked, f"on_outage={on_outage}", run_context=run_context)
+    if on_outage == "fallback":
+        sources = [advise(llm, state(g)).source for g in range(5)]
+        assert sources == ["llm", *["fallback"] * 4]
+    else:
+        advise(llm, state(0))
+        with pytest.raises(SupervisionError, match=f"found {kind} .a made-up {kind} failure"):
+            advise(llm, state(1))
+    assert len(client.requests) == 3
 
 
 @sweep(

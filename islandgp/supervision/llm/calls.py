@@ -28,6 +28,7 @@ from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
 from islandgp.supervision.llm.budget import Ledger, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
+    HOPELESS,
     MAX_QUOTED,
     TRANSIENT,
     Client,
@@ -65,6 +66,11 @@ def wait(
     return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
 
+def _never_there(call: Call, failure: Failure) -> bool:
+    """True if there is no server at the start of a run: its address may be wrong."""
+    return call.generation < 0 and failure.kind is FailureKind.UNREACHABLE
+
+
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 
 
@@ -99,7 +105,6 @@ class LiveCalls:
         *,
         seed: int,
         on_outage: Outage = "fallback",
-        useless: int | None = None,
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -111,14 +116,12 @@ class LiveCalls:
             ledger: of the run, with its caps.
             retry: number of attempts and waiting times.
             seed: of the run, for the jitter of waiting times.
-            on_outage: reaction to a server that does not answer.
-            useless: number of calls in a row without an answer that may be charged; after these
-                `on_outage="wait"` waits no longer. None: it always waits.
+            on_outage: what follows the last attempt; "wait" has no last one before the caps.
             sleep: replaces time.sleep in tests.
             clock: replaces time.monotonic in tests.
         """
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
-        self.seed, self.on_outage, self.useless = seed, on_outage, useless
+        self.seed, self.on_outage = seed, on_outage
         self.sleep, self.clock = sleep, clock
         self._closed = False
         self._sending = Lock()  # held from the check of the caps until the request is recorded
@@ -128,78 +131,62 @@ class LiveCalls:
         """See `Calls`. An answer in the transcript to the same request is used again.
 
         Raises:
-            SupervisionError: no server answers, and `on_outage` is "stop".
+            SupervisionError: no answer, and `on_outage` is "stop"; or "wait", and waiting is no
+                help.
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         slot = 10 * SLOTS[call.part] + call.turn
         rng = stream(self.seed, Stream.NETWORK, generation=call.generation + 1, slot=slot)
         answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
-        before, pause = 0, 0.0  # earlier attempts that no longer count; s that were waited
-        if answer and final(answer, number, self.retry) and self._forgotten(call, answer):
-            answer, before = None, number
-        while True:
-            while answer is None or not final(answer, number - before, self.retry):
-                if isinstance(answer, Failure):
-                    due = wait(answer, number - before, self.retry, rng)
-                else:  # a waiting time requested for an earlier call holds for this one as well
-                    due = max(0.0, self._not_before - self.clock())
-                due = min(due, max(0.0, self.ledger.seconds_left() - pause))
-                if due:
-                    self.sleep(due)
-                waited, pause = pause + due, 0.0
-                number += 1
-                answer = self._attempt(call, number, request, waited)
-            if not self._is_outage(call, answer):
-                return answer
-            assert isinstance(answer, Failure)
-            pause = self._sit_out(answer)
-            answer, before = None, number
-
-    def _forgotten(self, call: Call, answer: Reply | Failure) -> bool:
-        """True if a resumed run does not use a recorded failure but makes the call again.
-
-        This applies to failures that stopped a run or kept it from starting.
-        """
-        if isinstance(answer, Reply) or answer.kind is FailureKind.BUDGET:
-            return False
-        if call.part == "probe" and (call.generation < 0 or answer.kind not in TRANSIENT):
-            return True
-        return answer.kind in TRANSIENT and self.on_outage != "fallback"
-
-    def _is_outage(self, call: Call, answer: Reply | Failure) -> bool:
-        """True if the server does not answer and the fallback must not be used."""
-        if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
-            return False
-        never_there = call.generation < 0 and answer.kind is FailureKind.UNREACHABLE
-        paid = self.on_outage == "wait" and answer.kind in CHARGED and self._is_useless()
-        return self.on_outage != "fallback" and not never_there and not paid
-
-    def _is_useless(self) -> bool:
-        """True if the last `useless` calls failed and all of their attempts may be charged."""
-        count = 0
-        for attempt in reversed(list(self.transcript.attempts)):
-            if isinstance(attempt.answer, Reply):
-                break
-            count += attempt.answer.kind in CHARGED
-        return self.useless is not None and count >= self.useless * self.retry.attempts
-
-    def _sit_out(self, failure: Failure) -> float:
-        """Waits for the server; returns the waiting time in s. Raises with `on_outage="stop"`."""
-        if self.on_outage == "stop":
+        earlier = 0  # attempts before the one that stopped the run or kept it from starting
+        if isinstance(answer, Failure) and self._asks_again(call, answer):
+            answer, earlier = None, number
+        while answer is None or not self._ends(call, answer, number - earlier):
+            if isinstance(answer, Failure):
+                due = wait(answer, number - earlier, self.retry, rng)
+            else:  # a waiting time requested for an earlier call holds for this one as well
+                due = max(0.0, self._not_before - self.clock())
+            due = min(due, self.ledger.seconds_left())
+            if due:
+                self.sleep(due)
+            number += 1
+            answer = self._attempt(call, number, request, due)
+        if isinstance(answer, Failure) and self._stops(call, answer):
             raise SupervisionError(
-                f"Expected an answer of the model, found {failure.kind} ({failure.message}); the"
-                " run stops (supervisor.policy.on_outage=stop). The same command continues it once"
-                " the server answers."
+                f"Expected an answer of the model {request.model}, found {answer.kind}"
+                f" ({answer.message}); the run stops"
+                f" (supervisor.policy.on_outage={self.on_outage})."
+                " The same command continues it once the server answers."
             )
-        seconds = max(failure.retry_after or 0.0, self.retry.longest_wait)
-        pause = min(seconds, self.ledger.seconds_left())
-        logging.getLogger("islandgp").warning(
-            "No answer of the model (%s); the next attempt is in %.0f s (on_outage=wait)",
-            failure.message,
-            pause,
-        )
-        self.sleep(pause)
-        return pause
+        return answer
+
+    def _ends(self, call: Call, answer: Reply | Failure, attempt: int) -> bool:
+        """True if no attempt follows; "wait" waits on while that costs nothing, up to the caps."""
+        if (
+            self.on_outage != "wait"
+            or isinstance(answer, Reply)
+            or answer.kind not in TRANSIENT - CHARGED
+            or _never_there(call, answer)
+        ):
+            return final(answer, attempt, self.retry)
+        if attempt % self.retry.attempts == 0:
+            logging.getLogger("islandgp").warning(
+                "No answer of the model (%s); it is asked again (on_outage=wait)", answer.message
+            )
+        return False
+
+    def _stops(self, call: Call, failure: Failure) -> bool:
+        """True if a failure stops the run; the probe reports lasting ones itself."""
+        lasting = failure.kind in HOPELESS and call.part != "probe"
+        lost = failure.kind in TRANSIENT and not _never_there(call, failure)
+        return {"fallback": False, "wait": lasting, "stop": lasting or lost}[self.on_outage]
+
+    def _asks_again(self, call: Call, failure: Failure) -> bool:
+        """True if a recorded failure stopped the run, or kept it from starting."""
+        if failure.kind is FailureKind.BUDGET:
+            return False
+        at_start = call.part == "probe" and (call.generation < 0 or failure.kind not in TRANSIENT)
+        return at_start or self._stops(call, failure)
 
     def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
         """See `Calls`. False if a cap could stop one of the requests.

@@ -38,6 +38,8 @@ class FailureKind(StrEnum):
     REJECTED = "rejected"  # 400 and other 4xx: the request itself is invalid
     UNAUTHORISED = "unauthorised"  # 401, 403: the key is invalid
     NOT_FOUND = "not_found"  # 404, 405, 410, 501: unknown model or address
+    NO_CREDIT = "no_credit"  # 402, and errors that say so: the account is used up
+    TOO_LONG = "too_long"  # 413, and errors that say so: the model's context is too short
     BUDGET = "budget"  # a cap is reached; nothing was sent
     USELESS = "useless"  # too many unusable answers in a row; nothing was sent
 
@@ -50,6 +52,9 @@ TRANSIENT: Final = frozenset(
     {*CHARGED, _K.UNREACHABLE, _K.RATE_LIMITED, _K.OVERLOADED, _K.SERVER} - {_K.FOREIGN}
 )
 """Failures after which another attempt may succeed."""
+
+HOPELESS: Final = frozenset({_K.UNAUTHORISED, _K.NOT_FOUND, _K.NO_CREDIT, _K.TOO_LONG, _K.FOREIGN})
+"""Failures that no later attempt heals; their question is not asked again in a run."""
 
 UNSENT: Final = frozenset({_K.UNREACHABLE, _K.UNTRUSTED})
 """Failures without a connection; they do not count as requests."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -18,6 +19,8 @@ HEADERS: Final = {
 }
 
 STATUSES: Final = {
+    402: FailureKind.NO_CREDIT,
+    413: FailureKind.TOO_LONG,
     **dict.fromkeys((401, 403), FailureKind.UNAUTHORISED),
     **dict.fromkeys((404, 405, 410, 501), FailureKind.NOT_FOUND),
     **dict.fromkeys((408, 504, 524), FailureKind.LATE),
@@ -26,6 +29,15 @@ STATUSES: Final = {
     529: FailureKind.OVERLOADED,
 }
 """Kinds of failures by HTTP status; others are SERVER from 500 on, and REJECTED below."""
+
+_WORDS: Final = {
+    FailureKind.NO_CREDIT: re.compile(r"credit balance|insufficient_quota|exceeded your .*quota"),
+    FailureKind.TOO_LONG: re.compile(r"too long|context (length|size|window)|maximum context"),
+    FailureKind.NOT_FOUND: re.compile(
+        r"model\b.*(not found|does not exist|not exist)|unknown model"
+    ),
+}
+"""Errors with the status 400 or 429 that have a kind of their own."""
 
 
 def arguments(request: Request) -> dict[str, Any]:
@@ -116,8 +128,11 @@ def refused(
     message = f"status {status}" + (f": {line(text)}" if text else "")
     if location := headers.get("location"):
         message += f", which leads to {line(location)}"
+    kind = STATUSES.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
+    if status in (400, 429):
+        kind = next((k for k, words in _WORDS.items() if words.search(text.lower())), kind)
     return Failure(
-        STATUSES.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED),
+        kind,
         message,
         retry_after(headers.get("retry-after"), headers.get("retry-after-ms")),
         {"true": True, "false": False}.get(headers.get("x-should-retry", "").strip().lower()),
