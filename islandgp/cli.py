@@ -47,6 +47,9 @@ COMMANDS: Final = {
     "export": CommandInfo(
         "turn a tree into JSON, BehaviorTree.CPP XML or py_trees", "tree.bt -o tree.xml"
     ),
+    "grammar": CommandInfo(
+        "print the language of a domain for constrained decoding", "--format gbnf -o island.gbnf"
+    ),
     "import": CommandInfo("turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
     "watch": CommandInfo(
         "open the page of a run, which is updated during the run", "runs/default/expert-seed0"

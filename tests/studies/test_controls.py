@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from islandgp.bt.core.node import Node
+from islandgp.bt.core.node import Node, size
 from islandgp.errors import SupervisionError
 from islandgp.gp.record import record_values
 from islandgp.records.lines import dump
@@ -259,3 +259,12 @@ def test_ablations_have_different_names() -> None:
     names = {studied(f"experiment={file.stem}").name for file in files}
     assert names == {file.stem for file in files}
     assert len(names) == 6
+
+
+def test_grammar_walk() -> None:
+    """`grammar_walk` injects valid trees of a limited size, the same ones for the same stream."""
+    walker = make_supervisor(studied("supervisor=grammar_walk", "supervisor.policy.nodes=12"), None)
+    state = state_after([snapshot(0)])
+    trees = [walker.advise(state, np.random.default_rng(seed)).tree for seed in (0, 1, 0)]
+    assert trees[0] == trees[2] != trees[1]
+    assert all(1 < size(tree) <= 12 for tree in trees if tree is not None)

@@ -1,0 +1,324 @@
+"""The language of one vocabulary as a grammar for constrained decoding, in Lark or GBNF notation.
+
+Each text of the grammar is a tree that `parse` accepts with the vocabulary: names, operators,
+words, arguments and their ranges are inserted, and the depth is limited. Each canonical text of
+such a tree (`to_text`) is a text of the grammar, up to three limits: conditions are flat (up to 16
+terms) or up to four terms and brackets with up to four terms each, texts of arguments are ASCII in
+quotes, and thresholds have magnitudes below 1,000,000.
+
+The kinds of nodes with their arguments come from `KINDS`, as those of `grammar/bt.lark` do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Final
+
+from islandgp.bt.core.condition_builder import MAX_TERMS
+from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED, Argument, Sort
+from islandgp.bt.core.parameters import Parameter
+from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.errors import DomainError
+
+FORMATS: Final = ("lark", "gbnf")
+MAX_CHILDREN_NESTED: Final = 4  # most terms beside each other where brackets are allowed
+_DIGITS: Final = "[0-9]{0,24}"  # more decimals than numbers of trees have
+_ZEROS: Final = "[0]{0,3}"
+_ANY_NUMBER: Final = f"[-]?([0]|[1-9][0-9]{{0,5}})([.][0-9]{_DIGITS})?"
+
+Parts = tuple[str, ...]
+"""One alternative: names of rules, names of patterns in upper case, and literals in quotes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grammar:
+    """A context-free grammar. Its first rule is the start."""
+
+    rules: Mapping[str, tuple[Parts, ...]]  # alternatives by name
+    patterns: Mapping[str, str]  # regular expressions of character classes, by name in upper case
+
+    def text(self, notation: str) -> str:
+        """The grammar in a notation of FORMATS."""
+        lark = notation == "lark"
+        sign, first = (":", "start") if lark else ("::=", "root")
+        names = dict.fromkeys(self.rules, "") | {next(iter(self.rules)): first}
+        lines = [
+            f"{names[name] or name} {sign} "
+            + " | ".join(" ".join(names.get(p) or p for p in parts) or '""' for parts in choices)
+            for name, choices in self.rules.items()
+        ]
+        fence = "/" if lark else ""
+        lines += [f"{name} {sign} {fence}{each}{fence}" for name, each in self.patterns.items()]
+        return "\n".join(lines) + "\n"
+
+
+def tree_grammar(
+    vocabulary: Vocabulary,
+    depth: int,
+    *,
+    kinds: Collection[str] = INNER,
+    children: int = UNLIMITED,
+    in_json: bool = False,
+) -> Grammar:
+    """The grammar of the trees of a vocabulary.
+
+    Args:
+        vocabulary: the names.
+        depth: most levels of a tree, >= 1.
+        kinds: of inner nodes that a tree may have.
+        children: most children of a composite, >= 1.
+        in_json: True: for texts inside a JSON string, on one line, with quotes escaped.
+
+    Raises:
+        DomainError: the vocabulary has no action.
+    """
+    if not vocabulary.actions:
+        raise DomainError(
+            f"Expected an action in the vocabulary of {vocabulary.domain}, found none: without one"
+            " there is no tree."
+        )
+    return _Writer(vocabulary, in_json).grammar(depth, kinds, children)
+
+
+def _literal(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+class _Writer:
+    """Collects rules and patterns."""
+
+    def __init__(self, vocabulary: Vocabulary, in_json: bool) -> None:
+        self.vocabulary, self.quote = vocabulary, '\\"' if in_json else '"'
+        self.in_json = in_json
+        self.rules: dict[str, tuple[Parts, ...]] = {}
+        self.patterns: dict[str, str] = {}
+
+    def grammar(self, depth: int, kinds: Collection[str], children: int) -> Grammar:
+        start: list[Parts] = [(f"node{depth}",)]
+        blanks: list[Parts] = [('" "',)]
+        if not self.in_json:
+            start.append((f"node{depth}", '"\\n"'))
+            blanks.append(("LINE",))
+            self.patterns["LINE"] = f"[\\n][ ]{{0,{2 * depth}}}"
+        self.rules["start"] = tuple(start)
+        self.rules["b"] = tuple(blanks)
+        heads = {
+            kind: self._head(kind)
+            for kind in kinds
+            if KINDS[kind].children != (0, 0) and (kind != "when" or self.vocabulary.keys)
+        }
+        self.rules["leaf"] = tuple(
+            self._action(n, i) for i, n in enumerate(self.vocabulary.actions)
+        )
+        for level in range(1, depth + 1):
+            choices: list[Parts] = [("leaf",)]
+            for kind, head in heads.items() if level > 1 else ():
+                low, high = KINDS[kind].children
+                body = f"list{level - 1}" if high > low else f"body{low}of{level - 1}"
+                self._body(level - 1, low, min(high, children), body)
+                choices.append((*head, '" {"', "b", body, "b", '"}"'))
+            self.rules[f"node{level}"] = tuple(choices)
+        return Grammar(self.rules, self.patterns)
+
+    def _body(self, level: int, low: int, high: int, name: str) -> None:
+        """Rules for `low` to `high` nodes of a level."""
+        node = f"node{level}"
+        if high == UNLIMITED:
+            self.rules[name] = ((node,), (node, "b", name))
+            return
+        counts = range(low, high + 1)
+        self.rules[name] = tuple((node, *("b", node) * (n - 1)) for n in counts)
+
+    def _head(self, kind: str) -> Parts:
+        """A node before its brace."""
+        parts = [_literal(kind)]
+        for argument in KINDS[kind].arguments:
+            name = f"{kind}{argument.name}".replace("_", "")
+            values = self._values(argument)
+            if argument.default is None:
+                parts += ['" "', *values]
+            else:
+                self.rules[name] = ((), (_literal(f" {argument.name} "), *values))
+                parts.append(name)
+        return tuple(parts)
+
+    def _values(self, argument: Argument) -> Parts:
+        if argument.sort is Sort.CONDITION:
+            return (self._condition(),)
+        if argument.sort is Sort.COUNT:
+            return (self._number("COUNT", *REPEATS, whole=True),)
+        if argument.sort is Sort.SECONDS:
+            return (self._number("SECONDS", *SECONDS),)
+        words = tuple((_literal(word),) for word in argument.words)
+        name = argument.sort.name.lower() + "of" + argument.name
+        if argument.sort is Sort.POLICY:
+            words += ((self._number("COUNT", *REPEATS, whole=True),),)
+        self.rules[name] = words
+        return (name,)
+
+    def _condition(self) -> str:
+        """Rules for conditions; at most MAX_TERMS terms in all."""
+        keys = self.vocabulary.keys
+        self.rules["atom"] = tuple(p for name in keys for p in self._comparisons(name, keys[name]))
+        self.rules["term"] = (("atom",), ('"not "', "atom"))
+        self.rules["joint"] = (('" and "',), ('" or "',))
+        n = MAX_CHILDREN_NESTED
+        group = (('"("', f"join2of{n}", '")"'), ('"not ("', f"join2of{n}", '")"'))
+        self.rules["part"] = (("term",), *group)
+        for name, item, most in (("join", "term", MAX_TERMS), ("mixed", "part", n)):
+            for k in range(1, most + 1):
+                longer = ((item, "joint", f"{name}{k - 1}"),) if k > 1 else ()
+                self.rules[f"{name}{k}"] = ((item,), *longer)
+        self.rules[f"join2of{n}"] = (("term", "joint", f"join{n - 1}"),)
+        self.rules["condition"] = ((f"join{MAX_TERMS}",), (f"mixed{n}",))
+        return "condition"
+
+    def _comparisons(self, name: str, key: Key) -> list[Parts]:
+        if key.flag:
+            return [(_literal(name),)]
+        rights = [(_literal(right),) for right in (*key.words, *self.vocabulary.comparable(name))]
+        if not key.words:
+            self.patterns["NUMBER"] = _ANY_NUMBER
+            rights.append(("NUMBER",))
+        return [
+            (_literal(f"{name} {operator} "), *right)
+            for operator in key.operators
+            for right in rights
+        ]
+
+    def _action(self, name: str, index: int) -> Parts:
+        """A leaf, with any of its arguments in their order."""
+        arguments = self.vocabulary.actions[name].arguments
+        if not arguments:
+            return (_literal(name),)
+        rule, items = f"args{index}", list(arguments.items())
+        values = [
+            (_literal(f"{key}: "), *self._value(f"{rule}v{i}", each))
+            for i, (key, each) in enumerate(items)
+        ]
+        for first in range(len(items), -1, -1):  # the arguments from `first` on, after another
+            later = range(first, len(items))
+            self.rules[f"{rule}from{first}"] = (
+                (),
+                *(('", "', *values[i], f"{rule}from{i + 1}") for i in later),
+            )
+        begun = ((*values[i], f"{rule}from{i + 1}") for i in range(len(items)))
+        self.rules[rule] = ((), *(('"("', *parts, '")"') for parts in begun))
+        return (_literal(name), rule)
+
+    def _value(self, name: str, parameter: Parameter) -> Parts:
+        if parameter.words:
+            self.rules[name] = tuple((_literal(word),) for word in parameter.words)
+            return (name,)
+        if parameter.sort == "text":
+            self.patterns["TEXT"] = "[ !#-\\[\\]-~]{0,60}"
+            return (_literal(self.quote), "TEXT", _literal(self.quote))
+        is_whole = parameter.sort == "integer"
+        return (self._number(name.upper(), parameter.low, parameter.high, whole=is_whole),)
+
+    def _number(self, name: str, low: float, high: float, *, whole: bool = False) -> str:
+        self.patterns[name] = between(low, high, whole=whole)
+        return name
+
+
+def between(low: float, high: float, *, whole: bool = False) -> str:
+    """A pattern of the numbers from `low` to `high`, without exponents; `whole`: integers."""
+    choices: list[str] = []
+    lower, upper = Decimal(repr(float(low))), Decimal(repr(float(high)))
+    if lower < 0:
+        most = -min(upper, Decimal(0))
+        choices.append(f"[-]({_upwards(most, -lower, whole)})")
+    if upper >= 0:
+        choices.append(_upwards(max(lower, Decimal(0)), upper, whole))
+    return "|".join(choices)
+
+
+def _upwards(low: Decimal, high: Decimal, whole: bool) -> str:
+    """The numbers from `low` to `high`, both >= 0."""
+    tail = "" if whole else f"([.][0-9]{_DIGITS})?"
+    first, last = int(low), int(high)
+    below, above = (_decimals(each) for each in (low, high))
+    if whole:
+        return _integers(first + (low > first), last, "")
+    if first == last:
+        return _fractions(first, below, above)
+    choices = [_fractions(first, below, None), _fractions(last, "", above)]
+    if last - first > 1:
+        choices.append(_integers(first + 1, last - 1, tail))
+    return "|".join(choices)
+
+
+def _decimals(value: Decimal) -> str:
+    return format(value, "f").partition(".")[2].rstrip("0")
+
+
+def _classes(digits: str) -> str:
+    return "".join(f"[{digit}]" for digit in digits)
+
+
+def _integers(low: int, high: int, tail: str) -> str:
+    """The integers from `low` to `high`, each followed by `tail`."""
+    choices = []
+    for length in range(len(str(low)), len(str(high)) + 1):
+        least = str(max(low, 10 ** (length - 1) if length > 1 else 0))
+        most = str(min(high, 10**length - 1))
+        choices += _of_length(least, most)
+    return f"({'|'.join(choices)}){tail}"
+
+
+def _of_length(low: str, high: str) -> list[str]:
+    """The digits between two texts of the same length."""
+    if not low:
+        return [""]
+    if low[0] == high[0]:
+        return [f"[{low[0]}]{rest}" for rest in _of_length(low[1:], high[1:])]
+    n = len(low) - 1
+    choices = [f"[{low[0]}]{rest}" for rest in _of_length(low[1:], "9" * n)]
+    choices += [f"[{high[0]}]{rest}" for rest in _of_length("0" * n, high[1:])]
+    if int(high[0]) - int(low[0]) > 1:
+        choices.append(f"[{int(low[0]) + 1}-{int(high[0]) - 1}]" + "[0-9]" * n)
+    return choices
+
+
+def _fractions(whole: int, low: str, high: str | None) -> str:
+    """`whole` with decimals from `low` to `high`; None: below the next integer."""
+    if high is None:
+        tails = _from(low)
+    elif low:
+        tails = [*_inside(low, high), _classes(low) + _ZEROS]
+    else:
+        tails = _to(high)
+    return f"{_classes(str(whole))}([.]({'|'.join(tails)})){'' if low else '?'}"
+
+
+def _from(low: str) -> list[str]:
+    """Decimals of at least `low`, one digit or more."""
+    if not low:
+        return ["[0-9]" + _DIGITS]
+    larger = [
+        f"{_classes(low[:i])}[{int(d) + 1}-9]{_DIGITS}" for i, d in enumerate(low) if d != "9"
+    ]
+    return [*larger, _classes(low) + _DIGITS]
+
+
+def _to(high: str) -> list[str]:
+    """Decimals of at most `high`, one digit or more."""
+    if not high:
+        return ["[0]" + _ZEROS]
+    smaller = [
+        f"{_classes(high[:i])}[0-{int(d) - 1}]{_DIGITS}" for i, d in enumerate(high) if d != "0"
+    ]
+    return [*smaller, *(_classes(high[:i]) for i in range(1, len(high))), _classes(high) + _ZEROS]
+
+
+def _inside(low: str, high: str) -> list[str]:
+    """Decimals between two different ones, without some that end before the two differ."""
+    low = low.ljust(len(high), "0")
+    i = next(i for i, (a, b) in enumerate(zip(low, high, strict=False)) if a != b)
+    start, a, b = _classes(low[:i]), int(low[i]), int(high[i])
+    above = "|".join(_from(low[i + 1 :].rstrip("0")))
+    below = "|".join(_to(high[i + 1 :]))
+    between_both = [f"{start}[{a + 1}-{b - 1}]{_DIGITS}"] if b - a > 1 else []
+    return [f"{start}[{a}]({above})", *between_both, f"{start}[{b}]({below})?"]
