@@ -18,6 +18,7 @@ from typing import Any, Final
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.candidates import Candidate
+from islandgp.evolution.explain import Usage
 from islandgp.intervals import interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -81,6 +82,7 @@ class Best:
     front: tuple[FrontTree, ...] = ()  # the shortest first; (): it was not shortened
     changes: tuple[str, ...] = ()  # from the individual's tree to the shortest one
     chosen_in: tuple[int, ...] = ()  # worlds in which it was chosen and shortened
+    usage: tuple[Usage, ...] = ()  # by node of the tree; (): it was not explained
 
 
 def validation_seeds(

@@ -58,6 +58,22 @@ class _Validated:
 
 
 @dataclass(frozen=True, slots=True)
+class _Estimate:
+    mean: float
+    low: float | None  # null: no interval of one world
+    high: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Usage:
+    """Fields of `evolution.explain.Usage` that are read."""
+
+    worlds: float
+    points: float
+    loss: _Estimate | None
+
+
+@dataclass(frozen=True, slots=True)
 class _Best:
     generation: int
     record: IndividualRecord  # with the tree before it was shortened
@@ -67,6 +83,7 @@ class _Best:
     front: tuple[_FrontTree, ...]  # the shortest first; (): it was not shortened
     changes: tuple[str, ...]
     chosen_in: tuple[int, ...]  # worlds
+    usage: tuple[_Usage, ...] = ()  # by node of the tree; (): it was not explained
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +99,7 @@ class RunSummary:
     seconds: float
     records: str  # digest of all records
     constraints: str | None = None  # in words; None: there are none
+    nothing_works: str = ""  # a sentence on what no individual has ever achieved
 
 
 @dataclass(frozen=True, slots=True)

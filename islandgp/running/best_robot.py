@@ -18,7 +18,7 @@ from islandgp.evolution.candidates import (
     CandidatesByEvidence,
     CandidatesByFitness,
 )
-from islandgp.evolution.explain import explained, usage, with_losses
+from islandgp.evolution.explain import Usage, explained, usage, with_losses
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
@@ -114,16 +114,18 @@ def best_robot(
     )
     chosen_in = tuple(used[len(totals.worlds) :])
     test_worlds = new_worlds(episodes.test // TESTED)
+    usages = _usages(pruned.best, problem, outcomes, test_worlds, stage, explaining)
     record = next(target.records(winner.generation))
     return Best(
         winner.generation,
         next(i for i in record["individuals"] if i["id"] == winner.id),
         to_text(pruned.best),
-        _explained(pruned.best, problem, outcomes, test_worlds, stage, explaining),
+        with_subtrees(explained(pruned.best, usages)) if usages else to_text(pruned.best),
         _tested(settings, totals, pruned.best, vocabulary, outcomes, test_worlds),
         _front(pruned),
         tuple(step.change for step in pruned.steps[1:]),
         chosen_in,
+        tuple(usages),
     )
 
 
@@ -169,22 +171,19 @@ def _tested(
     return judged(worlds, own, settings.classes, settings.constraints, by_name)
 
 
-def _explained(
+def _usages(
     tree: Node,
     problem: Problem,
     evaluate: Evaluate,
     worlds: Sequence[int],
     stage: int,
     episodes: int,
-) -> str:
-    """The tree's text with comments on its branches; without them if episodes are few."""
+) -> list[Usage]:
+    """What each node of the tree does, and is worth; [] if episodes are few."""
     count = min(EXPLAIN_WORLDS, episodes // (size(tree) + 1), len(worlds))
     if count < 2:
-        return to_text(tree)
-    usages = with_losses(
-        usage(problem, tree, worlds[:count], stage), tree, evaluate, worlds[:count]
-    )
-    return with_subtrees(explained(tree, usages))
+        return []
+    return with_losses(usage(problem, tree, worlds[:count], stage), tree, evaluate, worlds[:count])
 
 
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:

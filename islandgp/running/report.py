@@ -12,6 +12,7 @@ from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
+from islandgp.records.sentences import best_robot, comparisons, constrained, reached
 from islandgp.running.totals import RunTotals
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import in_points, title
@@ -31,6 +32,7 @@ def summary(
     most_fallback: float | None = None,
     *,
     constraints: Constraints = NO_CONSTRAINTS,
+    nothing_works: str = "",
 ) -> dict[str, Any]:
     """The content of summary.json.
 
@@ -41,6 +43,7 @@ def summary(
         milestones: tiers whose first robots are reported.
         most_fallback: largest accepted share of the fallback's answers; None: any.
         constraints: of the run.
+        nothing_works: a sentence on what no individual has ever achieved; "" if all is well.
     """
     sources, snapshots = answers(totals.decisions), totals.snapshots
     limits = {} if not constraints else {"constraints": in_words(constraints)}
@@ -57,9 +60,11 @@ def summary(
             "validation": None if best.validation is None else _plain(best.validation),
             "front": nan_to_none([asdict(tree) for tree in best.front]),
             "changes": list(best.changes),
+            "usage": nan_to_none([asdict(usage) for usage in best.usage]),
             "chosen_in": list(best.chosen_in),
         },
         **limits,
+        **({"nothing_works": nothing_works} if nothing_works else {}),
         "fittest": asdict(fittest),
         "first": first,
         "final_best": snapshots[-1]["best"],
@@ -91,7 +96,10 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
     )
     return "\n".join(
         (
-            *validated(s["champion"]),
+            *filter(None, (s.get("nothing_works"),)),
+            best_robot(s["champion"]),
+            *reached(s["champion"]),
+            *comparisons(s["champion"]),
             *constrained(s),
             f"Its fitness in training: {in_points(best['fitness'])} ({came_from})",
             f"Highest fitness in training: {in_points(s['fittest']['record']['fitness'])} in"
@@ -137,53 +145,3 @@ def _dollars(spent: Mapping[str, float]) -> str:
     usd, most = spent["cost_usd"], spent["cost_usd_at_most"]
     more = f" (at most ${most:,.4f}: some answers were lost)" if spent["uncounted_requests"] else ""
     return f"${usd:,.4f}{more}"
-
-
-def validated(champion: Mapping[str, Any]) -> Iterator[str]:
-    """Lines on the results of the best robot in validation worlds."""
-    best = f"Best robot: individual {champion['record']['id']}"
-    v = champion["validation"]
-    if v is None:
-        yield f"{best}, not validated in other worlds"
-        return
-    yield (
-        f"{best}{_shortened(champion)}: {in_points(v['mean'])} points"
-        f"{_interval(v)} in {len(v['worlds'])} unseen"
-        f" world{'s' * (len(v['worlds']) != 1)}"
-    )
-    shares = [f"{title(tier)} in {share:.0%}" for tier, share in v["reached"].items() if share]
-    if shares:
-        yield f"In these worlds it is {', '.join(shares)}"
-    for other in v["comparisons"]:
-        yield (
-            f"Against the {other['name']} in the same worlds:"
-            f" {in_points(other['mean'], '+')} points{_interval(other, '+')}"
-        )
-
-
-def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
-    """A line on the feasibility of the best robot; none without constraints."""
-    v = summary["champion"]["validation"]
-    if "constraints" not in summary:
-        return
-    limits = summary["constraints"]
-    if v is None or v.get("feasible") is None:
-        yield f"Constraints ({limits}): not tried in other worlds"
-        return
-    result = "kept" if not v["violation"] else f"broken (violation {v['violation']:.3g})"
-    yield f"Constraints ({limits}): {result} on average, and in {v['feasible']:.0%} of these worlds"
-
-
-def _shortened(champion: Mapping[str, Any]) -> str:
-    """The numbers of nodes before and after the shortening, if there was one."""
-    before = champion["record"]["nodes"]
-    after = [tree["nodes"] for tree in champion["front"] if tree["chosen"]]
-    return f", shortened from {before} to {after[0]} nodes" if after and after[0] < before else ""
-
-
-def _interval(v: Mapping[str, Any], sign: str = "") -> str:
-    """A 95 % interval in brackets, or the reason why there is none."""
-    low, high = v["low"], v["high"]
-    if low is None or high is None:
-        return " (no interval: one world)"
-    return f" (95 %: {in_points(low, sign)} to {in_points(high, sign)})"

@@ -43,7 +43,7 @@ from islandgp.supervision.base import (
 )
 from islandgp.tracking.base import Tracker
 from islandgp.trust import names_in, trust
-from islandgp.viewer.history import RunCurves
+from islandgp.viewer.history import RunCurves, nothing_works
 from islandgp.viewer.page_file import complete_page, write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -289,5 +289,6 @@ def _finish(
         settings.classes.milestones,
         settings.supervisor.policy.get("most_fallback"),  # None: it has no fallback
         constraints=settings.constraints,
+        nothing_works=nothing_works(totals.curves, settings.classes, settings.rewards),
     )
     target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)

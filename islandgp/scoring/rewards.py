@@ -33,6 +33,11 @@ class Reward(BaseModel, frozen=True, extra="forbid"):
             raise ValueError("bands: expected rising levels of `below`")
         return self
 
+    @property
+    def pays(self) -> bool:
+        """True if an event of a positive amount can earn points."""
+        return max(self.base, self.per_unit, *(band.points for band in self.bands)) > 0
+
     def points(self, amount: float) -> float:
         """Points of one event, before any multiplier."""
         if self.over is not None and amount <= self.over:

@@ -46,13 +46,11 @@ class LineageStep:
     until: int  # generation of the last individual with this tree
     origin: str  # a value of population.Origin
     mutation: str  # operator, or ""
-    parents: tuple[tuple[str, float | None], ...]  # ids and fitness; None: not in the records
+    parents: tuple[str, ...]  # ids
     tree: str  # canonical text
     nodes: int
     fitness: float  # points, mean over the individuals with this tree
     evaluated: int  # number of individuals with this tree
-    gain: float | None  # points above the first parent; None: no parent, or another stage
-    same_worlds: bool  # True: the gain is measured in the same worlds
     changes: tuple[TreeChange, ...]  # to the first parent's tree, MAX_CHANGES at most
     left_out: int  # number of changes that are not listed; -1: the trees are too large
     guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
@@ -115,7 +113,6 @@ def _step(
     """The step of the individuals `same`, the newest first, whose first parent is `parent`."""
     first, last = same[-1], same[0]
     generation = _generation(first["id"])
-    gain, same_worlds = reader.gain(first, parent)
     changes: list[TreeChange] = []
     left_out = 0
     if parent is not None:
@@ -124,7 +121,6 @@ def _step(
         else:
             changes = tree_changes(parent["tree"], first["tree"])
             left_out = max(0, len(changes) - MAX_CHANGES)
-    others = ((name, reader.individual(name)) for name in first["parents"])
     guidance = None
     if first["origin"] in ("injected", "edited") and generation:
         guidance = (reader.record(generation - 1) or {}).get("guidance")
@@ -134,13 +130,11 @@ def _step(
         until=_generation(last["id"]),
         origin=first["origin"],
         mutation=first["mutation"],
-        parents=tuple((name, None if i is None else i["fitness"]) for name, i in others),
+        parents=tuple(first["parents"]),
         tree=first["tree"],
         nodes=first["nodes"],
         fitness=fmean(i["fitness"] for i in same),
         evaluated=len(same),
-        gain=gain,
-        same_worlds=same_worlds,
         changes=tuple(changes[:MAX_CHANGES]),
         left_out=left_out,
         guidance=guidance,
@@ -151,7 +145,6 @@ class _Reader:
     """Reads single generations of a long file."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self._common = bool(folder.configuration().get("gp", {}).get("shared_seed", True))
         self._lines = generation_lines(folder.path)
         self._offsets = array("Q", accumulate(map(len, self._lines.whole()), initial=0))
         """Of each generation's record, and of the end of the last one."""
@@ -183,24 +176,6 @@ class _Reader:
             if ancestor is not None and _generation(ancestor["id"]) < _generation(child["id"]):
                 return ancestor
         return None
-
-    def gain(
-        self, child: Mapping[str, Any], parent: Mapping[str, Any] | None
-    ) -> tuple[float | None, bool]:
-        """The points of a child above its parent, and whether they are from the same worlds."""
-        if parent is None:
-            return None, False
-        born, before = self.record(_generation(child["id"])), self.record(_generation(parent["id"]))
-        assert born is not None
-        assert before is not None
-        # The parent's tree may also be in the child's generation, as an elite.
-        for i in born["individuals"]:
-            if i["tree"] == parent["tree"]:
-                return child["fitness"] - i["fitness"], self._common
-        if born["snapshot"]["stage"] != before["snapshot"]["stage"]:
-            return None, False
-        alike = self._common and born["worlds"] == before["worlds"]
-        return child["fitness"] - parent["fitness"], alike
 
 
 def _generation(name: str) -> int:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from islandgp.records.folder import RunFolder
+from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, Merit, merit, recorded_constraints, violation
+from islandgp.scoring.rewards import RewardTable
+from islandgp.text import title
 
 POINTS: Final = 300  # most points of a curve in a picture
 TIERS: Final = 8  # most curves of tiers; the best tiers have one
@@ -35,6 +38,9 @@ class RunCurves:
     fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
     seconds: float = 0.0  # spent in its generations
     constraints: Constraints = field(default_factory=dict)
+    earned: set[str] = field(default_factory=set)  # components with which any individual won points
+    counted: set[str] = field(default_factory=set)  # counters that were above 0 in any individual
+    reached: set[str] = field(default_factory=set)  # tiers that any individual reached
 
     @classmethod
     def of(cls, folder: RunFolder) -> RunCurves:
@@ -56,6 +62,10 @@ class RunCurves:
         self.best.append(best["fitness"])
         self.top.append(self.fittest["fitness"])
         self.mean.append(snapshot["mean"])
+        self.reached.update(name for name, n in snapshot["tiers"].items() if n)
+        for i in everyone:
+            self.earned.update(name for name, points in i["components"].items() if points > 0)
+            self.counted.update(name for name, value in i["counters"].items() if value > 0)
         self.coverage.append(archive["coverage"])
         self.qd_score.append(archive["qd_score"])
         for name in [*snapshot["tiers"]][:TIERS]:
@@ -70,6 +80,43 @@ class RunCurves:
     def _merit(self, i: Mapping[str, Any]) -> Merit:
         excess = violation(i["counters"], self.constraints) if self.constraints else 0.0
         return merit(i["fitness"], excess)
+
+
+MAX_NAMES: Final = 6  # most names in a sentence
+
+
+def nothing_works(curves: RunCurves, classes: Classes, rewards: object) -> str:
+    """A sentence on what no individual has achieved, with remedies; "" if something works.
+
+    Something works if an individual has shown a behaviour and one has reached a tier. Points are
+    no criterion, as some domains have penalties only.
+
+    Args:
+        curves: of at least one generation.
+        classes: of the run.
+        rewards: of its domain; events are named if it is a RewardTable.
+    """
+    table = rewards.events if isinstance(rewards, RewardTable) else {}
+    unpaid = [e for e, row in table.items() if row.pays and row.component not in curves.earned]
+    behaves = not curves.counted.isdisjoint(classes.behaviours.values())
+    if behaves and curves.reached:
+        return ""
+    failures = [] if behaves else [f"shown a behaviour ({_listed(classes.behaviours)})"]
+    if behaves and not curves.reached:
+        failures.append(f"reached a tier ({_listed(map(title, classes.tiers))})")
+    if unpaid:
+        failures.append(f"earned points for {_listed(unpaid)}")
+    return (
+        f"No individual has ever {' or '.join(failures)} in {curves.episodes[-1]:,.0f} episodes:"
+        " start from a tree (`start=`), add a library, reward a step before it, or raise"
+        " `gp.episodes`."
+    )
+
+
+def _listed(names: Iterable[str]) -> str:
+    first = [*names]
+    more = [f"{len(first) - MAX_NAMES} more"] if len(first) > MAX_NAMES else []
+    return ", ".join([*first[:MAX_NAMES], *more])
 
 
 def read_history(folder: RunFolder) -> RunCurves:

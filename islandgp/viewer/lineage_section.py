@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from html import escape
 from typing import Final
 
+from islandgp.text import in_points
 from islandgp.viewer.ancestry import Lineage, LineageStep, lineage
 from islandgp.viewer.run_view import RunView
 
@@ -22,15 +23,13 @@ def lineage_section(view: RunView) -> Iterator[str]:
     yield f"<p>{escape(_chain(chain))}</p>"
     first, last = STEPS
     steps = chain.steps
-    gains = [abs(s.gain) for s in steps if s.gain is not None]
-    most = max(gains, default=0.0) or 1.0
     yield '<ol class="lineage">'
     if len(steps) > first + last:
-        yield from (_item(view, step, most) for step in steps[:first])
+        yield from (_item(view, step) for step in steps[:first])
         hidden = len(steps) - first - last
         yield f'<li class="gap">{hidden:,} trees between these are not shown.</li>'
         steps = steps[-last:]
-    yield from (_item(view, step, most) for step in steps)
+    yield from (_item(view, step) for step in steps)
     yield "</ol>"
 
 
@@ -42,49 +41,32 @@ def _chain(lineage: Lineage) -> str:
     if len(steps) == 1:
         text = f"It was created in one step: {_origin(steps[0])}."
     else:
-        up = sum((s.gain or 0) > 0 for s in steps)
         text = (
             f"{len(steps):,} trees in {steps[-1].generation + 1:,} generations, each derived"
-            f" from the one before; {up:,} of them gained points."
+            " from the one before. Points of two of them are from different worlds, unless they"
+            " are of one generation, so their difference is partly luck."
         )
     if not lineage.is_complete:
         text += " The ancestors of the first one are not in the records."
-    return text + (
-        " A gain is the difference to the parent. Unless it is marked `same worlds`, the two were"
-        " evaluated in different worlds, so part of it is luck."
-        * any(s.gain is not None for s in steps)
-    )
+    return text
 
 
-def _item(view: RunView, step: LineageStep, most: float) -> str:
-    kind, gain = "none", ""
-    if step.gain is not None:
-        kind = "up" if step.gain > 0 else "down" if step.gain < 0 else "even"
-        where = "same worlds" if step.same_worlds else "other worlds"
-        width = 100 * abs(step.gain) / most
-        gain = (
-            f'<span class="gain">{view.points(step.gain, "+" if step.gain else "")}'
-            f" <small>{where}</small></span>"
-            f'<span class="bar" style="width:{width:.1f}%"></span>'
-        )
-    elif step.parents:
-        gain = '<span class="gain"><small>another stage</small></span>'
+def _item(view: RunView, step: LineageStep) -> str:
     period = ""
     if step.until > step.generation:
         last = "" if view.champion is None else view.champion["id"]
         name = f" as {last}" if last.startswith(f"{step.until}.") else ""
         period = f", kept to generation {step.until}{name} (mean of {step.evaluated} evaluations)"
     return (
-        f'<li class="{kind}"><div class="head"><b>{escape(step.id)}</b>'
-        f"<span>{escape(_origin(step))}</span>{gain}</div>"
-        f'<p class="soft">{view.points(step.fitness)} points, {step.nodes} nodes{period}</p>'
+        f"<li><b>{escape(step.id)}</b> {escape(_origin(step))}"
+        f'<p class="soft">{in_points(step.fitness)} points, {step.nodes} nodes{period}</p>'
         f"{_guidance(step)}{_changes(step)}</li>"
     )
 
 
 def _origin(step: LineageStep) -> str:
     """The origin of a tree, in words."""
-    names = [name for name, _ in step.parents]
+    names = step.parents
     first = names[0] if names else "a tree that is not in the records"
     origins = {
         "random": "drawn at random",

@@ -1,4 +1,4 @@
-"""A run's page, `run.html`: result, curves, archive, best robot and lineage in one file.
+"""A run's page, `run.html`: the best robot, curves, archive and lineage in one file.
 
 It is created from the run's folder, at any time. The page of an active run reloads itself every few
 seconds.
@@ -9,27 +9,32 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from html import escape
 from typing import Any, Final
 
+from pydantic import ValidationError
+
+from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse
-from islandgp.bt.export.render import drawing, lay_out
+from islandgp.bt.core.node import Node, size
+from islandgp.bt.export.render import label
 from islandgp.errors import RunError
 from islandgp.gp.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
-from islandgp.text import title
+from islandgp.scoring.rewards import RewardTable
+from islandgp.text import in_interval, in_points
 from islandgp.viewer.champion import first_episode
-from islandgp.viewer.history import RunCurves, read_history, thinned
+from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
 from islandgp.viewer.lineage_section import lineage_section
 from islandgp.viewer.page import filled, part, script_data
-from islandgp.viewer.recording import digits
 from islandgp.viewer.run_view import RunView, path_from_home, world_flags
 
 NAME_OF_PAGE: Final = "run.html"
@@ -58,13 +63,11 @@ def run_page(
         RunError: a file of the folder is damaged.
     """
     history = read_history(folder) if curves is None else curves
-    champion, validation = history.fittest, None
+    champion, summary = history.fittest, None
     if status is Status.FINISHED:
-        best = folder.summary()["champion"]
-        champion, validation = {**best["record"], "tree": best["tree"]}, best["validation"]
-    values = [] if champion is None else [champion["fitness"], *champion["components"].values()]
-    config = folder.configuration()
-    view = RunView(folder, status, config, history, champion, validation, digits(values))
+        summary = folder.summary()
+        champion = {**summary["champion"]["record"], "tree": summary["champion"]["tree"]}
+    view = RunView(folder, status, folder.configuration(), history, champion, summary)
     about = folder.about()
     name = folder.path.name if about is None else about.title
     replay = replay if len(replay.encode()) <= REPLAY_BYTES else ""
@@ -72,9 +75,9 @@ def run_page(
         "status": status.value,
         "updated": now,
         "reload": RELOAD,
-        "digits": view.digits,
         "curves": thinned(history),
         "archive": archive_map(view),
+        "front": [] if summary is None else summary["champion"]["front"],
     }
     reload = f'<noscript><meta http-equiv="refresh" content="{RELOAD}"></noscript>'
     return filled(
@@ -86,8 +89,11 @@ def run_page(
             "status": status.value,
             "state": status.value.lower(),
             "result": escape(_result(view)),
+            "notes": "".join(f"<p>{escape(note)}</p>" for note in _notes(view)),
+            "open": "" if status is Status.FINISHED else "open",
+            "champion": "".join(champion_section(view)),
+            "training": "".join(_training(view)),
             "facts": "".join(_facts(view)),
-            "champion": "".join(champion_section(view, has_replay=bool(replay))),
             "lineage": "".join(lineage_section(view)),
             "data": script_data(data),
             "replay": script_data(replay),
@@ -97,67 +103,47 @@ def run_page(
 
 
 def _result(view: RunView) -> str:
-    """One or two sentences on the result of the run."""
-    done, history = view.history.generations, view.history
+    """The result of the run in one sentence."""
+    history = view.history
     if view.champion is None:
         return "The run has begun; its first generation is not evaluated yet."
-    spent = f"{done:,} generation{'s' * (done != 1)} and {history.episodes[-1]:,.0f} episodes"
-    if view.status is Status.FINISHED:
-        return f"{_best_robot(view)} after {spent}.{_milestones(view)}{_constrained(view)}"
-    points = view.points(view.champion["fitness"])
+    if view.summary is not None:
+        return best_robot_in_a_sentence(view.summary["champion"])
+    spent, points = _spent(view), in_points(view.champion["fitness"])
     best = f"the fittest individual of this stage, {view.champion['id']}, has {points} points"
     total = int(view.config["gp"]["generations"])
     if view.status is Status.RUNNING:
-        return f"After {done:,} of {total:,} generations, {spent.partition(' and ')[2]}, {best}."
+        of = f"{history.generations:,} of {total:,} generations"
+        return f"After {of}, {history.episodes[-1]:,.0f} episodes, {best}."
     if view.status is Status.FAILED:
         return f"The run failed after {spent}: {view.folder.reason()} Until then {best}."
     return f"The run was stopped after {spent}; the same command continues it. Until then {best}."
 
 
-def _best_robot(view: RunView) -> str:
-    assert view.champion is not None
-    v, name = view.validation, f"The best robot, individual {view.champion['id']},"
-    if v is None:
-        fitness = view.points(view.champion["fitness"])
-        return f"{name} has {fitness} points in training, not validated in other worlds,"
-    n = len(v["worlds"])
-    between = _interval(view, v, "")
-    worlds = f"{n} unseen world{'s' * (n != 1)}"
-    text = f"{name} earns {view.points(v['mean'])} points in {worlds}{between}"
-    for other in v["comparisons"]:
-        gain = view.points(other["mean"], "+") + _interval(view, other, "+")
-        text += f", {gain} against the {other['name']},"
-    return text
+def _spent(view: RunView) -> str:
+    done = view.history.generations
+    plural = "s" * (done != 1)
+    return f"{done:,} generation{plural} and {view.history.episodes[-1]:,.0f} episodes"
 
 
-def _interval(view: RunView, estimate: Mapping[str, Any], sign: str) -> str:
-    """A 95 % interval in brackets; "" for a single world."""
-    if estimate["low"] is None:
-        return ""
-    ends = (view.points(estimate[end], sign) for end in ("low", "high"))
-    return f" (95\N{NO-BREAK SPACE}%: {' to '.join(ends)})"
+def _notes(view: RunView) -> Iterator[str]:
+    """More sentences on the result, as on the terminal."""
+    if view.summary is None:
+        if view.history.generations:
+            yield from filter(None, (_nothing_works(view),))
+        return
+    yield from filter(None, (view.summary.get("nothing_works"),))
+    notes = (*reached(view.summary["champion"]), *constrained(view.summary))
+    yield ". ".join((*notes, f"The run had {_spent(view)}.")).removesuffix(".") + "."
 
 
-def _milestones(view: RunView) -> str:
-    """The tiers that the best robot reaches in validation worlds."""
-    if view.validation is None:
-        return ""
-    reached = view.validation["reached"]
-    shares = [f"{title(tier)} in {share:.0%}" for tier, share in reached.items() if share]
-    if not shares:
-        return " It reaches no tier in these worlds."
-    return f" In these worlds it is {', '.join(shares)}."
-
-
-def _constrained(view: RunView) -> str:
-    """A text on the feasibility of the best robot in these worlds; "" without constraints."""
-    if view.validation is None or view.validation.get("feasible") is None:
-        return ""
-    verdict = "breaks" if view.validation["violation"] else "keeps"
-    share = f"{view.validation['feasible']:.0%}"
-    return (
-        f" On average it {verdict} the constraints, and it keeps them in {share} of these worlds."
-    )
+def _nothing_works(view: RunView) -> str:
+    """A sentence on what no individual has achieved so far; "" if something works."""
+    try:
+        rewards = RewardTable.model_validate(view.config["rewards"])
+    except (KeyError, ValidationError):  # a domain's own rewards
+        rewards = None
+    return nothing_works(view.history, Classes.model_validate(view.config["classes"]), rewards)
 
 
 def _facts(view: RunView) -> Iterator[str]:
@@ -233,59 +219,88 @@ def embedded_replay(text: str) -> str:
     return str(json.loads(match[1])) if match else ""
 
 
-def champion_section(view: RunView, *, has_replay: bool) -> Iterator[str]:
-    """The HTML of the best robot: its tree, points by component, and replay."""
+def champion_section(view: RunView) -> Iterator[str]:
+    """The HTML of the best robot: its tree with what each node does and is worth."""
     best = view.champion
     if best is None:
         yield "<p>None yet.</p>"
         return
-    boxes, width, height = lay_out(parse(best["tree"]))
-    is_best = view.status is Status.FINISHED
-    rank = "the best robot of the run" if is_best else "the fittest of the present stage so far"
-    yield (
-        f"<p>Individual {escape(best['id'])}, {rank}.</p>"
-        '<div class="picture" tabindex="0" role="region" aria-label="Picture of the tree">'
-        f'<svg class="bt" role="img" aria-label="Behaviour tree of {len(boxes)} nodes"'
-        f' width="{width:g}" height="{height:g}" viewBox="0 0 {width:g} {height:g}">'
-        f"{drawing(boxes)}</svg></div>"
-        f"<details><summary>As text ({len(boxes)} nodes)</summary>"
-        f"<pre>{escape(best['tree'])}</pre></details>"
-    )
-    yield '<div class="tables">'
-    yield _table("Points in training", _points(view, best))
-    yield _table("Counters", ((name, f"{value:,.4g}") for name, value in best["counters"].items()))
-    yield "</div>"
-    if has_replay:
+    champion = {} if view.summary is None else view.summary["champion"]
+    tree, usages = parse(best["tree"]), champion.get("usage", ())
+    nodes = size(tree)
+    if view.summary is None:
+        yield f"<p>Individual {escape(best['id'])}, the fittest of the present stage so far.</p>"
+    columns = "<span>worlds</span><span>points</span><span>without it</span>" if usages else ""
+    yield f'<div class="row use"><b>{nodes} node{"s" * (nodes != 1)}</b>{columns}</div>'
+    losses = [abs(u["loss"]["mean"]) for u in usages if u["loss"]]
+    most = max(losses, default=0.0) or 1.0
+    notes = iter(usages if len(usages) == nodes else ())
+    yield f'<ul class="tree">{_tree(tree, notes, most)}</ul>'
+    if usages:
         yield (
-            '<p><button id="show-replay" type="button">Show its replay</button></p>'
-            '<div id="replay-place"></div>'
+            '<p class="soft">Means over unseen worlds: the share of worlds in which a node runs,'
+            " the points of the actions below it, and the change of the tree's points without it,"
+            " with a 95 % interval.</p>"
         )
+    text = champion.get("text", best["tree"])
+    yield f"<details><summary>As text</summary><pre>{escape(text)}</pre></details>"
     place = first_episode(view.folder, best["id"])
     file = shlex.quote(str(path_from_home(view) / "best.bt"))
     flags = f" {flags}" if (flags := world_flags(view)) else ""
-    yield _command(
-        "A replay as a file" if has_replay else "Its replay",
-        f"{shlex.quote(program())} replay {file} --seed {place.seed}"
-        f" --stage {place.stage + 1}{flags}",
+    command = f"{program()} replay {file} --seed {place.seed} --stage {place.stage + 1}{flags}"
+    yield (
+        f"<details><summary>Its replay as a command</summary><p><code>{escape(command)}</code>"
+        ' <button type="button" class="copy">copy</button></p></details>'
     )
 
 
-def _points(view: RunView, best: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _tree(node: Node, usages: Iterator[Mapping[str, Any]], most: float) -> str:
+    """A node with its descendants as nested list items; `most` is the loss with the longest bar."""
+    usage = next(usages, None)
+    columns, quiet = "", ""
+    if usage is not None and not usage["worlds"]:
+        columns, quiet = "<span></span><span></span><span>never runs</span>", " quiet"
+    elif usage is not None:
+        points = in_points(usage["points"]) if usage["points"] else ""
+        cells = (f"{usage['worlds']:.0%}", points, _loss(usage, most))
+        columns = "".join(f"<span>{cell}</span>" for cell in cells)
+    children = "".join(_tree(child, usages, most) for child in node.children)
+    return (
+        f'<li><div class="row{quiet}"><span class="node {node.kind}"'
+        f' title="{escape(kind_of(node).meaning)}">{escape(label(node))}</span>{columns}</div>'
+        + (f"<ul>{children}</ul>" if children else "")
+        + "</li>"
+    )
+
+
+def _loss(usage: Mapping[str, Any], most: float) -> str:
+    """The change of points without a node, with its interval and a bar."""
+    if (loss := usage["loss"]) is None:
+        return ""
+    low, high = (None if loss[end] is None else -loss[end] for end in ("high", "low"))
+    width = 100 * abs(loss["mean"]) / most
+    return f'{in_interval(-loss["mean"], low, high)}<i style="width:{width:.0f}%"></i>'
+
+
+def _training(view: RunView) -> Iterator[str]:
+    """The HTML of the best robot's points and counters in training."""
+    best = view.champion
+    if best is None:
+        yield "<p>None yet.</p>"
+        return
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
-    yield from ((name, view.points(value, "+")) for name, value in parts if value)
-    yield "fitness", view.points(best["fitness"])
+    points = [(name, in_points(value, "+")) for name, value in parts if value]
+    fitness = ("fitness", in_points(best["fitness"]))
+    counters = ((name, f"{value:,.4g}") for name, value in best["counters"].items())
+    yield f'<p>Individual {escape(best["id"])}, before it was shortened.</p><div class="tables">'
+    yield _table("Points", [*points, fitness])
+    yield _table("Counters", counters)
+    yield "</div>"
 
 
-def _table(caption: str, rows: Iterator[tuple[str, str]]) -> str:
+def _table(caption: str, rows: Iterable[tuple[str, str]]) -> str:
     body = "".join(
         f'<tr><th scope="row">{escape(name.replace("_", " "))}</th><td>{escape(value)}</td></tr>'
         for name, value in rows
     )
     return f"<table><caption>{escape(caption)}</caption><tbody>{body}</tbody></table>"
-
-
-def _command(label: str, text: str) -> str:
-    return (
-        f'<p class="command"><span>{escape(label)}:</span> <code>{escape(text)}</code>'
-        ' <button type="button" class="copy">copy</button></p>'
-    )

@@ -27,12 +27,7 @@ class RunView:
     config: Mapping[str, Any]
     history: RunCurves
     champion: Mapping[str, Any] | None  # an individual's record
-    validation: Mapping[str, Any] | None
-    digits: int  # decimals of points, >= 0
-
-    def points(self, value: float, sign: str = "") -> str:
-        """Points as text."""
-        return f"{value:{sign},.{self.digits}f}"
+    summary: Mapping[str, Any] | None  # of a finished run
 
 
 def world_flags(view: RunView) -> str:

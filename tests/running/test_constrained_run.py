@@ -93,7 +93,8 @@ def test_metrics(folder: RunFolder) -> None:
 def test_the_page(folder: RunFolder) -> None:
     """Its sentence states whether the best robot keeps the constraints."""
     page = (folder.path / "run.html").read_text(encoding="utf-8")
-    assert "On average it keeps the constraints, and it keeps them in" in page
+    limits = "distance at most 200, interactions at most 0"
+    assert f"Constraints ({limits}): kept on average, and in " in page
     assert "<dt>constraints</dt><dd>distance at most 200, interactions at most 0</dd>" in page
 
 

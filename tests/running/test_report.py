@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from islandgp.running.report import validated
+from islandgp.records.sentences import best_robot, best_robot_in_a_sentence, comparisons
 
 
 def test_small_points_have_three_digits() -> None:
@@ -19,7 +19,10 @@ def test_small_points_have_three_digits() -> None:
         },
         "front": [],
     }
-    assert [*validated(champion)] == [
-        "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 unseen worlds",
-        "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)",
+    result = "Best robot: individual 3.1: 0.731 points (95 %: 0 to 1.25) in 3 unseen worlds"
+    assert best_robot(champion) == result
+    assert [*comparisons(champion)] == [
+        "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)"
     ]
+    gain = "+0.0312 points (95 %: -0.2 to +12,346) against the tree by_hand"
+    assert best_robot_in_a_sentence(champion) == f"{result}, {gain}."

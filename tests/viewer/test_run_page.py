@@ -16,14 +16,19 @@ from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
+from islandgp.running.report import report
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.rewards import RewardTable
 from islandgp.viewer import lineage_section
-from islandgp.viewer.history import RunCurves, read_history, thinned
+from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
 from islandgp.viewer.run_page import embedded_replay, run_page
-from tests.evolution.runs import run
+from tests.composed import plain
+from tests.evolution.runs import SMALL, run
 from tests.viewer.browser import Browser
 from tests.viewer.runs import changed_record, closed_run, supervised
 from tests.viewer.test_access import faint
 
+DRAWN = "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))"
 EVIL = '</script><script>alert(1)</script><img src=x onerror=alert(2)>"&'
 
 
@@ -85,10 +90,34 @@ def page(finished: RunFolder) -> Parsed:
 
 def test_the_result_in_a_sentence(page: Parsed) -> None:
     """Mean, interval, difference to the reference tree and tiers in worlds without training."""
-    assert "earns 12,345 points in 3 unseen worlds (95 %: 10,000 to 14,000)" in page.text
-    gain = "-500 (95 %: -900 to -100) against the tree all_rounder"
-    assert f"{gain}, after 8 generations and 96 episodes." in page.text
+    assert ": 12,345 points (95 %: 10,000 to 14,000) in 3 unseen worlds, " in page.text
+    assert ", -500 points (95 %: -900 to -100) against the tree all_rounder." in page.text
     assert "In these worlds it is Complete in 67%." in page.text
+    assert "The run had 8 generations and 96 episodes." in page.text
+
+
+def test_a_run_in_which_nothing_works(tmp_path: Path) -> None:
+    """The summary and the page say what no individual has achieved, with remedies."""
+    classes = Classes.model_validate(plain(*SMALL)["classes"])
+    rewards = RewardTable.model_validate(plain(*SMALL)["rewards"])
+    history = read_history(closed_run(tmp_path / "run"))
+    assert nothing_works(history, classes, rewards) == ""
+    history.reached.clear()
+    history.earned.discard("delivery")
+    said = nothing_works(history, classes, rewards)
+    assert said.startswith("No individual has ever reached a tier (Excellent, Complete, ")
+    assert " or earned points for " in said
+    assert "delivery" in said
+    assert "in 96 episodes: start from a tree (`start=`), add a library, reward" in said
+    history.counted.clear()
+    assert "ever shown a behaviour (" in nothing_works(history, classes, None)
+    folder = RunFolder(tmp_path / "run")
+    summary = {**folder.summary(), "nothing_works": said}
+    (folder.path / "summary.json").write_text(json.dumps(summary))
+    add_to_manifest(folder.path, "summary.json")
+    folder = RunFolder(folder.path)
+    assert said in Parsed(run_page(folder, Status.FINISHED)).text
+    assert said in report(folder, [])
 
 
 def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
@@ -111,13 +140,14 @@ def test_the_highest_so_far_begins_again_with_a_stage() -> None:
     for stage, best in ((0, 5.0), (0, 3.0), (1, 2.0), (1, 4.0)):
         record = {
             "snapshot": {"stage": stage, "mean": 0.0, "tiers": {}},
-            "individuals": [{"fitness": best}],
+            "individuals": [{"fitness": best, "components": {}, "counters": {}}],
             "archive": {"coverage": 0.0, "qd_score": 0.0},
         }
         history.add(record, cost)
     curves = thinned(history)
     assert (curves["top"], curves["stages"]) == ([5, 5, 2, 4], [[1.0, 1], [3.0, 2]])
-    assert history.fittest == {"fitness": 4.0}
+    assert history.fittest is not None
+    assert history.fittest["fitness"] == 4.0
 
 
 def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
@@ -137,13 +167,13 @@ def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -
     """Its tree as a picture and as text, a command for its replay, and each of its ancestors."""
     best = finished.summary()["champion"]["record"]
     assert " ".join(best["tree"].split()) in page.text
-    assert any(e == ("svg", e[1]) and e[1].get("class") == "bt" for e in page.elements)
+    rows = [a for _, a in page.elements if (a.get("class") or "").startswith("node ")]
+    assert len(rows) == best["nodes"]
     worlds = list(finished.records())[finished.summary()["champion"]["generation"]]["worlds"]
     assert f"replay run/best.bt --seed {worlds[0]} --stage 1 --set world=dense" in page.text
-    steps = sum(tag == "li" for tag, _ in page.elements)
+    steps = sum(tag == "li" for tag, _ in page.elements) - best["nodes"]
     assert steps >= 1
     assert f"{steps} trees in" in page.text or "in one step" in page.text
-    assert ("button", {"id": "show-replay", "type": "button"}) in page.elements
 
 
 def test_it_needs_nothing_else(page: Parsed) -> None:
@@ -275,11 +305,11 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     assert elite_rows[0]["tree"] is not None
     assert elite_rows[-1]["tree"] is None
     assert json.loads(dict(parsed.scripts)["replay"]) == ""
-    assert not any(a.get("id") == "show-replay" for _, a in parsed.elements)
     monkeypatch.setattr(lineage_section, "STEPS", (1, 1))
     long = closed_run(tmp_path / "long", steps=supervised(1.0))
     parsed = Parsed(run_page(long, Status.FINISHED))
-    steps = sum(tag == "li" for tag, _ in parsed.elements)
+    nodes = long.summary()["champion"]["record"]["nodes"]
+    steps = sum(tag == "li" for tag, _ in parsed.elements) - nodes
     assert steps == 3 or "not shown" not in parsed.text
 
 
@@ -296,19 +326,80 @@ def tab(browser: Browser, file: Path) -> Iterator[Browser]:
     """The page, just opened; fails where the browser complained about anything."""
     browser.console.clear()
     browser.open(f"file://{file}")
+    browser.run("document.querySelectorAll('main > details').forEach(d => d.open = true)")
+    browser.run(DRAWN)
     yield browser
     browser.run("1")
     assert browser.console == []
 
 
 def test_in_a_browser_all_parts_are_drawn(tab: Browser, finished: RunFolder) -> None:
-    """A curve a line, a cell an elite, and nothing asked of a network."""
+    """A line per curve, a cell per pair of counters with an elite, the replay beside the tree."""
     elites = read_archive(finished.path)[0].elites
-    assert tab.run("document.querySelectorAll('#map .elite').length") == len(elites)
+    assert tab.run("document.querySelectorAll('#map .elite').length") == len(
+        {e.cell[:2] for e in elites}
+    )
     assert tab.run("document.querySelectorAll('#fitness .line').length") == 2
     assert tab.run("document.querySelectorAll('#tiers .line').length") == 4
     names = tab.run("[...document.querySelectorAll('.chart')].map(e => e.ariaLabel)")
     assert names[0].startswith("Fitness, points, over 96 episodes: best of a generation ends at ")
+
+
+def test_a_reader_chooses_the_counters_of_the_map(tab: Browser, finished: RunFolder) -> None:
+    """Both axes have their counter's name and edges; a cell has the best of its elites."""
+    archive = read_archive(finished.path)[0]
+    names = [*archive.cells]
+    assert tab.run("[...document.querySelectorAll('#across option')].map(o => o.text)") == names
+    for name, axis in (("across", 3), ("up", 2)):
+        tab.run(
+            f"(() => {{ const s = document.getElementById('{name}'); s.value = '{axis}';"
+            " s.dispatchEvent(new Event('change')); return 1; })()"
+        )
+    texts = tab.run("[...document.querySelectorAll('#map text')].map(t => t.textContent)")
+    assert {f"{names[3]}, from", f"{names[2]}, from"} <= {*texts}
+    best: dict[tuple[int, ...], float] = {}
+    for e in archive.elites:
+        best[e.cell[2:4]] = max(e.mean, best.get(e.cell[2:4], e.mean))
+    titles = tab.run("[...document.querySelectorAll('#map .elite title')].map(t => t.textContent)")
+    assert len(titles) == len(best)
+
+
+def test_the_front_is_a_picture(browser: Browser, tmp_path: Path) -> None:
+    """A dot per tree with its interval; a size shows its tree, the best robot first."""
+    folder = closed_run(tmp_path / "run")
+    summary = folder.summary()
+    difference = {"name": "the longest tree", "mean": -3.0, "low": -5.0, "high": -1.0}
+    summary["champion"]["front"] = [
+        {"nodes": 1, "tree": "PatrolWaypoint\n", "difference": difference, "chosen": True},
+        {"nodes": 2, "tree": "invert { PatrolWaypoint }\n", "difference": None, "chosen": False},
+    ]
+    (folder.path / "summary.json").write_text(json.dumps(summary))
+    add_to_manifest(folder.path, "summary.json")
+    file = tmp_path / "run.html"
+    file.write_text(run_page(RunFolder(folder.path), Status.FINISHED, now=1))
+    browser.open(f"file://{file}")
+    browser.run("document.getElementById('front').open = true")
+    browser.run(DRAWN)
+    dots = "[...document.querySelectorAll('#front-chart circle title')].map(t => t.textContent)"
+    assert browser.run(dots) == ["1 nodes, -3 [-5, -1]", "2 nodes, +0 [+0, +0]"]
+    assert browser.run("document.getElementById('front-tree').textContent") == "PatrolWaypoint\n"
+
+
+def test_the_tree_has_its_explanation(tmp_path: Path) -> None:
+    """Each node has its share of worlds, its points, and what is lost without it."""
+    folder = closed_run(tmp_path / "run")
+    summary = folder.summary()
+    usage = {"worlds": 0.5, "points": 1234.0, "loss": {"mean": 7.0, "low": -1.0, "high": 15.0}}
+    idle = {"worlds": 0.0, "points": 0.0, "loss": None}
+    summary["champion"].update(
+        tree="sequence { PatrolWaypoint MoveToGarbage }\n", usage=[usage, idle, usage]
+    )
+    (folder.path / "summary.json").write_text(json.dumps(summary))
+    add_to_manifest(folder.path, "summary.json")
+    text = Parsed(run_page(RunFolder(folder.path), Status.FINISHED)).text
+    assert "sequence 50% 1,234 -7 [-15, +1]" in text
+    assert "PatrolWaypoint never runs" in text
+    assert "MoveToGarbage 50% 1,234 -7 [-15, +1]" in text
 
 
 def test_a_cell_opens_its_tree(tab: Browser, finished: RunFolder) -> None:
@@ -336,7 +427,9 @@ def test_a_cell_opens_its_tree(tab: Browser, finished: RunFolder) -> None:
         " return [r.x + r.width / 2, r.y + r.height / 2]; })()"
     )
     tab.click(*box)
-    assert tab.run(tree) == elites[2].tree
+    assert tab.run(tree) in {e.tree for e in elites}
+    assert tab.run("location.hash") != ""
+    assert tab.run("document.querySelectorAll('#map .chosen').length") == 1
 
 
 @pytest.mark.process
@@ -359,8 +452,6 @@ def test_the_command_of_a_cell_plays_its_tree(tab: Browser, tmp_path: Path) -> N
 
 def test_the_replay_opens_in_the_page(tab: Browser) -> None:
     """On demand, in a frame that may run scripts and nothing else."""
-    assert tab.run("document.querySelectorAll('iframe').length") == 0
-    tab.run("document.getElementById('show-replay').click()")
     frame = "document.querySelector('iframe')"
     assert tab.run(f"{frame}.getAttribute('sandbox')") == "allow-scripts"
     assert tab.run(f"{frame}.srcdoc") == "<h1>It plays</h1>"

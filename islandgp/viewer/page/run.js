@@ -1,8 +1,11 @@
 const run = JSON.parse(document.getElementById("data").textContent);
 const byId = id => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
-const number = (value, digits = run.digits) =>
-  (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toLocaleString("en", {minimumFractionDigits: digits, maximumFractionDigits: digits});
+// As `in_points` of text.py: whole from 100 on, else three digits.
+const number = (value, digits) => digits === undefined
+  ? ((Math.abs(value) >= 100 ? Math.round(value) : Number(value.toPrecision(3))) || 0).toLocaleString("en", {maximumFractionDigits: 12})
+  : (Math.abs(value) < 0.5 * 10 ** -digits ? 0 : value).toLocaleString("en", {minimumFractionDigits: digits, maximumFractionDigits: digits});
+const signed = value => (value >= 0 ? "+" : "") + number(value);
 const percent = value => `${number(100 * value, value && value < 0.1 ? 1 : 0)} %`;
 
 function make(name, attributes = {}, ...children) {
@@ -62,7 +65,7 @@ function chart(id, title, lines, {text = short, low = null, high = null} = {}) {
   host.setAttribute("aria-label", n ? `${title}, over ${number(x[n - 1], 0)} episodes: ` +
     lines.map(line => `${line.name} ends at ${text(line.values[n - 1])}`).join(", ") : `${title}: nothing yet`);
   function readout() {
-    key.replaceChildren(make("span", {}, n ? `${title} after ${number(x[at], 0)} episodes (generation ${run.curves.generation[at] + 1})` : `${title}: nothing yet`));
+    key.replaceChildren(make("span", {}, n ? `${title} after ${number(x[at], 0)} episodes (generation ${run.curves.generation[at]})` : `${title}: nothing yet`));
     for (const line of n ? lines : []) {
       const sample = document.createElementNS(SVG, "svg");
       draw(sample, "path", {d: "M1 4H21", style: `stroke:var(--${line.colour})`, "stroke-width": line.dots ? 4 : 2,
@@ -138,15 +141,15 @@ chart("tiers", "Share of the individuals by tier", Object.entries(curves.tiers).
   name: name.replaceAll("_", " "), values, colour: `part-${[5, 3, 2, 1, 6, 0, 7, 4][i % 8]}`, dash: DASHES[i % 4],
 })), {text: percent, low: 0, high: Math.max(0.1, ...Object.values(curves.tiers).flat())});
 
-// The map: cells of the first two axes in blocks of the other two.
+// The map: two axes at a time. A cell has the best of its elites over all other axes.
 function showArchive(archive) {
   const {axes, elites} = archive, n = elites.length;
   const cells = axes.reduce((product, axis) => product * axis.edges.length, 1);
   const score = curves.qd_score.at(-1) ?? 0;
   const low = n && !score ? " No elite is above it; set archive.floor to the lowest possible fitness." : "";
-  const facts = archive.readable ? `${number(n, 0)} of ${number(cells, 0)} cells have an elite ` +
-    `(coverage ${percent(n / cells)}). QD score ${short(score)}: the sum over elites of their points above archive.floor ` +
-    `(${number(archive.floor)}).${low} An elite is the best tree of its cell, by the mean of its episodes.`
+  const facts = archive.readable ? `${number(n, 0)} of ${number(cells, 0)} cells have an elite, the best tree of its cell ` +
+    `(coverage ${percent(n / cells)}). QD score ${short(score)}: the sum of the elites' mean points above ` +
+    `${number(archive.floor)} (archive.floor).${low}`
     : `The elites themselves cannot be read: ${archive.file} is missing or damaged.`;
   byId("archive-facts").textContent = facts;
   byId("archive-charts").hidden = false;
@@ -154,8 +157,6 @@ function showArchive(archive) {
   chart("qd", "QD score", [{name: "points", values: curves.qd_score, colour: "part-6"}], {low: 0});
   if (!n) return;
   byId("archive-map").hidden = false;
-  // Only as far as any elite goes: most of a large grid is never reached.
-  const sizes = [0, 1, 2, 3].map(k => k < axes.length ? 1 + Math.max(...elites.map(e => e.cell[k])) : 1);
   const range = (axis, place) => {
     const {edges} = axes[axis], from = place ? edges[place] : null, to = edges[place + 1];
     return to === undefined ? `${from} or more` : from === null ? `below ${to}` : `${from} to below ${to}`;
@@ -163,48 +164,49 @@ function showArchive(archive) {
   const byMean = [...elites].sort((a, b) => a.mean - b.mean);
   const rank = new Map(byMean.map((e, i) => [e, n > 1 ? i / (n - 1) : 1]));
   const best = elites[0];  // of the last stage
+  const shown = [0, Math.min(1, axes.length - 1)];  // the axes to the right and upwards
   let chosen = elites.find(e => `#cell-${e.cell.join("-")}` === location.hash) ?? best, place = new Map();
 
   function paint() {
-    const host = byId("map"), width = host.clientWidth, [a, b, c, d] = sizes;
-    const left = axes.length > 3 ? 46 : 2, top = axes.length > 2 ? 34 : 2, gap = c > 1 || d > 1 ? 5 : 0;
-    const side = Math.max(5, Math.min(c * d > 1 ? 18 : 34, (width - left - 2 - gap * (c - 1)) / (a * c)));
-    const block = [a * side, b * side], svg = document.createElementNS(SVG, "svg");
-    const height = top + d * (block[1] + gap) + 2;
-    svg.setAttribute("width", Math.min(width, left + c * (block[0] + gap)));
+    const host = byId("map"), width = host.clientWidth, [a, b] = shown, flat = a === b;
+    const columns = axes[a].edges, rows = flat ? [""] : axes[b].edges, svg = document.createElementNS(SVG, "svg");
+    const left = flat ? 8 : 34 + 6.6 * Math.max(...rows.map(edge => String(edge).length)), bottom = 38, top = 4;
+    const across = Math.max(8, Math.min(64, (width - left - 8) / columns.length)), up = Math.max(16, Math.min(34, across));
+    const height = top + up * rows.length + bottom, low = top + up * rows.length;
+    svg.setAttribute("width", Math.max(1, Math.min(width, left + across * columns.length + 8)));
     svg.setAttribute("height", height);
     svg.setAttribute("aria-hidden", "true");
     place = new Map();
-    const corner = (u, v) => [left + u * (block[0] + gap), top + (d - 1 - v) * (block[1] + gap)];
-    for (let u = 0; u < c; u++) for (let v = 0; v < d; v++) {
-      const [x, y] = corner(u, v);
-      draw(svg, "rect", {class: "block", x, y, width: block[0], height: block[1]});
-      for (let i = 1; i < a; i++) draw(svg, "path", {class: "empty", d: `M${x + i * side} ${y}v${block[1]}`});
-      for (let j = 1; j < b; j++) draw(svg, "path", {class: "empty", d: `M${x} ${y + j * side}h${block[0]}`});
+    const corner = cell => [left + cell[a] * across, flat ? top : low - (cell[b] + 1) * up];
+    const skip = Math.ceil(8 * Math.max(...columns.map(edge => String(edge).length)) / across);
+    columns.forEach((edge, i) => {
+      if (i % skip === 0) draw(svg, "text", {x: left + i * across, y: low + 15, "text-anchor": i ? "middle" : "start"}, String(edge));
+      rows.forEach((_, k) => draw(svg, "rect", {class: "empty", x: left + i * across, y: top + k * up, width: across, height: up}));
+    });
+    draw(svg, "text", {x: left + across * columns.length / 2, y: low + 32, "text-anchor": "middle"}, `${axes[a].name}, from`);
+    if (!flat) {
+      rows.forEach((edge, k) => draw(svg, "text", {x: left - 5, y: low - k * up + (k ? 4 : 0), "text-anchor": "end"}, String(edge)));
+      const middle = top + up * rows.length / 2;
+      draw(svg, "text", {x: 12, y: middle, "text-anchor": "middle", transform: `rotate(-90 12 ${middle})`}, `${axes[b].name}, from`);
     }
-    const label = (axis, k) => String(axes[axis].edges[k]);
-    if (axes.length > 2) {
-      draw(svg, "text", {x: left, y: 12}, `${axes[2].name} from`);
-      for (let u = 0; u < c; u++) draw(svg, "text", {x: corner(u, 0)[0] + 1, y: top - 5}, label(2, u));
+    const groups = new Map();  // of the elites in one cell of the map, the best first
+    for (const e of [...byMean].reverse()) {
+      const key = `${e.cell[a]} ${e.cell[b]}`;
+      groups.set(key, [...(groups.get(key) ?? []), e]);
     }
-    if (axes.length > 3) {
-      const middle = top + d * (block[1] + gap) / 2;
-      draw(svg, "text", {x: 12, y: middle, "text-anchor": "middle", transform: `rotate(-90 12 ${middle})`}, `${axes[3].name} from`);
-      for (let v = 0; v < d; v++)
-        draw(svg, "text", {x: left - 6, y: corner(0, v)[1] + block[1] - 2, "text-anchor": "end"}, label(3, v));
-    }
-    for (const e of elites) {
-      const [i, j = 0, u = 0, v = 0] = e.cell, [x0, y0] = corner(u, v);
-      const x = x0 + i * side, y = y0 + (b - 1 - j) * side;
-      place.set(e, [x + side / 2, y + side / 2]);
-      const cell = draw(svg, "rect", {class: "elite", x, y, width: side, height: side, style: `--v:${rank.get(e).toFixed(3)}`});
-      draw(cell, "title", {}, `${axes.map((axis, k) => `${axis.name} ${range(k, e.cell[k])}`).join(", ")}: ${number(e.mean)} points`);
+    for (const [first, ...others] of groups.values()) {
+      const [x, y] = corner(first.cell), [e, ...rest] = [first, ...others];
+      place.set(e, [x + across / 2, y + up / 2]);
+      const cell = draw(svg, "rect", {class: "elite", x, y, width: across, height: up, style: `--v:${rank.get(e).toFixed(3)}`});
+      draw(cell, "title", {}, `${[...new Set(shown)].map(k => `${axes[k].name} ${range(k, e.cell[k])}`).join(", ")}: ` +
+        `${number(e.mean)} points, the best of ${rest.length + 1}`);
       cell.addEventListener("click", () => choose(e));
-      if (e === best) draw(svg, "circle", {class: "best", cx: x + side / 2, cy: y + side / 2, r: side / 5});
+      if ([e, ...rest].includes(best)) draw(svg, "circle", {class: "best", cx: x + across / 2, cy: y + up / 2, r: up / 6});
     }
-    const [x, y] = place.get(chosen);
-    draw(svg, "rect", {class: "halo", x: x - side / 2, y: y - side / 2, width: side, height: side});
-    draw(svg, "rect", {class: "chosen", x: x - side / 2, y: y - side / 2, width: side, height: side});
+    const [x, y] = corner(chosen.cell), box = {x, y, width: across, height: up};
+    place.set(chosen, [x + across / 2, y + up / 2]);
+    draw(svg, "rect", {class: "halo", ...box});
+    draw(svg, "rect", {class: "chosen", ...box});
     host.replaceChildren(svg);
   }
   function choose(e, keep = true) {
@@ -217,24 +219,25 @@ function showArchive(archive) {
     axes.forEach((axis, k) => fact(axis.name, range(k, e.cell[k])));
     fact("mean", `${number(e.mean)} points over ${e.episodes} episode${e.episodes === 1 ? "" : "s"}`);
     fact("individual", e.id + (run.curves.stages.length > 1 ? `, points of stage ${e.stage}` : ""));
-    const shown = [facts];
+    const parts = [facts];
     if (e.tree === null) {
-      shown.push(make("p", {class: "soft"}, `Its tree is in ${archive.file}: the page has no room for all of them.`));
+      parts.push(make("p", {class: "soft"}, `Its tree is in ${archive.file}: the page has no room for all of them.`));
     } else {
       const head = archive.domain ? `domain ${archive.domain}\n\n` : "", flags = archive.flags ? ` ${archive.flags}` : "";
       const command = `${archive.command} --seed ${e.world} --stage ${e.stage}${flags} -o cell.html <<'TREE'\n${head}${e.tree}TREE`;
-      shown.push(make("pre", {tabindex: "0", "aria-label": "Tree of the elite"}, e.tree));
-      shown.push(make("p", {class: "command"}, "Its replay, as a command with the tree: ", copyButton(command)));
-      shown.push(make("details", {}, make("summary", {}, "The command"), make("pre", {tabindex: "0"}, command)));
+      parts.push(make("pre", {tabindex: "0", "aria-label": "Tree of the elite"}, e.tree));
+      parts.push(make("p", {class: "command"}, "Its replay, as a command with the tree: ", copyButton(command)));
+      parts.push(make("details", {}, make("summary", {}, "The command"), make("pre", {tabindex: "0"}, command)));
     }
-    byId("cell").replaceChildren(...shown);
+    byId("cell").replaceChildren(...parts);
   }
-  byId("map-axes").textContent = [
-    `${axes[2] ? "Within a block, " : ""}${axes[0].name} increases to the right` + (axes[1] ? ` and ${axes[1].name} upwards` : ""),
-    axes[2] ? `from block to block, ${axes[2].name} increases to the right` + (axes[3] ? ` and ${axes[3].name} upwards` : "") : "",
-  ].filter(Boolean).join("; ") + ". Cells beyond the last elite are left out; the dot marks the best elite.";
+  ["across", "up"].forEach((id, k) => {
+    byId(id).replaceChildren(...axes.map((axis, i) => make("option", {value: i}, axis.name)));
+    byId(id).value = String(shown[k]);
+    byId(id).addEventListener("change", event => { shown[k] = Number(event.target.value); paint(); });
+  });
   byId("scale-low").textContent = number(byMean[0].mean);
-  byId("scale-high").textContent = `${number(byMean[n - 1].mean)} points, by rank`;
+  byId("scale-high").textContent = `${number(byMean[n - 1].mean)} points, by rank; the dot marks the best elite`;
   byId("cells").replaceChildren(...elites.map((e, i) => make("option", {value: i},
     `${number(e.mean)} points: ${axes.map((axis, k) => `${axis.name} ${range(k, e.cell[k])}`).join(", ")}`)));
   byId("cells").addEventListener("change", event => choose(elites[Number(event.target.value)]));
@@ -255,13 +258,61 @@ function showArchive(archive) {
 }
 if (run.archive) showArchive(run.archive);
 
-byId("show-replay")?.addEventListener("click", event => {
+// The front of size against points, with intervals; the tree of a chosen size.
+function showFront(rows) {
+  const trees = [...new Map(rows.toReversed().map(tree => [tree.nodes, tree])).values()].sort((a, b) => a.nodes - b.nodes);
+  const at = ({difference: d}) => d ? [d.mean, d.low ?? d.mean, d.high ?? d.mean] : [0, 0, 0];
+  let chosen = trees.find(tree => tree.chosen) ?? trees[0];
+  const all = trees.flatMap(at), host = byId("front-chart"), last = trees.at(-1).nodes;
+  const least = Math.min(0, ...all), most = Math.max(0, ...all) > least ? Math.max(0, ...all) : least + 1;
+  byId("front").hidden = false;
+  host.setAttribute("role", "img");
+  host.setAttribute("aria-label", trees.map(tree => `${tree.nodes} nodes: ${signed(at(tree)[0])} points`).join(", "));
+  function paint() {
+    const width = host.clientWidth, height = host.clientHeight, svg = document.createElementNS(SVG, "svg");
+    const ticks = marks(least, most, height / 45), left = 14 + 6.6 * Math.max(...ticks.map(tick => signed(tick).length));
+    const across = nodes => left + 12 + (width - left - 30) * nodes / last;
+    const up = value => height - 40 - (height - 52) * (value - least) / (most - least);
+    for (const tick of ticks) {
+      draw(svg, "path", {class: tick ? "rule" : "now", d: `M${left} ${up(tick)}H${width - 6}`, "stroke-width": 1});
+      draw(svg, "text", {x: left - 6, y: up(tick) + 4, "text-anchor": "end"}, signed(tick));
+    }
+    for (const tick of marks(0, last, width / 80)) draw(svg, "text", {x: across(tick), y: height - 20, "text-anchor": "middle"}, number(tick));
+    draw(svg, "text", {x: (left + width) / 2, y: height - 3, "text-anchor": "middle"}, "nodes");
+    for (const tree of trees) {
+      const [mean, low, high] = at(tree), x = across(tree.nodes);
+      draw(svg, "path", {class: "span", d: `M${x} ${up(low)}V${up(high)}`});
+      const dot = draw(svg, "circle", {cx: x, cy: up(mean), r: 5, class: tree.chosen ? "best" : ""});
+      draw(dot, "title", {}, `${tree.nodes} nodes, ${signed(mean)} [${signed(low)}, ${signed(high)}]`);
+      dot.addEventListener("click", () => choose(tree));
+      if (tree === chosen) draw(svg, "circle", {cx: x, cy: up(mean), r: 10, class: "ring"});
+    }
+    svg.setAttribute("aria-hidden", "true");
+    host.replaceChildren(svg);
+  }
+  function choose(tree) {
+    chosen = tree;
+    byId("sizes").value = String(trees.indexOf(tree));
+    byId("front-tree").textContent = tree.tree;
+    paint();
+  }
+  byId("sizes").replaceChildren(...trees.map((tree, i) => {
+    const [mean, low, high] = at(tree), d = tree.difference;
+    const text = !d ? "" : `, ${signed(mean)}${d.low === null ? "" : ` [${signed(low)}, ${signed(high)}]`}`;
+    return make("option", {value: i}, `${tree.nodes} nodes${text}${tree.chosen ? ", the best robot" : ""}`);
+  }));
+  byId("sizes").addEventListener("change", event => choose(trees[Number(event.target.value)]));
+  choose(chosen);
+  new ResizeObserver(paint).observe(host);
+}
+if (run.front.length) showFront(run.front);
+
+const replay = JSON.parse(byId("replay").textContent);
+if (replay) {
   const frame = make("iframe", {title: "Replay of the best robot", sandbox: "allow-scripts"});
-  frame.srcdoc = JSON.parse(byId("replay").textContent);
-  byId("replay-place").replaceChildren(frame);
-  event.target.hidden = true;
-  frame.focus();
-});
+  frame.srcdoc = replay;
+  byId("replay-place").append(frame);
+}
 
 // The page loads itself again while the run goes on, and stays where it was.
 function age() {
@@ -272,6 +323,13 @@ function age() {
 }
 age();
 const store = (key, value) => { try { return value === undefined ? sessionStorage.getItem(key) : sessionStorage.setItem(key, value); } catch { return null; } };
+// What a reader opened stays open when the page is loaded again.
+for (const part of document.querySelectorAll("main > details")) {
+  const key = `open ${location.pathname} ${part.id}`, before = store(key);
+  if (before) part.open = before === "1";
+  part.addEventListener("toggle", () => store(key, part.open ? "1" : "0"));
+}
+if (location.hash.startsWith("#cell-")) byId("archive").open = true;
 if (run.status === "RUNNING" && /^(file|https?):$/.test(location.protocol)) {
   const pause = byId("pause"), key = `pause ${location.pathname}`;
   const show = () => {

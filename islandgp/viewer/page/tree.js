@@ -8,10 +8,12 @@ const tree = (() => {
   const texts = [];
   const SVG = "http://www.w3.org/2000/svg";
 
+  const PADDING = 16;  // px beside a label, as in bt/export/render.py
   const widths = [];
   nodes.forEach((node, i) => {
     const badge = document.createElementNS(SVG, "g"), disc = document.createElementNS(SVG, "circle");
-    const text = document.createElementNS(SVG, "text"), width = node.firstElementChild.nextElementSibling.getBBox().width;
+    const text = document.createElementNS(SVG, "text");
+    const width = PADDING + Number(node.querySelector("text").getAttribute("textLength"));
     badge.setAttribute("class", "badge");
     badge.setAttribute("transform", `translate(${width - 2} -10)`);
     disc.setAttribute("r", "6.5");
@@ -77,7 +79,7 @@ const tree = (() => {
         nodes[place].classList.toggle("seen", seen);
         met[place] = seen;
       }
-      const on = letter === "r";
+      const on = letter === "r" || letter === "s";
       if (place && on !== lit[place - 1]) {
         edges[place - 1].classList.toggle("on", on);
         lit[place - 1] = on;
@@ -129,13 +131,14 @@ const tree = (() => {
   };
   // On a narrow screen the page scrolls: the tree takes the height that it needs at this width.
   const READABLE = 0.87;  // scale with letters of 10 px
+  const HIGHEST = 0.6;  // of a tree that is not shown whole, as a share of the window
   const SMALLEST = 0.62;  // of a large tree across, beside the world; what has no room then is moved into sight
   const LARGEST = 1.35;
   function room() {
-    const box = svg.parentElement, stacked = getComputedStyle(document.body).getPropertyValue("--stacked").trim() === "1";
+    const box = svg.parentElement, stacked = Number(getComputedStyle(document.body).getPropertyValue("--stacked"));
     arrange(box.clientWidth < across.width * (stacked ? READABLE : SMALLEST) ? outline : across);
-    const high = layout.height * scaleFor(box.clientWidth, Infinity), whole = high <= innerHeight * 1.2;
-    box.style.height = stacked ? (whole ? high : innerHeight * 0.6) + "px" : "";
+    const high = layout.height * scaleFor(box.clientWidth, Infinity), whole = high <= innerHeight * stacked;
+    box.style.height = stacked ? (whole ? high : innerHeight * Math.min(HIGHEST, stacked)) + "px" : "";
     svg.style.touchAction = stacked && whole ? "pan-y" : "";  // a finger on a whole tree scrolls the page
   }
   const scaleFor = (width, height) => layout === outline
