@@ -102,7 +102,7 @@ study-worlds: $(STAMP) ## MiniGrid, LunarLander and CartPole: expert, baseline, 
 	$(BIN)/python studies/worlds/study.py
 
 comparators: $(STAMP) ## all searches at equal episodes in five worlds, into studies/comparison/results; resumable
-	$(BIN)/python studies/comparison/compare_searches.py $(ARGS)
+	$(BIN)/python -m studies.comparison.compare_searches $(ARGS)
 
 docs: $(STAMP)   ## the documentation's site, in build/site
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]' -c constraints.txt

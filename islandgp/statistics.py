@@ -1,6 +1,6 @@
 """The tests of section 3.1: Mann-Whitney U, Eq. (9) and (10), Benjamini-Hochberg, effect size r.
 
-Further: paired tests for arms that share seeds, the log-rank test and hazard ratios for censored
+Further: paired tests for arms that share seeds, the log-rank test for censored
 runs, 95 % intervals, and power: the smallest difference that a test with a number of seeds detects
 with probability 80 %.
 """
@@ -25,7 +25,6 @@ ENUMERATED: Final = 100  # most values with ties for an exact p-value
 DECIMALS: Final = 9  # of ranked values, as points of 50,000 have rounding errors in the eleventh
 RESAMPLES: Final = 10_000  # of a bootstrap
 MIN_VALUES: Final = 10  # least values of a bootstrap sample; with 3, the interval covers only 80 %
-MAX_LOG_RATIO: Final = 20.0  # logarithm of a hazard ratio that is reported as infinite
 BOOTSTRAP_SEED: Final = 20_240_901  # makes reports reproducible
 
 
@@ -136,61 +135,6 @@ def log_rank(
     return 1.0 if np.isnan(p) else p
 
 
-def hazard_ratio(
-    first: Sequence[float | None], second: Sequence[float | None], *, horizon: float
-) -> Interval:
-    """Cox's hazard ratio of two samples of event times, with its 95 % interval (Wald).
-
-    Above 1, the events of the first sample are earlier. Ties are handled by Efron's method.
-
-    Args:
-        first: times of events; None: no event up to `horizon` (censored).
-        second: as `first`.
-        horizon: time of censoring, later than all events.
-
-    Returns:
-        The ratio and the ends of its interval. The ratio is 0 or infinite, with unknown ends (nan),
-        if all events of one sample come first, and nan without events; with a single event the ends
-        are unknown.
-    """
-    samples = [[(horizon if t is None else t, t is not None) for t in s] for s in (first, second)]
-    return cox(*samples)
-
-
-Times = Sequence[tuple[float, bool]]
-"""(time, True for an event or False for censoring) of each run in a sample."""
-
-
-def cox(first: Times, second: Times) -> Interval:
-    """The hazard ratio of samples whose runs may be censored at any time; see `hazard_ratio`."""
-    from scipy.optimize import brentq  # type: ignore[import-untyped] # scipy ships no types
-
-    events, at_risk = 0, []  # of the first sample; and of both, for each event of either
-    for time in sorted({t for t, happened in (*first, *second) if happened}):
-        still_at_risk = [sum(t >= time for t, _ in s) for s in (first, second)]
-        died = [sum(t == time and happened for t, happened in s) for s in (first, second)]
-        events += died[0]
-        shares = np.arange(sum(died)) / sum(died)
-        at_risk += [
-            (still_at_risk[0] - f * died[0], still_at_risk[1] - f * died[1]) for f in shares
-        ]
-    a, b = np.array(at_risk).reshape(-1, 2).T
-
-    def chances(log_ratio: float) -> Any:
-        return a * np.exp(log_ratio) / (a * np.exp(log_ratio) + b)
-
-    def score(log_ratio: float) -> float:
-        return float(events - chances(log_ratio).sum())
-
-    if not at_risk or score(MAX_LOG_RATIO) > 0 or score(-MAX_LOG_RATIO) < 0:
-        known = bool(at_risk) and score(0) != 0
-        return Interval((np.inf if score(0) > 0 else 0.0) if known else nan, nan, nan)
-    estimate = brentq(score, -MAX_LOG_RATIO, MAX_LOG_RATIO)
-    p = chances(estimate)
-    half = 1.959964 / sqrt(float(np.sum(p * (1 - p)))) if min(len(first), len(second)) > 1 else nan
-    return Interval(*(float(np.exp(estimate + d)) for d in (0.0, -half, half)))
-
-
 def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
     """p-values adjusted for the false discovery rate over a family, in the same order."""
     if not p:
@@ -226,11 +170,6 @@ def _percentile(values: Any, share: float) -> float:
     return float(a if a == b or np.isinf(a) else a + (b - a) * (at - floor(at)))
 
 
-def median_difference(x: Any, y: Any) -> Any:
-    """Median of the first minus median of the second, over the last axis."""
-    return np.median(x, axis=-1) - np.median(y, axis=-1)
-
-
 def mean_interval(values: Sequence[float]) -> Interval:
     """The mean with Student's t interval, which is nan for a single value."""
     return Interval(*interval(values))
@@ -252,17 +191,6 @@ def mean_difference(first: Sequence[float], second: Sequence[float]) -> Interval
     freedom = (x + y) ** 2 / (x**2 / (len(first) - 1) + y**2 / (len(second) - 1))
     half = float(stdtrit(freedom, 0.975)) * sqrt(x + y)
     return Interval(a - b, a - b - half, a - b + half)
-
-
-def median_interval(values: Sequence[float]) -> Interval:
-    """The median with a distribution-free interval of at least 95 %, by order statistics.
-
-    Values may be infinite. Fewer than six have no such interval (nan).
-    """
-    x, n = sorted(values), len(values)
-    k = int(_stats().binom.ppf(0.025, n, 0.5))  # fewer than k are below it in at most 2.5 %
-    ends = (x[k - 1], x[n - k]) if k else (nan, nan)
-    return Interval(float(np.median(x)), *ends)
 
 
 def mean_sd(values: Sequence[float]) -> tuple[float, float]:

@@ -17,6 +17,8 @@ import click
 from islandgp.commands.files import OUTPUT, STDIN, write_text
 from islandgp.commands.options import with_trust_options, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
+from islandgp.compare.comparable import TASK
+from islandgp.compare.library import reference_trees
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
 from islandgp.evaluation.perturbation import recorded_perturbation
@@ -28,8 +30,6 @@ from islandgp.records.folder import RunFolder
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import Constraints, feasible_share, recorded_constraints
 from islandgp.seeding import Stream
-from islandgp.study.comparable import TASK
-from islandgp.study.library import reference_trees
 from islandgp.text import in_interval, in_points, title
 
 TIMEOUT: Final = 600.0  # time limit of an episode, s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
@@ -65,6 +65,16 @@ def without_credentials(text: str) -> str:
 def key_of(override: str) -> str:
     """The key of an override, e.g. `gp.population` of `+gp.population=8`."""
     return override.lstrip("+~").partition("=")[0].partition("@")[0]
+
+
+def short_key(key: str, others: Iterable[str]) -> str:
+    """The last two parts of a dotted key, or more if one of `others` ends with the same parts."""
+    parts = key.split(".")
+    for n in range(2, len(parts)):
+        end = ".".join(parts[-n:])
+        if not any(f".{other}".endswith(f".{end}") for other in others if other != key):
+            return end
+    return key
 
 
 def is_secret(key: str) -> bool:

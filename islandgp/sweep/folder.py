@@ -20,7 +20,7 @@ from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked, take
-from islandgp.records.parameters import key_of
+from islandgp.records.parameters import key_of, short_key
 from islandgp.trust import must_be_no_link
 
 
@@ -47,9 +47,25 @@ class SweepFile:
     jobs: tuple[SweepJob, ...]
 
     def arm(self, job: SweepJob) -> str:
-        """Name of a job's arm: its supervisor, and the overrides that are not common to all."""
-        distinguishing = {*job.choices} - self._common() - {f"supervisor={job.supervisor}"}
-        return " ".join([job.supervisor, *sorted(distinguishing)])
+        """Name of a job's arm: what differs between the jobs, apart from their seeds.
+
+        A supervisor has its name; other settings are `key=value`, with the last two parts of a
+        dotted key, or more if two keys end alike. Without a difference: the supervisor's name.
+        """
+        levels = {key: value for key, value in self.levels(job).items() if key != "supervisor"}
+        keys = self.studied_keys()
+        settings = [f"{short_key(key, keys)}={value}" for key, value in levels.items()]
+        if settings and len({job.supervisor for job in self.jobs}) == 1:
+            return " ".join(settings)
+        return " ".join([job.supervisor, *settings])
+
+    def levels(self, job: SweepJob) -> dict[str, str]:
+        """A job's values of the keys that the sweep studies, in the order of the keys."""
+        different = {*job.choices} - self._common()
+        return {
+            key_of(choice).replace("/", "."): choice.partition("=")[2]
+            for choice in sorted(different, key=key_of)
+        }
 
     def studied_keys(self) -> frozenset[str]:
         """Keys, and groups with dots, of the overrides that are not common to all jobs."""

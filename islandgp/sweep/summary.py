@@ -1,7 +1,7 @@
 """Results of a sweep over its seeds: curves and tables by arm.
 
 An arm is a group of jobs that differ only in seed. This module has means and standard deviations;
-statistical tests are in `islandgp.study`.
+statistical tests are in `islandgp.compare`.
 """
 
 from __future__ import annotations

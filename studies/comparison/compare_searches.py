@@ -1,8 +1,8 @@
 """All searches at equal episodes in five worlds: `make comparators`; the plan is in studies/log.md.
 
-    python studies/comparison/compare_searches.py [--seeds N] [--worlds A,B] [--arms "A;B"]
-    python studies/comparison/compare_searches.py --report
-    python studies/comparison/compare_searches.py --random-trees [--worlds A,B]
+    python -m studies.comparison.compare_searches [--seeds N] [--worlds A,B] [--arms "A;B"]
+    python -m studies.comparison.compare_searches --report
+    python -m studies.comparison.compare_searches --random-trees [--worlds A,B]
 
 Does the missing runs in `runs/`, evaluates each run's best robot in unseen worlds, and writes
 results/: raw scores, tables, profiles, curves. It can be stopped and started again at any
@@ -26,9 +26,9 @@ import numpy as np
 
 import islandgp
 from islandgp.statistics import Interval, benjamini_hochberg, paired_difference, paired_test
-from islandgp.study.figures.profiles import profile_picture
-from islandgp.study.profiles import Scores, summarise
-from islandgp.study.tables.scores import score_table, scores_csv
+from studies.comparison.profile_figure import profile_picture
+from studies.comparison.profiles import Scores, summarise
+from studies.comparison.score_table import score_table, scores_csv
 
 HERE: Final = Path(__file__).resolve().parent
 ROOT: Final = HERE.parent.parent
@@ -244,9 +244,9 @@ def report() -> None:
     rows = summarise(by_world, reference=REFERENCE, paired=True)
     table = score_table(rows, title="Best robots in unseen worlds, by search")
     lines = [
-        "| " + " | ".join(table.columns) + " |",
-        "|---" * len(table.columns) + "|",
-        *("| " + " | ".join(row) + " |" for row in table.rows),
+        "| " + " | ".join(table.frame.columns) + " |",
+        "|---" * len(table.frame.columns) + "|",
+        *("| " + " | ".join(row) + " |" for row in table.frame.to_numpy()),
         "",
         *table.notes,
         "",

@@ -23,6 +23,5 @@ $RUN "$OTHERS" supervisor=baseline search=compose library=single
   --arm combined="supervisor=expert library.trees.pickup=[pickup_specialist]" \
   --arm founders="supervisor=baseline gp.founders=true" --arm fixed="supervisor=fixed" \
   --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose" \
-  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline \
-  --no-controls
+  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline
 (cd runs/study7 && sha256sum */lineage.csv */best.bt) > studies/editors/results/digests.txt

@@ -32,6 +32,7 @@ from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.commands.domain_command import _plain
 from islandgp.commands.verify_command import verify
+from islandgp.compare.runs import find, read
 from islandgp.config.compose import planned
 from islandgp.domain import Scene, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -41,7 +42,6 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.results import load
-from islandgp.study.select import find, read
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.message import Reply

@@ -11,14 +11,14 @@ from click.testing import CliRunner
 
 import islandgp
 from islandgp.cli import islandgp as group
+from islandgp.compare.arms import Arm
+from islandgp.compare.champions import TreeResult
+from islandgp.compare.comparable import compare_arms
+from islandgp.compare.runs import find, read
+from islandgp.compare.tables import arms_table, unseen_table
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import report
 from islandgp.scoring.constraints import recorded_constraints, violation
-from islandgp.study.arms import Arm
-from islandgp.study.comparable import compare_arms
-from islandgp.study.generalise import Generalisation
-from islandgp.study.select import find, read
-from islandgp.study.tables.champions import constraints_table, generalisation_table
 from islandgp.tracking.metrics import metrics
 from tests.tracking.test_metrics import COST
 
@@ -128,12 +128,16 @@ def test_compare(folder: RunFolder) -> None:
     arms = [Arm("a", "", (run,)), Arm("b", "", (replace(run, path=Path("b")),))]
     study = compare_arms(arms, force=True)
     assert study.arms[0].runs[0].feasible == folder.summary()["champion"]["validation"]["feasible"]
-    table = constraints_table(study)
-    assert table.rows[0][1] == "distance at most 200, interactions at most 0"
-    assert [best.fitness for best in run.best] == [s.best for s in run.snapshots]
-    champions = [Generalisation(name, 1, 1.0, (3.0, 5.0), {}, (2.0, 4.0)) for name in ("a", "b")]
-    columns = generalisation_table(champions, 2).columns
-    assert {"perturbed (points)", "worst perturbed (points)"} <= set(columns)
+    frame = arms_table(study).frame
+    assert frame["constraints"][0] == "distance at most 200, interactions at most 0"
+    assert frame["kept in validation worlds"][0].endswith(" %")
+    label = study.tasks[0].label
+    champions = [
+        TreeResult(arm.name, run.path, 1, label, True, (3.0, 5.0), {}, {}, (2.0, 4.0))
+        for arm, run in study.runs
+    ]
+    columns = unseen_table(study, champions).frame.columns
+    assert {"perturbed (points)", "worst perturbed"} <= set(columns)
 
 
 def test_nothing_of_it_without_constraints(tmp_path: Path) -> None:

@@ -6,13 +6,13 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+from islandgp.compare.runs import find, read
 from islandgp.evolution.validation import Candidate, compared, validate
 from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
 from islandgp.results import load
 from islandgp.running.report import report, summary
 from islandgp.running.totals import totals_of
-from islandgp.study.select import find, read
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.samples import best_of, outcome

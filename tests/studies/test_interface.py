@@ -76,7 +76,7 @@ def test_a_control_runs_and_is_compared(tmp_path: Path, monkeypatch: pytest.Monk
     assert sorted(runs["supervisor"]) == ["expert", "expert", "untargeted", "untargeted"]
     sources = islandgp.load("runs").generations.groupby("source").size()
     assert sources.to_dict() == {"expert": 6, "untargeted": 6}
-    few = ("--worlds", "0", "--no-controls", "-o", "report")
+    few = ("--worlds", "0", "-o", "report")
     result = CliRunner().invoke(cli, ["compare", *options, *few])
     assert result.exit_code == 0, result.output
-    assert "untargeted" in Path("report/report.md").read_text("utf-8")
+    assert "untargeted" in Path("report/index.html").read_text("utf-8")

@@ -9,18 +9,17 @@ from pathlib import Path
 import pytest
 
 import islandgp
+from islandgp.compare.findings import Row, adjust, examine
+from islandgp.compare.measures import FITNESS, SPANS, emergence
 from islandgp.statistics import ASYMPTOTIC, EXACT, EXACT_TIES
-from islandgp.study.emergence import reduction, summary
-from islandgp.study.findings import Finding, adjust, examine
-from islandgp.study.measures import SPANS, main_family
 from studies.paper.claims import lines, published, verdict
 from studies.paper.trees import early_injected, late_evolved
 from studies.paper.trees import main as draw_trees
+from tests.compare.test_statistics import _samples_with
 from tests.studies.test_interface import STUDIES
-from tests.study.test_statistics import _samples_with
 
 PAPER = published()
-FAMILY = main_family(tuple(PAPER["emergence"]))
+FAMILY = (*FITNESS, *map(emergence, PAPER["emergence"]))
 
 ARMS = ("proposed", "baseline")
 U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
@@ -28,7 +27,7 @@ U = {"max_ever": 12, "final_max": 8, "mean_max": 21, "final_mean": 1}
 
 
 @pytest.fixture(scope="module")
-def findings() -> dict[str, Finding]:
+def findings() -> dict[str, Row]:
     """The paper's nine comparisons: Table 11 itself, the others as samples with their U.
 
     Tied samples are approximated, as the paper does it.
@@ -44,8 +43,8 @@ def findings() -> dict[str, Finding]:
             a, b = _samples_with(u)
             samples = (tuple(a), tuple(b))  # type: ignore[assignment] # numbers either way
         arms = ("proposed", "baseline")
-        results.append(examine(measure, arms, samples, 41, in_pairs=False, enumerated=0))
-    return {f.measure.key: f for f in adjust(results)}
+        results.append(examine(measure, arms, samples, 41, enumerated=0))
+    return {row["measure"]: row for row in adjust(results)}
 
 
 def test_the_claims_of_the_study() -> None:
@@ -76,42 +75,41 @@ def test_verdicts(direction: int, difference: float, p: float, expected: str) ->
     assert verdict(direction, row) == expected
 
 
-def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Finding]) -> None:
+def test_complete_robots_come_71_7_percent_earlier(findings: dict[str, Row]) -> None:
     """Table 11, Complete: means 7.8 and 27.6, r = 1, asymptotic p = 0.0119, p BH = 0.0357."""
-    f = findings["first_complete"]
-    a, b = (summary(sample, 41) for sample in f.samples)
-    assert (a.mean, b.mean) == (pytest.approx(7.8), pytest.approx(27.6))
-    assert reduction(a, b) == (pytest.approx(0.717, abs=5e-4), "means")
-    assert f.rank.kind == ASYMPTOTIC
-    assert f.rank.r == 1.0
-    assert round(f.rank.p, 4) == 0.0119
-    assert round(f.rank_q, 4) == 0.0357
+    row = findings["first_complete"]
+    a, b = row["mean_first"], row["mean_second"]
+    assert (a, b) == (pytest.approx(7.8), pytest.approx(27.6))
+    assert 1 - a / b == pytest.approx(0.717, abs=5e-4)
+    assert (row["kind"], row["r"]) == (ASYMPTOTIC, 1.0)
+    assert round(row["p"], 4) == 0.0119
+    assert round(row["p_bh"], 4) == 0.0357
 
 
 def test_table_11_counted_out_agrees() -> None:
     """No run of one arm reaches the other's: 2 of the 252 splits of ten, ties or not."""
     row = PAPER["emergence"]["complete"]
-    f = examine(FAMILY[-2], ("a", "b"), (row["proposed"], row["baseline"]), 41, in_pairs=False)
-    assert (f.rank.kind, f.rank.p) == (EXACT_TIES, pytest.approx(2 / 252))
+    found = examine(FAMILY[-2], ("a", "b"), (row["proposed"], row["baseline"]), 41)
+    assert (found["kind"], found["p"]) == (EXACT_TIES, pytest.approx(2 / 252))
 
 
-def test_excellent_robots_come_65_2_percent_earlier(findings: dict[str, Finding]) -> None:
+def test_excellent_robots_come_65_2_percent_earlier(findings: dict[str, Row]) -> None:
     """Table 11, Excellent: means 9.6 and 27.6, r = 0.96."""
-    f = findings["first_excellent"]
-    a, b = (summary(sample, 41) for sample in f.samples)
-    assert (a.mean, b.mean) == (pytest.approx(9.6), pytest.approx(27.6))
-    assert reduction(a, b) == (pytest.approx(0.652, abs=5e-4), "means")
-    assert f.rank.r == pytest.approx(0.96)
+    row = findings["first_excellent"]
+    a, b = row["mean_first"], row["mean_second"]
+    assert (a, b) == (pytest.approx(9.6), pytest.approx(27.6))
+    assert 1 - a / b == pytest.approx(0.652, abs=5e-4)
+    assert row["r"] == pytest.approx(0.96)
 
 
 @pytest.mark.parametrize("key", [m.key for m in FAMILY if not m.emergence])
-def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Finding]) -> None:
+def test_tables_9_and_10_come_out_as_printed(key: str, findings: dict[str, Row]) -> None:
     """Exact p, p after Benjamini and Hochberg over the family of nine, and r: to the last digit."""
-    f, row = findings[key], PAPER["fitness"][key]
-    assert f.rank.kind == EXACT
-    assert round(f.rank.p, 3) == row["p"]
-    assert round(f.rank_q, 3) == row["p_bh"]
-    assert round(f.rank.r, 2) == row["r"]
+    found, row = findings[key], PAPER["fitness"][key]
+    assert found["kind"] == EXACT
+    assert round(found["p"], 3) == row["p"]
+    assert round(found["p_bh"], 3) == row["p_bh"]
+    assert round(found["r"], 2) == row["r"]
 
 
 def test_rounding_explains_the_printed_0_0358() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from islandgp.supervision.decisions import decisions
-from tests.study.fake_runs import guidance
+from tests.compare.fake_runs import guidance
 
 
 def test_counts() -> None:

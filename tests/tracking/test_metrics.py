@@ -7,7 +7,7 @@ from typing import Any
 
 from islandgp.gp.record import GuidanceRecord, record_values
 from islandgp.tracking.metrics import final_metrics, metrics
-from tests.study.fake_runs import guidance
+from tests.compare.fake_runs import guidance
 from tests.tracking.folders import steps
 
 COST = {

@@ -95,7 +95,7 @@ def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> No
     first, second = ("gp.population=8", "gp.episodes=1"), ("gp.episodes=1", "gp.population=8")
     sweep = started_sweep(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
     arms = {name: len(entries) for name, entries in file_of(sweep).arms().items()}
-    assert arms == {"baseline gp.episodes=1 gp.population=8": 2, "baseline": 1}
+    assert arms == {"gp.episodes=1 gp.population=8": 2, "baseline": 1}
 
 
 def test_arms_have_separate_metrics() -> None:
@@ -113,7 +113,7 @@ def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
     sweep = started_sweep(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
     head, _, *rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
     assert len(rows) == 2
-    assert rows[0].startswith(r'| baseline a="x\| y" | 0 of 1 |')
+    assert rows[0].startswith(r'| a="x\| y" | 0 of 1 |')
     assert rows[0].replace(r"\|", "").count("|") == head.count("|")
 
 

@@ -13,7 +13,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.lines import dump
 from islandgp.viewer import ancestry
 from islandgp.viewer.ancestry import lineage, tree_changes
-from tests.study.fake_runs import config, fake_run, guidance, individual
+from tests.compare.fake_runs import config, fake_run, guidance, individual
 from tests.viewer.runs import closed_run
 
 A, B, C = "PatrolWaypoint\n", "MoveToGarbage\n", "sequence { MoveToGarbage PickupGarbage }\n"

@@ -8,6 +8,7 @@ import math
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from html import escape
 from itertools import pairwise
@@ -17,14 +18,16 @@ from typing import Any
 import pytest
 
 from islandgp.bt.core.node import leaf, walk
+from islandgp.compare.comparable import compare_arms
+from islandgp.compare.figures import Picture
+from islandgp.compare.findings import DEFAULT_PLAN
+from islandgp.compare.report import Report, Section, to_page
+from islandgp.compare.table import Table
 from islandgp.domain import Form, Scene, Thing
-from islandgp.study.figures.drawing import Picture
-from islandgp.study.report import ComparisonReport, Section
-from islandgp.study.table import Table
-from islandgp.study.writing import to_page
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record
+from tests.compare.fake_runs import fake_arm, fake_run
 from tests.viewer.browser import Browser
 from tests.viewer.episodes import island, random_of_size, recorded, small
 
@@ -242,16 +245,19 @@ def test_hostile_words_do_nothing(browser: Browser, tmp_path: Path, bad: str) ->
 @pytest.mark.parametrize("bad", MARKUP)
 def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
     """Nor does the page of `islandgp compare`, for any names of arms and runs."""
-    table = Table("t", bad, ("a", bad), ((bad, "1"),), (bad,))
+    arms = [fake_arm(name, [fake_run(path=name, seed=k)]) for k, name in enumerate((bad, "b"))]
+    study = replace(compare_arms(arms, force=True), comparability_warnings=(bad,))
+    table = Table.of("t", bad, [{"a": bad, bad: "1"}], bad)
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
     picture = Picture("p", bad, bad, svg, b"")
-    report = ComparisonReport(bad, (bad,), (Section(bad, (table, picture, bad)),), ())
+    section = Section(bad, (table, picture, bad))
+    report = Report(study, DEFAULT_PLAN, (), (), (), (section,))
     path = tmp_path / "report.html"
     path.write_text(to_page(report), encoding="utf-8")
     browser.console.clear()
     browser.open(f"file://{path}")
     assert browser.run("window.hit === undefined")
-    assert browser.run("document.title") == bad
+    assert bad in browser.run("document.title")
     assert browser.run("document.body.innerText").count(bad.split()[0]) >= 5
     assert browser.console == []
 

@@ -1,1 +1,0 @@
-"""Tables 9 to 14, and those beyond the paper."""

@@ -1,0 +1,186 @@
+"""Fake finished runs, as values and as folders on disk."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from islandgp.compare.arms import Arm, parse_selection
+from islandgp.compare.runs import Run
+from islandgp.evolution.validation import Validation
+from islandgp.gp.archive import ArchiveRecord
+from islandgp.gp.record import (
+    Champion,
+    Cost,
+    GenerationRecord,
+    GuidanceRecord,
+    IndividualRecord,
+    record_values,
+)
+from islandgp.records.lines import digests, generation_lines
+from islandgp.records.manifest import write_manifest
+from islandgp.records.parameters import flatten
+from tests.composed import plain
+from tests.samples import ANY, NOTHING, snapshot
+
+TREE = "selector {\n  MoveToGarbage\n  PatrolWaypoint\n}\n"
+
+
+@cache
+def _config(supervisor: str) -> str:
+    return json.dumps(plain(f"supervisor={supervisor}"))
+
+
+def config(supervisor: str = "expert", seed: int = 0, **changes: Any) -> dict[str, Any]:
+    """A run's whole configuration; `changes` by dotted key with __ for the dots."""
+    values: dict[str, Any] = json.loads(_config(supervisor))
+    values["seed"] = seed
+    for key, value in changes.items():
+        *path, last = key.split("__")
+        at = values
+        for part in path:
+            at = at[part]
+        at[last] = value
+    return values
+
+
+def individual(
+    name: str, origin: str = "crossover", parents: Sequence[str] = (), **changes: Any
+) -> IndividualRecord:
+    """An individual that did nothing remarkable."""
+    record = IndividualRecord(
+        id=name,
+        origin=origin,
+        parents=tuple(parents),
+        mutation="",
+        tree=TREE,
+        nodes=3,
+        depth=2,
+        fitness=1000.0,
+        components={**NOTHING.components, ANY: 1000.0},
+        specialist="pickup",
+        tiers=(),
+        counters={**NOTHING.counters, "pickups": 1.0, "gathered": 1.0},
+        endings=("time",),
+    )
+    return replace(record, **changes)
+
+
+def guidance(**changes: Any) -> GuidanceRecord:
+    """An answer without content."""
+    record = GuidanceRecord(
+        asked_at=0,
+        source="made",
+        phase=None,
+        pattern=None,
+        target=None,
+        intervention=False,
+        wanted_rate=0.4,
+        crisis="",
+        applied_rate=0.4,
+        tree=None,
+        injected=False,
+        refused="",
+        risk="",
+        reasoning="",
+        rationale="",
+        notes={},
+    )
+    return replace(record, **changes)
+
+
+def fake_run(
+    supervisor: str = "expert",
+    seed: int = 0,
+    *,
+    generations: int = 41,
+    best: Sequence[float] | float = 1000.0,
+    complete: int | None = None,
+    excellent: int | None = None,
+    populations: Sequence[Sequence[IndividualRecord]] | None = None,
+    guided: GuidanceRecord | None = None,
+    path: str = "",
+    **changes: Any,
+) -> Run:
+    """A run with the given snapshots; `complete` is the first such generation."""
+    curve = [float(best)] * generations if isinstance(best, float | int) else list(best)
+    last = len(curve) - 1
+    records = tuple(
+        GenerationRecord(
+            snapshot=snapshot(
+                g,
+                best=fitness,
+                epoch=max(1, -(-g // 5)),
+                stage=min(3, (max(1, -(-g // 5)) - 1) // 2),
+                complete=int(complete is not None and g >= complete),
+                excellent=int(excellent is not None and g >= excellent),
+            ),
+            worlds=(1_000_000 + g,),
+            origins={"crossover": 1},
+            stagnant_generations=0,
+            individuals=tuple(populations[g])
+            if populations is not None
+            else (individual(f"{g}.0", fitness=fitness),),
+            guidance=None if g == last else guided or guidance(),
+            archive=ArchiveRecord(coverage=0.5, qd_score=1.0, new=0, improved=0),
+        )
+        for g, fitness in enumerate(curve)
+    )
+    top = max(range(len(curve)), key=lambda g: curve[g])
+    configuration = config(supervisor, seed, **changes)
+    return Run(
+        path=Path(path or f"runs/{configuration['name']}/{supervisor}-seed{seed}"),
+        config=configuration,
+        flat=flatten(configuration),
+        records=records,
+        costs=(Cost(1.0, 0.5, 0.1, 30, 28),) * len(curve),
+        champion=Champion(top, max(records[top].individuals, key=lambda i: i.fitness)),
+    )
+
+
+def fake_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
+    """An arm of runs."""
+    text = selection or f"supervisor={name}"
+    parsed = parse_selection(text)
+    levels = {key: str(value) for key, value in parsed.conditions}
+    return Arm(name, text, tuple(runs), parsed.keys, levels)
+
+
+def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
+    """The run's folder as `tracking.folder` writes it, as far as the study reads it."""
+    folder.mkdir(parents=True)
+    (folder / "config.yaml").write_text(yaml.safe_dump(dict(run.config), sort_keys=False))
+    _lines(folder / "generations.jsonl", [record_values(r) for r in run.records])
+    _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
+    if finished:
+        mean = run.validation_mean or 0.0
+        validation = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
+        summary = {
+            "champion": {
+                **asdict(run.champion),
+                "validation": validation and asdict(validation),
+                "tree": run.champion.record.tree,
+                "text": run.champion.record.tree,
+                "front": [],
+                "changes": [],
+                "chosen_in": [],
+            },
+            "fittest": asdict(run.champion),
+            "first": {},
+            **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),
+            "generations": len(run.records),
+            "records": [*digests(generation_lines(folder).whole())][-1],
+        }
+        end = json.dumps(summary)
+        write_manifest(folder, end.encode())
+        (folder / "summary.json").write_text(end)
+
+
+def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:
+    file.write_text("".join(json.dumps(v) + "\n" for v in values))

@@ -1,0 +1,155 @@
+"""A comparison of runs from a world that the study has never heard of."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from islandgp.compare.arms import Arm
+from islandgp.compare.champions import evaluate_champions
+from islandgp.compare.comparable import compare_arms
+from islandgp.compare.library import library_names
+from islandgp.compare.report import Report, build, to_page
+from islandgp.compare.runs import Run
+from islandgp.compare.table import Table
+from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.errors import StudyError
+from islandgp.evaluation.serial import Serial
+from islandgp.trust import trust, trusting
+from tests.compare.fake_runs import config, fake_arm, fake_run, guidance, individual
+from tests.samples import CLASSES
+
+TIERS = ("begun", "halfway", "nearly", "arrived")
+
+MAZE = {
+    "domain": {"factory": "nowhere.maze:Maze"},
+    "world": {"size": 9},
+    "library": {"folder": None, "trees": {}, "examples": {}},
+    "classes": {
+        "behaviours": {"turning": "turns"},
+        "specialists": {"of": ["turning"], "dominance_ratio": 2.0, "idle": "idler", "mixed": "odd"},
+        "tiers": {name: {"at_least": {"turns": k}} for k, name in enumerate(reversed(TIERS))},
+        "milestones": list(TIERS),
+    },
+}
+
+
+def _maze_run(supervisor: str, seed: int) -> Run:
+    """A run in a maze: one component, one behaviour, four milestones."""
+    plain = individual("0.0")
+    run = fake_run(supervisor, seed, generations=6, guided=guidance(pattern="stagnation"))
+    records = []
+    for g, record in enumerate(run.records):
+        one = replace(
+            plain,
+            id=f"{g}.0",
+            origin="injected" if g == 3 else "crossover",
+            parents=(f"{g - 1}.0",) if g else (),
+            fitness=10.0 * g + seed,
+            components={"way": 10.0 * g + seed},
+            counters={"turns": float(g)},
+            specialist="turning",
+            tiers=TIERS[: g // 2],
+        )
+        snapshot = replace(
+            record.snapshot,
+            best=one.fitness,
+            specialists={"idler": 0, "turning": 1, "odd": 0},
+            behaviour_counts={"turning": 1},
+            tiers={name: int(name in one.tiers) for name in TIERS},
+            counters=dict(one.counters),
+        )
+        records.append(replace(record, snapshot=snapshot, individuals=(one,)))
+    champion = replace(run.champion, generation=5, record=records[5].individuals[0])
+    changes: dict[str, Any] = {**config(supervisor, seed), **MAZE}
+    flat = {k: v for k, v in run.flat.items() if k.partition(".")[0] not in MAZE}
+    flat["domain.factory"] = "nowhere.maze:Maze"
+    return replace(run, config=changes, flat=flat, records=tuple(records), champion=champion)
+
+
+def _arms() -> list[Arm]:
+    return [fake_arm(n, [_maze_run(n, s) for s in (0, 1)]) for n in ("expert", "baseline")]
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    """Two arms in a maze whose class cannot even be imported; figures are not rendered."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+        return build(compare_arms(_arms()))
+
+
+def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> None:
+    """However many there are, by the names that configuration and records give them."""
+    items = [item for section in report.sections for item in section.items]
+    tables = {t.key: t.frame for t in items if isinstance(t, Table)}
+    labels = list(tables["differences expert baseline"]["Measure"])
+    assert [label for label in labels if label.startswith("First")] == [
+        f"First {name.capitalize()} Robot" for name in TIERS
+    ]
+    assert list(tables["behaviours"]["Behaviour"]) == ["Turning"]
+    assert list(tables["components"]["Component"]) == ["Way", "Fitness"]
+    assert list(report.files["runs.csv"]["first_halfway"])[:1] == [4]
+
+
+def test_unseen_worlds_need_the_domain() -> None:
+    """Where its class cannot be imported the message names it, and what to do."""
+    with trusting():
+        trust(["nowhere.maze:Maze"])
+        with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
+            evaluate_champions(compare_arms(_arms()), Serial, worlds=1, trees={})
+
+
+def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
+    """Neither its actions and keys, nor its counters, classes and tiers."""
+    names = {
+        *SCHEMA.vocabulary.actions,
+        *SCHEMA.vocabulary.keys,
+        *SCHEMA.components,
+        *SCHEMA.counters,
+        *CLASSES.behaviours,
+    } - {"patrol", "distance", "inactive", "battery", "idle"}
+    page = re.sub(r'"data:[^"]*"', "", to_page(report))
+    text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", page).lower()
+    assert {name for name in names if re.search(rf"\b{name.lower()}\b", text)} == set()
+
+
+def test_library_trees_have_the_names_of_the_run_s_folder(tmp_path: Path) -> None:
+    """Of the folder that the configuration names; none, or one that is gone, names nothing."""
+    (tmp_path / "mine.bt").write_text("domain island\nPatrolWaypoint\n")
+    (tmp_path / "half.bt").write_text("selector {")
+    assert library_names(config(library__folder=str(tmp_path))) == {"PatrolWaypoint\n": "mine"}
+    assert library_names(config(library__folder=None)) == {}
+    assert library_names(config(library__folder="gone")) == {}
+    assert library_names({**config(), **MAZE}) == {}
+
+
+ISLAND_WORDS = (
+    "island.",
+    "complete",
+    "excellent",
+    "pickup",
+    "humanoid",
+    "charging",
+    "clearing",
+    "garbage",
+    "patrol",
+    "all_rounder",
+    "grammar/examples",
+)
+
+
+def test_no_word_of_the_island_is_in_the_code() -> None:
+    """What the study knows of a domain it knows from configuration and records."""
+    folder = Path(__file__).parents[2] / "islandgp" / "compare"
+    places = [
+        (path.name, word)
+        for path in sorted(folder.rglob("*.py"))
+        for word in ISLAND_WORDS
+        if word in path.read_text(encoding="utf-8").lower()
+    ]
+    assert places == []

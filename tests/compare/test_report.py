@@ -1,0 +1,268 @@
+"""The whole report, on runs made by hand."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd  # type: ignore[import-untyped] # its stubs are a package apart
+import pytest
+
+from islandgp.compare.champions import TreeResult
+from islandgp.compare.comparable import Comparison, compare_arms
+from islandgp.compare.findings import parse_plan
+from islandgp.compare.report import Report, build, to_page, write
+from islandgp.compare.table import MINUS, NONE, Table
+from islandgp.compare.tables import unseen_table
+from tests.compare.fake_runs import TREE, fake_arm, fake_run, guidance, individual
+
+
+def _study(*names: str, force: bool = False) -> Comparison:
+    arms = []
+    for k, name in enumerate(names):
+        runs = []
+        for seed in range(6):
+            rng = np.random.default_rng([k, seed])
+            best = (10_000 * (2 - k) + 500 * rng.normal(size=41).cumsum()).tolist()
+            guided = guidance(
+                pattern="healthy_progress" if name == "expert" else None,
+                phase="refinement" if name == "expert" else None,
+                tree=TREE,
+                target="pickup",
+                injected=name == "expert",
+            )
+            populations = [
+                [
+                    individual(f"{g}.0", "elite", [f"{g - 1}.0"] if g else [], fitness=best[g]),
+                    individual(f"{g}.1", "injected" if name == "expert" else "random"),
+                ]
+                for g in range(41)
+            ]
+            late = None if name == "baseline" and seed == 3 else 5 + 10 * k + seed
+            runs.append(
+                fake_run(
+                    name,
+                    seed,
+                    best=best,
+                    complete=late,
+                    excellent=None if name == "baseline" else 20 + seed,
+                    populations=populations,
+                    guided=guided,
+                    path=f"{name}-{seed}",
+                    world__side=200 if force and name == "baseline" else 300,
+                )
+            )
+        arms.append(fake_arm(name, runs))
+    return compare_arms(arms, force=force, sources=["runs"])
+
+
+@pytest.fixture(scope="module")
+def report() -> Report:
+    """A report of two arms, one with a run without a Complete Robot; figures are not rendered."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+        return build(_study("expert", "baseline"))
+
+
+def _tables(report: Report) -> dict[str, Table]:
+    items = [item for section in report.sections for item in section.items]
+    return {item.key: item for item in items if isinstance(item, Table)}
+
+
+def test_one_table_has_all_measures(report: Report) -> None:
+    """Tables 9 to 12 in one: estimate, test and verdict of each measure."""
+    frame = _tables(report)["differences expert baseline"].frame.set_index("Measure")
+    assert len(frame) == 15
+    row = frame.loc["First Complete Robot"]
+    assert row["expert"] == "7.5 ± 1.9"
+    assert row["baseline"] == "21.3 ± 9.8; never in 1 of 6"
+    assert row["test"] == "signed-rank, 6 pairs"
+    assert row["verdict"] == "not shown"
+    assert frame.loc["First Excellent Robot", "baseline"].endswith("never in 6 of 6")
+
+
+def test_the_screen(report: Report) -> None:
+    """The question, the arms, the endpoint, three lines and the report: a screen at most."""
+    lines = report.screen(Path("study/x")).splitlines()
+    assert lines[:3] == [
+        "Question: Does supervisor matter?",
+        "Arms: expert (6 runs, seeds 0-5); baseline (6 runs, seeds 0-5)",
+        "Endpoint: Mean Max Fitness (not planned: --primary MEASURE states it)",
+    ]
+    assert [line[:27] for line in lines[3:6]] == [
+        "  expert minus baseline: +6",
+        *["  expert minus baseline, Fi"] * 2,
+    ]
+    assert lines[4].endswith("(signed-rank, 6 pairs): not shown")
+    assert lines[-1] == "Report: study/x/index.html"
+    assert len(lines) < 12
+
+
+@pytest.mark.usefixtures("blank")
+def test_many_arms_have_one_screen() -> None:
+    """Three of the pairs are shown, and the others counted."""
+    names = ("expert", "baseline", "editor", "random_branch", "constant")
+    study = compare_arms(
+        [fake_arm(n, [fake_run("expert", 0, path=n)], f"gp.mutation_rate={n}") for n in names]
+    )
+    screen = build(study).screen(Path("x"))
+    assert "; 1 more\n" in screen
+    assert "  7 more pairs are in the report." in screen
+    assert len(screen.splitlines()) <= 12
+
+
+def test_files_of_the_report(tmp_path: Path) -> None:
+    """A page, a CSV for each table, SVG and PNG for each figure; other files are kept."""
+    (tmp_path / "mine.txt").write_text("mine")
+    small = [
+        fake_arm(n, [fake_run(n, s, generations=4) for s in (0, 1)]) for n in ("expert", "baseline")
+    ]
+    paths = {
+        path.relative_to(tmp_path).as_posix()
+        for path in write(build(compare_arms(small)), tmp_path)
+    }
+    assert paths == {
+        *("index.html", "runs.csv", "tests.csv"),
+        *(f"tables/{name}.csv" for name in ("arms", "differences-expert-baseline", "components")),
+        *(f"tables/{name}.csv" for name in ("origins", "behaviours", "decisions", "costs")),
+        *(f"figures/{name}.{end}" for name in ("curves", "first-robots") for end in ("svg", "png")),
+    }
+    assert all((tmp_path / path).stat().st_size > 0 for path in paths)
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert page.count("data:image/svg+xml;base64,") == 2
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    runs = pd.read_csv(tmp_path / "runs.csv")
+    assert list(runs["arm"]) == ["expert"] * 2 + ["baseline"] * 2
+    assert runs["first_complete"].isna().all()
+
+
+@pytest.mark.usefixtures("blank")
+def test_a_plan_is_reported_as_it_was_laid_down() -> None:
+    """The primary endpoint is not adjusted and comes first; a margin decides what is alike."""
+    plan = parse_plan(["rest=baseline,editor"], "first_complete", ["mean_max=30000"])
+    report = build(_study("expert", "baseline", "editor"), plan)
+    assert report.results()[0].startswith(f"expert minus baseline: {MINUS}")
+    assert "p 0.0" in report.results()[0]
+    assert report.results()[2].startswith(f"baseline minus editor: {MINUS}")
+    assert "Endpoint: First Complete Robot (planned)" in report.screen(Path("x"))
+    frame = _tables(report)["differences expert baseline"].frame.set_index("Measure")
+    assert frame.loc["First Complete Robot (primary)", "p BH"] == NONE
+    other = _tables(report)["differences baseline editor"].frame.set_index("Measure")
+    assert other.loc["Mean Max Fitness", "margin"] == "±30,000"
+    assert "alike within ±30,000" in other.loc["Mean Max Fitness", "verdict"]
+
+
+@pytest.mark.usefixtures("blank")
+def test_a_measure_on_request() -> None:
+    """First robots that are not advised trees are tested if the plan names them."""
+    plan = parse_plan([], "first_complete_descendant", [])
+    rows = build(_study("expert", "baseline"), plan).rows
+    assert "first_complete_descendant" in {row["measure"] for row in rows}
+
+
+@pytest.mark.usefixtures("blank")
+def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
+    """With one run each every table is made, and no difference is called shown."""
+    arms = [fake_arm(n, [fake_run(n, 0, best=1.0 + len(n))]) for n in ("expert", "baseline")]
+    report = build(compare_arms(arms))
+    verdicts = _tables(report)["differences expert baseline"].frame["verdict"]
+    assert not [v for v in verdicts if v.startswith(("higher", "lower"))]
+    assert "nan" not in to_page(report)
+
+
+@pytest.mark.usefixtures("blank")
+def test_a_forced_comparison_is_marked_on_top() -> None:
+    """The differences are in the page before anything else, and on the screen."""
+    report = build(_study("expert", "baseline", force=True))
+    page = to_page(report)
+    assert page.index("world.side differs") < page.index("<h2")
+    assert report.screen(Path("x")).startswith("Not comparable: world.side differs")
+
+
+@pytest.mark.usefixtures("blank")
+def test_points_of_different_rewards_are_not_compared() -> None:
+    """No test has points of training, and the validation means are marked."""
+    arms = []
+    for base in (100, 360):
+        runs = [
+            replace(
+                fake_run(seed=s, path=f"{base}{s}", rewards__events__interaction__base=base),
+                validation_mean=5.0 * base,
+            )
+            for s in (0, 1)
+        ]
+        arms.append(fake_arm(f"base{base}", runs, f"rewards.events.interaction.base={base}"))
+    report = build(compare_arms(arms))
+    assert report.question == "Does interaction.base matter?"
+    assert not [row for row in report.rows if row["unit"] == "points"]
+    means = list(_tables(report)["arms"].frame["validation mean (points)"])
+    assert means == ["500 ± 0 (own task)", "1,800 ± 0 (own task)"]
+    assert "different scales and are not compared" in to_page(report)
+    runs = report.files["runs.csv"]
+    assert "mean_max" not in runs
+    assert list(runs["task"]) == ["interaction.base=100"] * 2 + ["interaction.base=360"] * 2
+    assert list(runs["rewards.events.interaction.base"]) == ["100"] * 2 + ["360"] * 2
+
+
+def test_a_cross_table_of_tasks() -> None:
+    """A row per arm, a column per task; the own one has an asterisk."""
+    arms = [
+        fake_arm(
+            f"base{b}",
+            [
+                fake_run(seed=s, path=f"{b}{s}", rewards__events__interaction__base=b)
+                for s in (0, 1)
+            ],
+            f"rewards.events.interaction.base={b}",
+        )
+        for b in (100, 360)
+    ]
+    study = compare_arms(arms)
+    results = [
+        TreeResult(
+            arm.name, run.path, run.seed, task.label, arm.name in task.arms, (k + 1.0,), {}, {}
+        )
+        for k, task in enumerate(study.tasks)
+        for arm, run in study.runs
+    ]
+    frame = unseen_table(study, results).frame
+    assert frame.to_numpy().tolist() == [
+        ["base100", "2", "1 ± 0 *", "2 ± 0"],
+        ["base360", "2", "1 ± 0", "2 ± 0 *"],
+    ]
+    assert list(frame.columns[2:]) == [
+        "under interaction.base=100 (points)",
+        "under interaction.base=360 (points)",
+    ]
+
+
+def test_best_robots_beside_the_library() -> None:
+    """Means over runs, shares of milestones, and the difference to the first library tree."""
+    study = _study("expert", "baseline")
+    label = study.tasks[0].label
+    reached = {"complete": 0.5}
+    results = [
+        TreeResult(arm.name, run.path, run.seed, label, True, (8.0, 10.0 + run.seed), reached, {})
+        for arm, run in study.runs
+    ]
+    results.append(
+        TreeResult("library: a", None, None, label, False, (5.0, 5.0), {"complete": 0.0}, {})
+    )
+    frame = unseen_table(study, results).frame.set_index("Trees")
+    assert frame.loc["expert", "unseen (points)"] == "10 ± 1"
+    assert frame.loc["expert", "worst world"] == "8"
+    assert frame.loc["expert", "Complete in"] == "50.0 % of the worlds"
+    assert frame.loc["expert", "minus library: a [95 %]"].startswith("+5 [")
+    assert frame.loc["library: a", "trained (points)"] == NONE
+
+
+def test_the_page_breaks_no_markup(report: Report) -> None:
+    """Names of arms are texts, not tags."""
+    arms = tuple(replace(arm, name=f"<b>{arm.name}") for arm in report.study.arms)
+    tasks = tuple(replace(t, arms=tuple(f"<b>{n}" for n in t.arms)) for t in report.study.tasks)
+    page = to_page(
+        replace(report, study=replace(report.study, arms=arms, tasks=tasks), rows=(), sections=())
+    )
+    assert "<b>" not in page

@@ -1,0 +1,282 @@
+"""The tests of section 3.1 on numbers whose answers are known."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations, pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from islandgp.statistics import (
+    ASYMPTOTIC,
+    EXACT,
+    EXACT_TIES,
+    UNTESTED,
+    benjamini_hochberg,
+    bootstrap,
+    log_rank,
+    mean_difference,
+    mean_interval,
+    mean_sd,
+    paired_difference,
+    paired_test,
+    rank_test,
+)
+
+
+def median_difference(x: Any, y: Any) -> Any:
+    """A statistic of two samples."""
+    return np.median(x, axis=-1) - np.median(y, axis=-1)
+
+
+def _samples_with(u: int) -> tuple[list[float], list[float]]:
+    """Two samples of five without ties whose U is `u`."""
+    second = [10.0, 20.0, 30.0, 40.0, 50.0]
+    wins = [min(5, max(0, u - 5 * i)) for i in range(5)]  # how many of `second` each one exceeds
+    return [10.0 * w + 5 + i / 10 for i, w in enumerate(wins)], second
+
+
+@pytest.mark.parametrize(
+    ("u", "p", "r"), [(12, 1.000, 0.04), (8, 0.421, 0.36), (21, 0.095, -0.68), (1, 0.016, 0.92)]
+)
+def test_table_9_follows_from_its_u(u: int, p: float, r: float) -> None:
+    """U = 12, 8, 21 and 1 at n = 5 and 5 give the exact p and the r that Table 9 prints."""
+    test = rank_test(*_samples_with(u))
+    assert test.u == u
+    assert test.kind == EXACT
+    assert round(test.p, 3) == p
+    assert round(test.r, 2) == r
+
+
+def test_ties_are_counted_out() -> None:
+    """Three equal values below three equal ones: 2 of the 20 splits are as far apart."""
+    test = rank_test([2, 2, 2], [3, 3, 3])
+    assert (test.kind, test.p, test.u) == (EXACT_TIES, pytest.approx(0.1), 0)
+    # 1 1 2 | 2 3 3: ranks 1.5 1.5 3.5 | 3.5 5.5 5.5, sum 6.5. Of the 20 splits two have
+    # 1.5 + 1.5 + 3.5, the least sum there is: p = 2 x 2 / 20.
+    assert rank_test([1, 1, 2], [2, 3, 3]).p == pytest.approx(0.2)
+
+
+def test_floating_point_noise_breaks_no_tie() -> None:
+    """0.1 + 0.2 ties with 0.3, and so do two ways to add up 50,000 points."""
+    noisy = 0.1 + 0.2
+    assert noisy != 0.3
+    assert rank_test([noisy, noisy], [0.3, 0.3]).kind == UNTESTED
+    assert rank_test([50_000 + 7e-12], [50_000]).kind == UNTESTED
+    assert rank_test([0.3, 1.0], [noisy, 2.0]).u == 1.5
+    assert paired_test([noisy, 1.0], [0.3, 2.0]).lower == 1
+    # Both differences are 0.1, up to noise: a tie of two, counted as such.
+    assert paired_test([0.3, 0.4], [0.2, 0.3]) == paired_test([3, 4], [2, 3])
+
+
+def test_many_ties_are_approximated() -> None:
+    """Beyond the number of values to enumerate the kind is named as asymptotic."""
+    test = rank_test([11, 10, 5, 5, 17], [17, 27, 36, 30, 28], enumerated=9)
+    assert test.kind == ASYMPTOTIC
+    assert test.u == 0.5
+    assert rank_test([0.0, 1.0] * 30, [1.0] * 41).kind == ASYMPTOTIC
+
+
+@given(
+    st.lists(st.integers(0, 4).map(float), min_size=2, max_size=5),
+    st.lists(st.integers(0, 4).map(float), min_size=2, max_size=5),
+)
+def test_the_count_is_that_of_all_splits(x: list[float], y: list[float]) -> None:
+    """The same p as from listing every split of the values and its U."""
+
+    def u(a: list[float], b: list[float]) -> float:
+        return sum((v > w) + (v == w) / 2 for v in a for w in b)
+
+    test = rank_test(x, y)
+    if test.kind != EXACT_TIES:
+        return
+    every = x + y
+    statistics = []
+    for indices in combinations(range(len(every)), len(x)):
+        rest = [every[i] for i in range(len(every)) if i not in indices]
+        statistics.append(u([every[i] for i in indices], rest))
+    tail = min(sum(v <= test.u for v in statistics), sum(v >= test.u for v in statistics))
+    assert test.p == pytest.approx(min(1, 2 * tail / len(statistics)))
+
+
+def test_thirty_tied_runs_an_arm_are_counted_too() -> None:
+    """A study's size is enumerated in no time, near the approximation."""
+    x = [float(i % 20) for i in range(30)]
+    y = [float(i % 20 + 4) for i in range(30)]
+    exact, about = rank_test(x, y), rank_test(x, y, enumerated=0)
+    assert exact.kind == EXACT_TIES
+    assert exact.p == pytest.approx(about.p, rel=0.1)
+
+
+def test_z_without_ties_is_equation_10() -> None:
+    """Without ties, z is (U - n1 n2 / 2) over the root of n1 n2 (n1 + n2 + 1) / 12."""
+    assert rank_test(*_samples_with(8)).z == pytest.approx((8 - 12.5) / math.sqrt(25 * 11 / 12))
+
+
+def test_equal_values_are_not_tested() -> None:
+    """Equal values are not tested: p is 1 and the kind gives the reason."""
+    test = rank_test([3, 3], [3, 3, 3])
+    assert (test.p, test.r, test.kind) == (1.0, 0.0, UNTESTED)
+
+
+numbers = st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=12)
+
+
+@given(numbers, numbers)
+def test_the_order_of_the_arms_changes_signs_only(x: list[float], y: list[float]) -> None:
+    """Exchanging the samples gives U' = n1 n2 - U, the same p, and opposite z and r."""
+    a, b = rank_test(x, y), rank_test(y, x)
+    assert a.u + b.u == len(x) * len(y)
+    assert a.p == pytest.approx(b.p)
+    assert a.r == pytest.approx(-b.r)
+    assert a.z == pytest.approx(-b.z)
+
+
+@given(numbers, numbers, st.integers(1, 5))
+def test_ranks_alone_matter(x: list[float], y: list[float], k: int) -> None:
+    """A rising transformation of all values changes nothing."""
+    assert rank_test(x, y) == rank_test([v**3 * k for v in x], [v**3 * k for v in y])
+
+
+def test_benjamini_hochberg_by_hand() -> None:
+    """p = .01 .04 .03 .005 of four: .02 .04 .04 .02, in the order in which they came."""
+    assert benjamini_hochberg([0.01, 0.04, 0.03, 0.005]) == pytest.approx((0.02, 0.04, 0.04, 0.02))
+    assert benjamini_hochberg([]) == ()
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=30))
+def test_adjusting_never_lowers_a_p(p: list[float]) -> None:
+    """Adjusted values are at least the raw ones, at most 1, and in the same order."""
+    q = benjamini_hochberg(p)
+    assert all(a <= b + 1e-12 and b <= 1 for a, b in zip(p, q, strict=True))
+    order = sorted(range(len(p)), key=lambda i: p[i])
+    assert all(q[i] <= q[j] + 1e-12 for i, j in pairwise(order))
+
+
+def test_wilcoxon_is_exact_without_ties() -> None:
+    """Five pairs that all fall: the smallest exact p there is, 2 / 2**5."""
+    test = paired_test([1, 2, 3, 4, 5], [2, 4, 6, 8, 10])
+    assert (test.kind, test.p, test.lower, test.higher) == (EXACT, 0.0625, 5, 0)
+
+
+def test_pairs_that_do_not_differ() -> None:
+    """Equal pairs are left out; when all are equal there is no test."""
+    assert paired_test([1, 2], [1, 2]).kind == UNTESTED
+
+
+def test_wilcoxon_with_ties_is_counted_out() -> None:
+    """Differences -1 -1 -1 2 have ranks 2 2 2 4: the sum 4 of the positive ones is reached or
+    undercut by 1 + 3 + 4 of 16 signs, so p is 1. Three that fall alike: 2 of 8."""
+    mixed = paired_test([0, 0, 0, 4], [1, 1, 1, 2])
+    assert (mixed.kind, mixed.p) == (EXACT_TIES, 1.0)
+    assert paired_test([0, 0, 0], [1, 1, 1]).p == 0.25
+    dropped = paired_test([1, 2, 3, 4], [1, 3, 5, 7])
+    assert (dropped.kind, dropped.p, dropped.pairs) == (EXACT_TIES, 0.25, 4)
+    assert paired_test([0, 0, 0], [1, 1, 1], enumerated=2).kind == ASYMPTOTIC
+
+
+def test_log_rank_by_hand() -> None:
+    """Events at 1 and 2: one of 1/2 expected, variance 1/4, so chi squared is 1."""
+    assert log_rank([1], [2], horizon=41) == pytest.approx(0.31731, abs=1e-5)
+
+
+def test_log_rank_without_events() -> None:
+    """Where it never happened in either arm the arms do not differ."""
+    assert log_rank([None, None], [None], horizon=41) == 1.0
+
+
+def test_log_rank_uses_censored_runs() -> None:
+    """A run without one is evidence: with it the arms differ more than without it."""
+    with_it = log_rank([1, 2, 3], [4, 5, None], horizon=41)
+    assert with_it < log_rank([1, 2, 3], [4, 5], horizon=41)
+
+
+def test_single_values_have_no_interval() -> None:
+    """Every interval of a single value is nan, not of zero width."""
+    intervals = (
+        mean_interval([3.0]),
+        mean_difference([3.0], [3.0]),
+        mean_difference([3.0], [1.0, 1.0]),
+        paired_difference([3.0], [1.0]),
+        bootstrap([[3.0], [1.0]], median_difference),
+    )
+    assert all(math.isnan(i.low) and math.isnan(i.high) for i in intervals)
+
+
+def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
+    """The same samples give the same interval, around the estimate; constants give a point."""
+    x, y = [1.0, 2.0, 3.0, 9.0] * 3, [2.0, 4.0, 4.0, 5.0] * 3
+    interval = bootstrap([x, y], median_difference)
+    assert interval == bootstrap([x, y], median_difference)
+    assert interval.low <= interval.estimate == -1.5 <= interval.high
+    same = bootstrap([[7.0] * 10, [4.0] * 10], median_difference)
+    assert (same.low, same.estimate, same.high) == (3, 3, 3)
+
+
+def test_bootstrap_with_runs_that_never_got_there() -> None:
+    """An infinite value makes an end infinite; where both medians are, anything is possible."""
+    inf = math.inf
+    difference = bootstrap([[1.0, 2.0] * 5, [inf] * 10], median_difference)
+    assert (difference.low, difference.estimate, difference.high) == (-inf, -inf, -inf)
+    unknown = bootstrap([[inf] * 10, [inf] * 10], median_difference)
+    assert (unknown.low, unknown.high) == (-inf, inf)
+    assert math.isnan(unknown.estimate)
+
+
+def test_bootstrap_interval_of_a_mean_is_as_wide_as_in_theory() -> None:
+    """For 400 normal values the 95 % interval of the mean is about 2 x 1.96 / 20 wide."""
+    x = np.random.default_rng(0).normal(size=400)
+    interval = bootstrap([list(x)], lambda a: a.mean(axis=-1))
+    assert interval.high - interval.low == pytest.approx(0.196, rel=0.1)
+
+
+def test_standard_deviation_is_the_sample_s() -> None:
+    """± is computed with n - 1; one value has none."""
+    assert mean_sd([1, 3]) == (2.0, pytest.approx(math.sqrt(2)))
+    mean, sd = mean_sd([5])
+    assert mean == 5.0
+    assert math.isnan(sd)
+
+
+def test_a_small_sample_is_not_bootstrapped() -> None:
+    """Of fewer than ten values there is an estimate and no interval."""
+    interval = bootstrap([[7.0] * 9, [1.0, 2.0] * 5], median_difference)
+    assert interval.estimate == 5.5
+    assert math.isnan(interval.low)
+    assert math.isnan(interval.high)
+
+
+def test_interval_of_a_mean_by_hand() -> None:
+    """1 2 3: standard error 1 / sqrt(3), and t of 2 degrees of freedom is 4.303."""
+    interval = mean_interval([1.0, 2.0, 3.0])
+    assert interval.estimate == 2.0
+    assert interval.high - 2 == pytest.approx(4.302653 / math.sqrt(3))
+    assert 2 - interval.low == pytest.approx(4.302653 / math.sqrt(3))
+    assert paired_difference([5.0, 7.0, 9.0], [4.0, 5.0, 6.0]) == interval
+    assert math.isnan(mean_interval([1.0]).low)
+
+
+def test_welch_s_interval_is_scipy_s() -> None:
+    """Two samples of other sizes and deviations; constants give a point, one value none."""
+    from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
+
+    x, y = [1.0, 2.0, 4.0, 9.0], [3.0, 3.5, 8.0]
+    ends = stats.ttest_ind(x, y, equal_var=False).confidence_interval()
+    interval = mean_difference(x, y)
+    assert (interval.low, interval.high) == pytest.approx((ends.low, ends.high))
+    assert mean_difference([3.0, 3.0], [1.0, 1.0]).high == 2.0
+    assert math.isnan(mean_difference([3.0], [1.0, 2.0]).low)
+
+
+@given(st.integers(3, 9), st.integers(0, 2**32 - 1))
+def test_small_samples_get_wide_intervals(n: int, seed: int) -> None:
+    """An interval of a mean holds it, and is no narrower than 2 standard errors each way."""
+    x = np.random.default_rng(seed).normal(size=n).tolist()
+    mean, sd = mean_sd(x)
+    interval = mean_interval(x)
+    assert interval.high - mean == pytest.approx(mean - interval.low)
+    assert interval.high - mean >= 2 * sd / math.sqrt(n)
