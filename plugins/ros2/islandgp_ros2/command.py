@@ -7,10 +7,14 @@ import sys
 from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
+from typing import Final
 
 import click
 
-from islandgp.errors import ConfigError
+from islandgp.errors import ConfigError, IslandError
+
+MAY_RUN: Final = 4
+"""Exit code if a cancelled goal may still run."""
 
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -36,7 +40,7 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, once: bool) -> None:
     """Tick the tree in the file TREE as a node of ROS 2.
 
-    Ctrl-C cancels all goals.
+    Ctrl-C cancels all goals. Exit code 4: a cancelled goal may still run.
     """
     from islandgp_ros2.robot_map import read_map
 
@@ -58,7 +62,14 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
         signal.signal(number, lambda number, _: signals.append(number))
     with ros_node(robot_map.node) as (node, spin):
         tree_node = TreeNode(node, tree, robot_map, vocabulary, step_s=1 / rate)
-        status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
+        try:
+            status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
+        except IslandError as error:
+            if not tree_node.may_run:
+                raise
+            click.echo(f"Error: {error}", err=True)
+    if tree_node.may_run:
+        sys.exit(MAY_RUN)
     if status is None:
         raise click.Abort
     sys.exit(0 if status is NodeStatus.SUCCESS else 1)

@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping
-from time import monotonic
-from typing import Any, Final
-from uuid import uuid4
+from typing import Any
 
-from islandgp_ros2.messages import filled, interface, must_have, value_of
-from islandgp_ros2.robot_map import ActionServer, ServiceCall
+from islandgp_ros2.keys import RosKey
+from islandgp_ros2.messages import filled, interface, must_have
+from islandgp_ros2.requests import Call, Goal, Request, Server
+from islandgp_ros2.robot_map import ActionServer, RobotMap
 
 RosLeaf = Callable[..., Generator[None, None, bool]]
 
 
-_ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
-"""Results of goals, by action_msgs/msg/GoalStatus."""
-
-
 class RosLeaves:
-    """The leaves of a map, by action. Goals of aborted actions are cancelled."""
+    """The leaves of a map, by action.
 
-    def __init__(self, node: Any, entries: Mapping[str, ActionServer | ServiceCall]) -> None:
-        """Makes a client for each entry of `node`, an rclpy Node. Raises ConfigError."""
-        self._node = node
-        self._log = node.get_logger()
-        self.cancelling: list[Any] = []
-        """Futures of cancellations that have not been answered."""
-        self._messages: dict[str, Callable[..., Any]] = {}
-        """A function for each action that makes its goal or request from its arguments."""
-        self.leaves = {name: self._leaf(name, entry) for name, entry in entries.items()}
+    In a tick, cancellations are sent at once; goals and calls are sent by `send` after it, in the
+    order of the leaves.
+    """
+
+    def __init__(self, node: Any, robot_map: RobotMap, keys: Mapping[str, RosKey]) -> None:
+        """Makes a client for each server.
+
+        Args:
+            node: an rclpy Node.
+            robot_map: the actions, and the keys that their results set.
+            keys: values for fields of goals and requests, by name.
+
+        Raises:
+            ConfigError: an interface or a field does not exist.
+        """
+        self._node, self._log = node, node.get_logger()
+        self._map, self._keys = robot_map, keys
+        self._servers: dict[tuple[str, str], Server] = {}
+        self._new: list[Goal | Call] = []  # not sent yet
+        self._running: list[Goal | Call] = []
+        self.ending: list[Goal | Call] = []
+        """Cancelled requests without a confirmed end."""
+        self.uses: dict[str, tuple[str, ...]] = {}
+        """Resources of each action; an action without an entry uses none."""
+        self._fill: dict[str, Callable[..., Any]] = {}
+        """A function for each action that makes its goal or request."""
+        self.sources = {
+            value
+            for entry in robot_map.actions.values()
+            for value in entry.fields.values()
+            if isinstance(value, str) and value in keys
+        }
+        """Keys that are values of fields."""
+        self.leaves = {name: self._leaf(name) for name in robot_map.actions}
 
     def check(self, calls: Iterable[tuple[str, Mapping[str, object]]]) -> None:
         """Raises ConfigError if the arguments of an action do not fit its goal or request.
@@ -37,145 +58,128 @@ class RosLeaves:
             calls: the name and the arguments of each leaf; those of other leaves are ignored.
         """
         for name, arguments in calls:
-            if name in self._messages:
-                self._messages[name](**arguments)
+            if name in self._fill:
+                self._fill[name](arguments, {key: self._keys[key].sample for key in self.sources})
 
-    def _leaf(self, name: str, entry: ActionServer | ServiceCall) -> RosLeaf:
+    def send(self) -> None:
+        """Sends the goals and calls that started in the last tick, if their resources are free.
+
+        One that uses a resource of a running one fails. One that uses a resource or the action
+        server of a cancelled one waits until that has ended.
+        """
+        self._running = [
+            each for each in self._running if not each.is_cancelled and not each.is_settled
+        ]
+        self._drop_ended()
+        for request in self._new[:]:
+            if request.is_cancelled or request.succeeded is not None:
+                self._new.remove(request)
+            elif clash := _clash(request, self._running):
+                request.fail(f"not sent, because of {clash} and is running")
+            elif clash := _clash(request, self.ending, same_server=True):
+                request.waits_for = f"waited for the end of {clash}, which was cancelled,"
+            elif request.is_ready:
+                request.send()
+                self._log.info(f"{request.name}: sent to {request.place}")
+                self._new.remove(request)
+                self._running.append(request)
+            else:
+                request.waits_for = "no server"
+
+    def _drop_ended(self) -> None:
+        for request in self.ending[:]:
+            if request.is_settled:
+                self._log.info(f"{request.name}: ended after its cancellation")
+                self.ending.remove(request)
+                continue
+            request.give_up()
+            if request.is_given_up:
+                self._log.warning(f"{request.name}: {request.place} {request.obstacle}; it may run")
+                self.ending.remove(request)
+
+    def _leaf(self, name: str) -> RosLeaf:
+        """The leaf of an action, a generator function."""
+        entry = self._map.actions[name]
+        kind = interface(entry.type)
         if isinstance(entry, ActionServer):
-            return self._goal(name, entry)
-        return self._call(name, entry)
+            empty, part = kind.Goal, "goal"
+            server = self._server(entry.action, entry.type, kind)
+            limits = entry.timeout, entry.server_timeout
+        else:
+            empty, part = kind.Request, "request"
+            client = self._node.create_client(kind, entry.service)
+            field = _result_field(kind.Response(), entry.success, name)
+        results = [key for key in self._keys.values() if getattr(key.entry, "result", "") == name]
 
-    def _goal(self, name: str, entry: ActionServer) -> RosLeaf:
-        from action_msgs.msg import GoalStatus
-        from action_msgs.srv import CancelGoal
-        from rclpy.action import ActionClient
-        from unique_identifier_msgs.msg import UUID
+        def fill(arguments: Mapping[str, object], keys: Mapping[str, object]) -> Any:
+            named = {**keys, **arguments}
+            texts = {value for value in entry.fields.values() if isinstance(value, str)}
+            values = {
+                path: named[value] if isinstance(value, str) and value in named else value
+                for path, value in entry.fields.items()
+            }
+            direct = {field: value for field, value in arguments.items() if field not in texts}
+            return filled(empty(), {**values, **direct}, f"actions.{name}.{part}")
 
-        kind = interface(entry.type)
-        place = f"actions.{name}.goal"
-
-        def goal_of(**arguments: object) -> Any:
-            return filled(kind.Goal(), {**entry.goal, **arguments}, place)
-
-        goal_of()
-        self._messages[name] = goal_of
-        client = ActionClient(self._node, kind, entry.action)
-        canceller = self._node.create_client(CancelGoal, f"{entry.action}/_action/cancel_goal")
-
-        def run(**arguments: object) -> Generator[None, None, bool]:
-            goal = goal_of(**arguments)
-            clock = _Clock(entry.timeout, entry.server_timeout)
-            while not client.server_is_ready():
-                if reason := clock.late(server_is_there=False):
-                    return self._failed(name, f"{entry.action}: {reason}")
-                yield
-            handle = result = None
-            clock.server_is_up()
-            identity = UUID(uuid=list(uuid4().bytes))
-            accepting = client.send_goal_async(goal, goal_uuid=identity)
-            self._log.info(f"{name}: goal sent to {entry.action}")
-            has_ended = False
-            try:
-                while not has_ended:
-                    if handle is None and accepting.done():
-                        handle = accepting.result()
-                        if not handle.accepted:
-                            has_ended = True
-                            return self._failed(name, f"{entry.action} rejected the goal")
-                        result = handle.get_result_async()
-                    if result is not None and result.done():
-                        status = result.result().status
-                    else:  # the status topic has the result, too, if the answer is lost
-                        status = GoalStatus.STATUS_UNKNOWN if handle is None else handle.status
-                    has_ended = status in _ENDS
-                    available = handle is not None and client.server_is_ready()
-                    if not has_ended and (reason := clock.late(server_is_there=available)):
-                        return self._failed(name, f"{entry.action}: {reason}")
-                    if not has_ended:
-                        yield
-                if status == GoalStatus.STATUS_SUCCEEDED:
-                    self._log.info(f"{name}: succeeded")
-                    return True
-                return self._failed(name, f"{entry.action} {_ENDS[status]} the goal")
-            finally:
-                if not has_ended:
-                    request = CancelGoal.Request()
-                    request.goal_info.goal_id = identity
-                    self._log.info(f"{name}: goal cancelled")
-                    self._cancel(canceller, request)
-                    if handle is None:  # it may be accepted later
-                        accepting.add_done_callback(lambda _: self._cancel(canceller, request))
-
-        return run
-
-    def _cancel(self, canceller: Any, request: Any) -> None:
-        """Cancels a goal by its id, as it may run although the answer that accepts it was lost."""
-        waiting = [future for future in self.cancelling if not future.done()]
-        self.cancelling = [*waiting, canceller.call_async(request)]
-
-    def _call(self, name: str, entry: ServiceCall) -> RosLeaf:
-        kind = interface(entry.type)
-        place = f"actions.{name}.request"
-
-        def request_of(**arguments: object) -> Any:
-            return filled(kind.Request(), {**entry.request, **arguments}, place)
-
-        request_of()
-        self._messages[name] = request_of
-        response = kind.Response()
-        field = entry.success
-        if field is not None:
-            must_have(response, field, f"actions.{name}.success")
-        elif hasattr(response, "success"):
-            field = "success"
-        client = self._node.create_client(kind, entry.service)
+        self._fill[name] = fill
 
         def run(**arguments: object) -> Generator[None, None, bool]:
-            request = request_of(**arguments)
-            clock = _Clock(entry.timeout, entry.timeout)
-            while not client.service_is_ready():
-                if reason := clock.late(server_is_there=False):
-                    return self._failed(name, f"{entry.service}: {reason}")
-                yield
-            answer = client.call_async(request)
+            values = {key: self._keys[key].read() for key in self.sources}
+            if missing := [v for v in entry.fields.values() if v in values and values[v] is None]:
+                self._log.warning(f"{name}: failed, the key {missing[0]} has no value")
+                return False
+            message, uses = fill(arguments, values), self.uses.get(name, ())
+            request: Goal | Call
+            if isinstance(entry, ActionServer):
+                request = Goal(name, server, uses, limits, message)
+            else:
+                request = Call(name, entry, uses, (client, field), message)
+            self._new.append(request)
             try:
-                while not answer.done():
-                    if reason := clock.late(server_is_there=client.service_is_ready()):
-                        return self._failed(name, f"{entry.service}: {reason}")
+                while request.succeeded is None:
                     yield
-                if field is None or bool(value_of(answer.result(), field)):
-                    self._log.info(f"{name}: succeeded")
-                    return True
-                return self._failed(name, f"{entry.service} answered {field}: false")
+                    request.check_time()
             finally:
-                if not answer.done():
-                    client.remove_pending_request(answer)
+                self._stop(request)
+            if request.succeeded:
+                self._log.info(f"{name}: succeeded")
+                for key in results:
+                    key.take(request.result)
+            else:
+                self._log.warning(f"{name}: failed, {request.reason}")
+            return request.succeeded
 
         return run
 
-    def _failed(self, name: str, reason: str) -> bool:
-        self._log.warning(f"{name}: failed, {reason}")
-        return False
+    def _stop(self, request: Goal | Call) -> None:
+        """Cancels a request unless its server has confirmed its end."""
+        if request.is_settled:
+            return
+        request.cancel()
+        if not request.is_settled:
+            self._log.info(f"{request.name}: cancelled, its server has to confirm it")
+            self.ending.append(request)
+
+    def _server(self, name: str, kind_name: str, kind: Any) -> Server:
+        """The clients of an action server, which its actions share."""
+        if (name, kind_name) not in self._servers:
+            self._servers[name, kind_name] = Server(self._node, name, kind)
+        return self._servers[name, kind_name]
 
 
-class _Clock:
-    """The running time of a leaf, and the time for which its server has been unavailable."""
+def _result_field(response: Any, field: str | None, name: str) -> str | None:
+    """The field of a response with the result of an action. Raises ConfigError."""
+    if field is not None:
+        must_have(response, field, f"actions.{name}.success")
+    return "success" if field is None and hasattr(response, "success") else field
 
-    def __init__(self, timeout: float | None, server_timeout: float) -> None:
-        self._timeout, self._server_timeout = timeout, server_timeout
-        self._start = self._last_up = monotonic()
 
-    def server_is_up(self) -> None:
-        """Record that the server is available now."""
-        self._last_up = monotonic()
-
-    def late(self, *, server_is_there: bool) -> str:
-        """The reason why the leaf fails now, or ""."""
-        now = monotonic()
-        if server_is_there:
-            self._last_up = now
-        if now - self._last_up >= self._server_timeout:
-            return f"no server, or no answer of it, for {self._server_timeout:g} s"
-        if self._timeout is not None and now - self._start >= self._timeout:
-            return f"not done within {self._timeout:g} s"
-        return ""
+def _clash(request: Request, others: Iterable[Request], *, same_server: bool = False) -> str:
+    """The first of other requests with a resource, or the server, of this one; "" if none."""
+    for other in others:
+        for resource in other.uses:
+            if resource in request.uses:
+                return f"{other.name}, which uses {resource}"
+        if same_server and other.place == request.place:
+            return f"{other.name} of {other.place}"
+    return ""

@@ -32,7 +32,8 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
 
     Args:
         message: an instance of an interface's class.
-        values: by field; a mapping for a field that is itself a message.
+        values: by field, or by path such as `pose.position.x`; a mapping for a field that is
+            itself a message.
         place: where the values are written, for messages of errors.
 
     Raises:
@@ -41,23 +42,27 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
     fields = message.get_fields_and_field_types()
     with suppress(AttributeError):  # newer versions check types only where they are asked to
         message._check_fields = True
-    for name, value in values.items():
+    for path, value in values.items():
+        name, _, rest = str(path).partition(".")
         if name not in fields:
-            near = closest(str(name), fields)
+            near = closest(name, fields)
             hint = f"; perhaps {near} is meant" if near else ""
             raise ConfigError(
                 f"{place}: expected fields among {', '.join(fields) or 'none'},"
                 f" found {name!r}{hint}"
             )
+        inner = {rest: value} if rest else value
         before = getattr(message, name)
-        if isinstance(value, Mapping) and hasattr(before, "get_fields_and_field_types"):
-            filled(before, value, f"{place}.{name}")
+        if isinstance(inner, Mapping) and hasattr(before, "get_fields_and_field_types"):
+            filled(before, inner, f"{place}.{name}")
             continue
         try:
-            setattr(message, name, _converted(value, before))
+            setattr(message, name, _converted(inner, before))
         except (AssertionError, TypeError, ValueError, OverflowError):
+            hint = ", the name of no argument and no key" if isinstance(value, str) else ""
             raise ConfigError(
-                f"{place}.{name}: expected a value of {fields[name]}, found {str(value)[:60]!r}"
+                f"{place}.{name}: expected a value of {fields[name]}, found {str(inner)[:60]!r}"
+                f"{hint}"
             ) from None
     return message
 

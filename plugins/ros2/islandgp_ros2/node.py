@@ -18,11 +18,13 @@ from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
 from islandgp.errors import IslandError
 from islandgp_ros2.keys import ros_keys
 from islandgp_ros2.leaves import RosLeaves
+from islandgp_ros2.requests import Call, Goal
 from islandgp_ros2.robot_map import RobotMap
 
-RELOAD_S: Final = 0.5  # between two checks of the files
+LOOK_S: Final = 0.5  # between two checks of files and topics
 STOP_S: Final = 0.1  # most s between two checks whether to stop
-CANCEL_S: Final = 2.0  # most s of waiting for answers to cancellations at the end
+CANCEL_S: Final = 4.0
+"""Most s of waiting for cancelled goals at the end; `ros2 launch` sends SIGTERM after 5 s."""
 
 
 class TreeNode:
@@ -53,14 +55,15 @@ class TreeNode:
         """
         from std_msgs.msg import String
 
-        self._log = node.get_logger()
+        self.logger = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
-        self._actions = RosLeaves(node, robot_map.actions)
-        self._keys = ros_keys(node, robot_map.keys)
-        conditions = ros_keys(node, robot_map.conditions, "conditions")
+        self._keys = ros_keys(node, robot_map)
+        self._actions = RosLeaves(node, robot_map, self._keys)
+        conditions = ros_keys(node, robot_map, "conditions")
         for condition in conditions.values():
             condition.check(text=False)
+        self._received = [*self._keys.values(), *conditions.values()]
         self._conditions = {name: partial(holds, key.read) for name, key in conditions.items()}
         self._stamp = stamp(file)
         self._is_readable = True
@@ -68,30 +71,34 @@ class TreeNode:
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
         self._missing: tuple[str, ...] = ()
+        self.may_run: list[Goal | Call] = []
+        """Goals and calls whose end was not confirmed when the node stopped."""
 
-    @property
-    def cancelling(self) -> bool:
-        """True if a cancellation is not answered yet."""
-        return any(not future.done() for future in self._actions.cancelling)
+    def unconfirmed(self) -> list[Goal | Call]:
+        """Cancelled goals and calls whose end their servers have not confirmed."""
+        self._actions.send()
+        return [*self._actions.ending]
 
     def tick(self) -> NodeStatus | None:
         """Ticks the tree once. If a key has no value, stops all actions and returns None.
 
         Raises:
+            ConfigError: a topic has messages of another type.
             DomainError: the value of a key is not a number, a truth value or a declared word.
         """
-        self._reload()
+        if monotonic() - self._looked >= LOOK_S:
+            self._looked = monotonic()
+            self._reload()
+            for key in self._received:
+                key.look()
         tree = self.robot_tree.tree
         missing = tuple(filter(self._has_no_value, tree.keys()))
-        if missing:
-            if missing != self._missing:
-                self._log.warning(f"waiting for a value of {', '.join(missing)}")
-                self.robot_tree.stop()
-            self._missing = missing
-            self._publish(tree, None)
-            return None
-        self._missing = ()
-        status = self.robot_tree.tick()
+        if missing and missing != self._missing:
+            self.logger.warning(f"waiting for a value of {', '.join(missing)}")
+            self.robot_tree.stop()
+        self._missing = missing
+        status = None if missing else self.robot_tree.tick()
+        self._actions.send()
         self._publish(tree, status)
         return status
 
@@ -106,23 +113,25 @@ class TreeNode:
     def _load(self) -> RobotTree:
         tree = load_tree(self._file, self._vocabulary)
         self._actions.check(tree.calls())
-        declared = (tree.vocabulary or EMPTY_VOCABULARY).keys
-        for name, key in self._keys.items():
-            key.check(text=name in declared and bool(declared[name].words))
-        values = {name: key.read for name, key in self._keys.items()}
-        return tree.bind({**self._actions.leaves, **self._conditions}, values, step_s=self._step_s)
+        vocabulary = tree.vocabulary or EMPTY_VOCABULARY
+        for name in {*tree.keys()} & {*self._keys}:
+            words = name in vocabulary.keys and vocabulary.keys[name].words
+            self._keys[name].check(text=bool(words))
+        unread = self._actions.sources - {*tree.keys()}  # they may be messages
+        values = {name: key.read for name, key in self._keys.items() if name not in unread}
+        leaves = {**self._actions.leaves, **self._conditions}
+        robot_tree = tree.bind(leaves, values, step_s=self._step_s)
+        self._actions.uses = {name: action.uses for name, action in vocabulary.actions.items()}
+        return robot_tree
 
     def _reload(self) -> None:
         """Reloads the tree if a file has changed; keeps the old tree if the file has errors.
 
         A file that cannot be read has not changed: an editor may be replacing it.
         """
-        if monotonic() - self._looked < RELOAD_S:
-            return
-        self._looked = monotonic()
         new_stamp = stamp(self._file)
         if not new_stamp and self._is_readable:
-            self._log.warning(f"{self._file} cannot be read; the tree stays as it was")
+            self.logger.warning(f"{self._file} cannot be read; the tree stays as it was")
         self._is_readable = bool(new_stamp)
         if not new_stamp or new_stamp == self._stamp:
             return
@@ -130,11 +139,11 @@ class TreeNode:
         try:
             changed = self._load()
         except IslandError as error:
-            self._log.error(f"the tree stays as it was: {error}")
+            self.logger.error(f"the tree stays as it was: {error}")
             return
         self.robot_tree.stop()
         self.robot_tree = changed
-        self._log.info(f"{self._file} loaded again")
+        self.logger.info(f"{self._file} loaded again")
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
         nodes = [
@@ -206,7 +215,8 @@ def run(
 ) -> NodeStatus | None:
     """Ticks a tree at a rate (Hz) until `stopping()` or, with `once`, until it has ended.
 
-    All goals are cancelled at the end, also after an exception. `spin`: of `ros_node`.
+    All goals are cancelled at the end, also after an exception; `tree_node.may_run` has those
+    whose end was not confirmed. `spin`: of `ros_node`.
 
     Returns:
         The tree's last status; None if it was stopped.
@@ -218,11 +228,21 @@ def run(
             if once and status in (NodeStatus.SUCCESS, NodeStatus.FAILURE):
                 return status
             due = max(due + 1 / rate, monotonic())  # a late tick is not caught up
+            spin(0)
             while not stopping() and (remaining := due - monotonic()) > 0:
                 spin(min(remaining, STOP_S))
         return None
     finally:
-        tree_node.stop()
-        end = monotonic() + CANCEL_S
-        while tree_node.cancelling and monotonic() < end:
-            spin(0.02)
+        confirm_ends(spin, tree_node)
+
+
+def confirm_ends(spin: Callable[[float], None], tree_node: TreeNode) -> None:
+    """Stops a tree, and waits CANCEL_S seconds for the servers to confirm the end of all goals."""
+    tree_node.stop()
+    cancelled = tree_node.unconfirmed()
+    end = monotonic() + CANCEL_S
+    while tree_node.unconfirmed() and monotonic() < end:
+        spin(0.02)
+    tree_node.may_run = [each for each in cancelled if not each.is_settled]
+    for each in tree_node.may_run:
+        tree_node.logger.error(f"{each.name} may still run: {each.place} {each.obstacle}")

@@ -38,7 +38,12 @@ class ActionServer(_Entry):
     type: Annotated[str, _type("action")]
     goal: dict[str, Any] = {}  # fields of the goal; the others have their defaults
     timeout: _Seconds | None = None  # s; after that the goal is cancelled and the action fails
-    server_timeout: _Seconds = 5.0  # s without the server until the action fails
+    server_timeout: _Seconds = 5.0  # s without an answer of the server until the action fails
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Fields of the goal. A text that is an argument's or a key's name is replaced by it."""
+        return self.goal
 
 
 class ServiceCall(_Entry):
@@ -51,6 +56,11 @@ class ServiceCall(_Entry):
     """Field of the response with the action's result; None: `success` if there is such a field,
     otherwise the action succeeds with any response."""
     timeout: _Seconds = 5.0  # s, including the wait for the service
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Fields of the request, as those of a goal."""
+        return self.request
 
 
 class TopicKey(_Entry):
@@ -76,6 +86,15 @@ class ServiceKey(_Entry):
     max_age: _Seconds | None = None  # s; an older response is ignored
 
 
+class ResultKey(_Entry):
+    """A key that is a field of the last successful result of an action."""
+
+    result: str  # action of the map
+    field: Annotated[str, _FIELD]
+    default: _Value | None = None  # before the first result
+    max_age: _Seconds | None = None  # s; an older result is ignored
+
+
 class TopicCondition(TopicKey):
     """A condition that holds while a field of the last message of a topic is true."""
 
@@ -93,14 +112,14 @@ class RobotMap(_Entry):
 
     node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=200)] = "islandgp"
     actions: dict[str, ActionServer | ServiceCall]
-    keys: dict[str, TopicKey | ServiceKey] = {}
+    keys: dict[str, TopicKey | ServiceKey | ResultKey] = {}
     conditions: dict[str, TopicCondition | ServiceCondition] = {}
     """Leaves that succeed while the field is true."""
 
 
 _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
     "actions": {"action": ActionServer, "service": ServiceCall},
-    "keys": {"topic": TopicKey, "service": ServiceKey},
+    "keys": {"topic": TopicKey, "service": ServiceKey, "result": ResultKey},
     "conditions": {"topic": TopicCondition, "service": ServiceCondition},
 }
 """The class of an entry, by its distinguishing key."""

@@ -255,7 +255,7 @@ def test_a_file_that_is_replaced_is_not_changed(
 def test_fields_are_checked_for_the_tree_that_is_loaded(
     servers: Servers, robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A text is a key of a tree whose vocabulary has its words, and of no other."""
+    """A condition reads a text in a tree whose vocabulary has its words, and in no other."""
     battery = "battery: {topic: /battery, type: std_msgs/msg/Float32"
     mode = "mode: {topic: /mode, type: std_msgs/msg/String, field: data, default: idle}\n  "
     assert battery in MAP
@@ -272,7 +272,7 @@ def test_fields_are_checked_for_the_tree_that_is_loaded(
     monkeypatch.setattr("islandgp_ros2.node.load_tree", lambda *_: with_words)
     machine = robot("Wait")
     assert machine.until(lambda _: servers.goals == [HANGS])
-    other = Tree(parse("Dock"), None, "dock")
+    other = Tree(parse("selector { when mode > 0 { Dock } Dock }"), None, "other")
     monkeypatch.setattr("islandgp_ros2.node.load_tree", lambda *_: other)
     machine.file.write_text("Dock")
     assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
