@@ -16,8 +16,8 @@ RosLeaf = Callable[..., Generator[None, None, bool]]
 class RosLeaves:
     """The leaves of a map, by action.
 
-    In a tick, cancellations are sent at once; goals and calls are sent by `send` after it, in the
-    order of the leaves.
+    In a tick, cancellations are sent at once. Goals and calls are sent by `send` after it, in the
+    order of the leaves, when the cancellations have been answered.
     """
 
     def __init__(self, node: Any, robot_map: RobotMap, keys: Mapping[str, RosKey]) -> None:
@@ -62,20 +62,23 @@ class RosLeaves:
                 self._fill[name](arguments, {key: self._keys[key].sample for key in self.sources})
 
     def send(self) -> None:
-        """Sends the goals and calls that started in the last tick, if their resources are free.
+        """Sends the goals and calls that have started, if their resources are free.
 
-        One that uses a resource of a running one fails. One that uses a resource or the action
+        One that uses a resource of an earlier one fails. One that uses a resource or the action
         server of a cancelled one waits until that has ended.
         """
         self._running = [
             each for each in self._running if not each.is_cancelled and not each.is_settled
         ]
         self._drop_ended()
+        if any(each.awaits_answer for each in self.ending):
+            return
         for request in self._new[:]:
+            earlier = [*self._running, *self._new[: self._new.index(request)]]
             if request.is_cancelled or request.succeeded is not None:
                 self._new.remove(request)
-            elif clash := _clash(request, self._running):
-                request.fail(f"not sent, because of {clash} and is running")
+            elif clash := _clash(request, earlier):
+                request.fail(f"not sent, because of {clash} and has not ended")
             elif clash := _clash(request, self.ending, same_server=True):
                 request.waits_for = f"waited for the end of {clash}, which was cancelled,"
             elif request.is_ready:
@@ -94,7 +97,7 @@ class RosLeaves:
                 continue
             request.give_up()
             if request.is_given_up:
-                self._log.warning(f"{request.name}: {request.place} {request.obstacle}; it may run")
+                self._log.warning(f"{request.name} may still run: {request.place} does not answer")
                 self.ending.remove(request)
 
     def _leaf(self, name: str) -> RosLeaf:

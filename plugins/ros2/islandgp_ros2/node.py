@@ -22,7 +22,8 @@ from islandgp_ros2.requests import Call, Goal
 from islandgp_ros2.robot_map import RobotMap
 
 LOOK_S: Final = 0.5  # between two checks of files and topics
-STOP_S: Final = 0.1  # most s between two checks whether to stop
+STOP_S: Final = 0.02  # most s between two checks whether to stop and which goals can be sent
+SILENT: Final = "has not answered the cancellation"
 CANCEL_S: Final = 4.0
 """Most s of waiting for cancelled goals at the end; `ros2 launch` sends SIGTERM after 5 s."""
 
@@ -55,7 +56,7 @@ class TreeNode:
         """
         from std_msgs.msg import String
 
-        self.logger = node.get_logger()
+        self._log = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
         self._keys = ros_keys(node, robot_map)
@@ -74,11 +75,6 @@ class TreeNode:
         self.may_run: list[Goal | Call] = []
         """Goals and calls whose end was not confirmed when the node stopped."""
 
-    def unconfirmed(self) -> list[Goal | Call]:
-        """Cancelled goals and calls whose end their servers have not confirmed."""
-        self._actions.send()
-        return [*self._actions.ending]
-
     def tick(self) -> NodeStatus | None:
         """Ticks the tree once. If a key has no value, stops all actions and returns None.
 
@@ -94,7 +90,7 @@ class TreeNode:
         tree = self.robot_tree.tree
         missing = tuple(filter(self._has_no_value, tree.keys()))
         if missing and missing != self._missing:
-            self.logger.warning(f"waiting for a value of {', '.join(missing)}")
+            self._log.warning(f"waiting for a value of {', '.join(missing)}")
             self.robot_tree.stop()
         self._missing = missing
         status = None if missing else self.robot_tree.tick()
@@ -102,10 +98,30 @@ class TreeNode:
         self._publish(tree, status)
         return status
 
+    def send(self) -> None:
+        """Sends the goals of the last tick that waited for a cancellation."""
+        self._actions.send()
+
     def stop(self) -> None:
         """Cancels all goals and publishes the state."""
         self.robot_tree.stop()
+        self._actions.send()
         self._publish(self.robot_tree.tree, None)
+
+    def end(self, spin: Callable[[float], None]) -> None:
+        """Cancels all goals and waits CANCEL_S seconds for their servers to confirm the end.
+
+        `may_run` then has those without it. `spin`: of `ros_node`.
+        """
+        self.stop()
+        cancelled = [*self._actions.ending]
+        end = monotonic() + CANCEL_S
+        while self._actions.ending and monotonic() < end:
+            spin(0.02)
+            self._actions.send()
+        self.may_run = [each for each in cancelled if not each.is_settled]
+        for each in self.may_run:
+            self._log.error(f"{each.name} may still run: {each.place} {each.obstacle or SILENT}")
 
     def _has_no_value(self, key: str) -> bool:
         return self._keys[key].read() is None
@@ -131,7 +147,7 @@ class TreeNode:
         """
         new_stamp = stamp(self._file)
         if not new_stamp and self._is_readable:
-            self.logger.warning(f"{self._file} cannot be read; the tree stays as it was")
+            self._log.warning(f"{self._file} cannot be read; the tree stays as it was")
         self._is_readable = bool(new_stamp)
         if not new_stamp or new_stamp == self._stamp:
             return
@@ -139,11 +155,11 @@ class TreeNode:
         try:
             changed = self._load()
         except IslandError as error:
-            self.logger.error(f"the tree stays as it was: {error}")
+            self._log.error(f"the tree stays as it was: {error}")
             return
         self.robot_tree.stop()
         self.robot_tree = changed
-        self.logger.info(f"{self._file} loaded again")
+        self._log.info(f"{self._file} loaded again")
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
         nodes = [
@@ -231,18 +247,7 @@ def run(
             spin(0)
             while not stopping() and (remaining := due - monotonic()) > 0:
                 spin(min(remaining, STOP_S))
+                tree_node.send()
         return None
     finally:
-        confirm_ends(spin, tree_node)
-
-
-def confirm_ends(spin: Callable[[float], None], tree_node: TreeNode) -> None:
-    """Stops a tree, and waits CANCEL_S seconds for the servers to confirm the end of all goals."""
-    tree_node.stop()
-    cancelled = tree_node.unconfirmed()
-    end = monotonic() + CANCEL_S
-    while tree_node.unconfirmed() and monotonic() < end:
-        spin(0.02)
-    tree_node.may_run = [each for each in cancelled if not each.is_settled]
-    for each in tree_node.may_run:
-        tree_node.logger.error(f"{each.name} may still run: {each.place} {each.obstacle}")
+        tree_node.end(spin)

@@ -11,6 +11,7 @@ from typing import Any, Final
 from islandgp_ros2.messages import value_of
 from islandgp_ros2.robot_map import ServiceCall
 
+ANSWER_S: Final = 0.5  # most s for which other goals wait for the answer to a cancellation
 WATCH_S: Final = 0.5  # between two questions to a server with open goals
 _ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
 """Final states of goals, by action_msgs/msg/GoalStatus."""
@@ -48,8 +49,9 @@ class Request:
         """True: nothing of it runs, as far as its server has confirmed."""
         self.is_given_up = False
         """True: its server does not answer, so it may run."""
-        self.obstacle = "has not answered"
-        """Why it may still run although it was cancelled."""
+        self.obstacle = ""
+        """Why it may still run although it was cancelled; "": its server has not answered."""
+        self._cancelled_at = 0.0
 
     def check_time(self) -> None:
         """Fails the request if one of its limits is reached."""
@@ -58,6 +60,11 @@ class Request:
             self.fail(f"{self.waits_for} for {self._server_timeout:g} s")
         elif self._timeout is not None and now - self._start >= self._timeout:
             self.fail(f"not done within {self._timeout:g} s")
+
+    @property
+    def awaits_answer(self) -> bool:
+        """True until the cancellation is answered, at most ANSWER_S seconds."""
+        return not self.obstacle and monotonic() - self._cancelled_at < ANSWER_S
 
     def fail(self, reason: str) -> None:
         """End it for the tree; it may go on at its server."""
@@ -133,7 +140,7 @@ class Goal(Request):
         self._server, self._message = server, message
         self.id = server.prefix + token_bytes(8)
         self._is_accepted = self._is_cancelling = False
-        self._sent_at = self._cancelled_at = 0.0
+        self._sent_at = 0.0
         self._publishers: set[bytes] = set()  # of the server's state, when the goal was sent
         self._questions = 0
         self._status = 0
