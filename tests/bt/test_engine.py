@@ -580,6 +580,21 @@ def test_outer_guard_wins() -> None:
     assert nested.tick(p=0, q=1) == ("C!", RUNNING)
 
 
+def test_parallel_ticks_children_before_a_guard() -> None:
+    """A child of a parallel is resumed before the guard of a later one is checked and aborts."""
+    board, calls = [0.0, 0.0, 0.0, 1.0, 0.0], []
+    tree = short_tree("parallel { A when p abort self { B } }")
+    tick = compile_tree(
+        tree, lambda _: lambda _: RUNNING, board, PLACES, watch=lambda *call: calls.append(call)
+    )
+    assert tick() == RUNNING
+    board[3] = 0.0
+    calls.clear()
+    assert tick() == FAILURE
+    first, guarded = 1, 3  # positions
+    assert calls[:2] == [(first, RUNNING), (guarded, ABORTED)]
+
+
 def test_abort_resets() -> None:
     """An aborted subtree forgets everything: its place, its counts, its observations."""
     stage = Stage(

@@ -3,7 +3,7 @@
 `docs/semantics.md` specifies the nodes. A node is a function of `fresh`: True starts it, False
 resumes it where it was RUNNING. So an abort does not visit the subtree: its next tick has
 `fresh=True`. The blackboard does not change within a tick, so checking guards on the way down from
-the root is equivalent to checking all of them at the start of the tick.
+the root gives the same statuses as checking all of them at the start of the tick.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
 from islandgp_ros2.keys import RosKey
 from islandgp_ros2.messages import filled, interface, must_have
@@ -11,6 +11,8 @@ from islandgp_ros2.requests import Call, Goal, Request, Server
 from islandgp_ros2.robot_map import ActionServer, RobotMap
 
 RosLeaf = Callable[..., Generator[None, None, bool]]
+
+UNKNOWN: Final = object()  # a value whose type only the messages show
 
 
 class RosLeaves:
@@ -57,9 +59,11 @@ class RosLeaves:
         Args:
             calls: the name and the arguments of each leaf; those of other leaves are ignored.
         """
+        samples = {key: self._keys[key].sample for key in self.sources}
+        samples = {key: UNKNOWN if each is None else each for key, each in samples.items()}
         for name, arguments in calls:
             if name in self._fill:
-                self._fill[name](arguments, {key: self._keys[key].sample for key in self.sources})
+                self._fill[name](arguments, samples)
 
     def send(self) -> None:
         """Sends the goals and calls that have started, if their resources are free.
@@ -118,9 +122,10 @@ class RosLeaves:
             named = {**keys, **arguments}
             texts = {value for value in entry.fields.values() if isinstance(value, str)}
             values = {
-                path: named[value] if isinstance(value, str) and value in named else value
+                path: named.get(value, value) if isinstance(value, str) else value
                 for path, value in entry.fields.items()
             }
+            values = {path: value for path, value in values.items() if value is not UNKNOWN}
             direct = {field: value for field, value in arguments.items() if field not in texts}
             return filled(empty(), {**values, **direct}, f"actions.{name}.{part}")
 

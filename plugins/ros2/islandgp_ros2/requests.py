@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from hashlib import sha256
 from secrets import token_bytes
+from socket import gethostname
 from time import monotonic
 from typing import Any, Final
 
@@ -258,8 +259,9 @@ class Server:
             part: node.create_client(service, f"{name}/_action/{part}")
             for part, service in parts.items()
         }
-        self.prefix = sha256(node.get_fully_qualified_name().encode()).digest()[:8]
-        """First half of the IDs of all goals of nodes of this name."""
+        owner = f"{gethostname()} {node.get_fully_qualified_name()}"
+        self.prefix = sha256(owner.encode()).digest()[:8]
+        """First half of the IDs of all goals of nodes of this name on this computer."""
         self.goals: dict[bytes, Goal] = {}
         """Sent goals without a confirmed end, by ID."""
         self.ended: deque[bytes] = deque(maxlen=1000)

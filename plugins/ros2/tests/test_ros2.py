@@ -6,7 +6,6 @@ import json
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 import time
@@ -18,7 +17,9 @@ import pytest
 
 pytest.importorskip("rclpy", reason="pip install 'islandgp-ros2[rclpy]'")
 pytest.importorskip("test_msgs", reason="pip install ros-test-msgs")
+pytest.importorskip("nav_msgs", reason="pip install ros-nav-msgs")
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)  # without other tests
 
 from rclpy.exceptions import InvalidHandle
 from ros2_servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
@@ -27,7 +28,8 @@ from std_msgs.msg import Float32, String
 from islandgp.binding import NodeStatus, Tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
-from islandgp.errors import IslandError
+from islandgp.errors import ConfigError, IslandError
+from islandgp_ros2.messages import filled, interface
 from islandgp_ros2.node import TreeNode, ros_node
 from islandgp_ros2.robot_map import read_map
 
@@ -218,6 +220,60 @@ def test_arguments_without_a_vocabulary(servers: Servers, robot: Callable[[str],
     assert machine.until(lambda _: servers.goals == [FAILS])
 
 
+def test_values_by_name(
+    servers: Servers, robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A field has the value of an argument, or of a key that a result sets."""
+    named = MAP.replace(
+        "actions:\n",
+        f"actions:\n  Next: {DRIVE.format('last', '')}\n  Step: {DRIVE.format('n', '')}\n",
+    )
+    key = "  last: {result: Step, field: 'sequence[1]'}\n"  # ten times the order
+    monkeypatch.setattr("test_ros2.MAP", named + key)
+    machine = robot(f"sequence {{ Step(n: {SUCCEEDS}) Next }}")
+    assert machine.until(lambda _: servers.goals == [SUCCEEDS, 10 * SUCCEEDS])
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "message"),
+    [
+        ("{result: Drvie, field: sequence}", "Drive", "last.result: expected an action of the map"),
+        ("{result: Drive, field: series}", "Drive", "last.field: expected fields among sequence"),
+        ("{result: Drive, field: 'sequence[0]'}", "when last > 1 { Drive }", "expected `default`"),
+    ],
+)
+def test_results_that_do_not_fit(
+    robot: Callable[[str], Robot],
+    monkeypatch: pytest.MonkeyPatch,
+    key: str,
+    text: str,
+    message: str,
+) -> None:
+    """A wrong action or field, or a key that the tree would wait for, is one clear error."""
+    monkeypatch.setattr("test_ros2.MAP", f"{MAP}  last: {key}\n")
+    with pytest.raises(IslandError, match=re.escape(message)):
+        robot(text)
+
+
+def test_paths_of_fields() -> None:
+    """A path sets a field of a nested message; a value can be a whole message."""
+    pose_stamped = interface("geometry_msgs/msg/PoseStamped")
+    path = interface("nav_msgs/msg/Path")(poses=[pose_stamped()])
+    message = filled(
+        pose_stamped(),
+        {"header.frame_id": "map", "pose.position.x": 2, "pose.position": {"y": 3.5}},
+        "goal",
+    )
+    assert (message.header.frame_id, message.pose.position.x) == ("map", 2.0)
+    assert message.pose.position.y == 3.5
+    result = interface("nav_msgs/srv/GetPlan").Response()
+    assert filled(result, {"plan": path}, "result").plan == path
+    with pytest.raises(ConfigError, match=r"goal\.pose: expected fields .*'z'"):
+        filled(pose_stamped(), {"pose.z": 2}, "goal")
+    with pytest.raises(ConfigError, match=r"goal\.pose: expected a value of geometry_msgs/Pose"):
+        filled(pose_stamped(), {"pose": path}, "goal")
+
+
 def test_a_service_is_a_key(servers: Servers, robot: Callable[[str], Robot]) -> None:
     """It is asked again and again."""
     machine = robot("selector { when person { Dock } Wait }")
@@ -304,41 +360,7 @@ def start(*arguments: object, folder: Path) -> subprocess.Popen[str]:
     )
 
 
-SERVERS = "import runpy; runpy.run_module('ros2_servers', run_name='__main__')"
 COMMAND = "from islandgp.cli import main; main()"
-
-
-def test_a_server_that_dies(tmp_path: Path, robot: Callable[[str], Robot]) -> None:
-    """A goal fails soon after its server was killed."""
-    server = start(SERVERS, folder=tmp_path)
-    assert server.stdout is not None
-    assert server.stdout.readline() == "ready\n"
-    machine = robot("Wait")
-    assert machine.until(lambda s: s is NodeStatus.RUNNING)
-    machine.until(lambda _: False, 1.5)
-    server.kill()
-    server.communicate(timeout=20)
-    begin = time.monotonic()
-    assert machine.until(lambda s: s is NodeStatus.FAILURE, 60)
-    assert time.monotonic() - begin < 45  # s; the middleware notices a killed process late
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_cancels(tmp_path: Path, servers: Servers, number: int) -> None:
-    """The command ends with code 130, without a traceback, and its goal is cancelled."""
-    (tmp_path / "wait.bt").write_text("Wait")
-    (tmp_path / "robot.yaml").write_text(MAP)
-    arguments = ("ros2", "wait.bt", "--map", "robot.yaml")
-    process = start(COMMAND, *arguments, folder=tmp_path)
-    end = time.monotonic() + 30
-    while servers.goals != [HANGS] and time.monotonic() < end:
-        time.sleep(0.05)
-    time.sleep(0.3)
-    process.send_signal(number)
-    output, _ = process.communicate(timeout=30)
-    assert process.returncode == 130, output
-    assert "Traceback" not in output
-    assert eventually(lambda: servers.cancelled == [HANGS]), output
 
 
 def test_the_pages_command(tmp_path: Path, servers: Servers) -> None:

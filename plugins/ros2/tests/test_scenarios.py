@@ -349,13 +349,16 @@ RUNS, SLOWLY = ("Wait", "/drive accepted 3"), ("Slow", "/drive goal 5")
 LATE = "Never may still run: /drive has neither accepted nor rejected the goal"
 GUARD = "selector { when low { ArmDrive } Wait }"
 REACTIVE = "reactive_selector { when low abort none { ArmDrive } Wait }"
-PARALLEL = "parallel failure all { selector { when low { ArmDrive } ArmWait } when not low abort self { Wait } }"
+PARALLEL = """parallel failure all {
+  selector { when low { ArmDrive } ArmWait }
+  when not low abort self { Wait }
+}"""
 SAME = "selector { when low { Drive } Brake }"
 
 SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
     # Of the node's end: s until the exit.
-    "Ctrl-C while a goal runs": (stopped(*RUNS, 130, ends="/drive ended 3"), 1.5),
-    "SIGTERM while a goal runs": (stopped(*RUNS, 130, by=TERM, ends="/drive ended 3"), 1.5),
+    "Ctrl-C while a goal runs": (stopped(*RUNS, 130, ends="/drive ended 3"), 3),
+    "SIGTERM while a goal runs": (stopped(*RUNS, 130, by=TERM, ends="/drive ended 3"), 3),
     "Ctrl-C before the acceptance": (stopped(*SLOWLY, 130, ends="/drive ended 5"), 3),
     "SIGTERM before the acceptance": (stopped(*SLOWLY, 130, by=TERM, ends="/drive ended 5"), 3),
     "--once before the acceptance": (once_ends, 3.5),
