@@ -34,9 +34,9 @@ class Reward(BaseModel, frozen=True, extra="forbid"):
         return self
 
     @property
-    def pays(self) -> bool:
-        """True if an event of a positive amount can earn points."""
-        return max(self.base, self.per_unit, *(band.points for band in self.bands)) > 0
+    def costs(self) -> bool:
+        """True if an event of a positive amount can cost points."""
+        return min(self.base, self.per_unit, *(band.points for band in self.bands)) < 0
 
     def points(self, amount: float) -> float:
         """Points of one event, before any multiplier."""

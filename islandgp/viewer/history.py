@@ -94,16 +94,20 @@ def nothing_works(curves: RunCurves, classes: Classes, rewards: object) -> str:
     Args:
         curves: of at least one generation.
         classes: of the run.
-        rewards: of its domain; events are named if it is a RewardTable.
+        rewards: of its domain; if it is a RewardTable, events that never paid are named, except
+            those of a component with penalties, which may hide their points.
     """
     table = rewards.events if isinstance(rewards, RewardTable) else {}
-    unpaid = [e for e, row in table.items() if row.pays and row.component not in curves.earned]
-    behaves = not curves.counted.isdisjoint(classes.behaviours.values())
-    if behaves and curves.reached:
+    known = curves.earned | {row.component for row in table.values() if row.costs}
+    unpaid = [event for event, row in table.items() if row.component not in known]
+    missing = [name for name, key in classes.behaviours.items() if key not in curves.counted]
+    if curves.reached and len(missing) < len(classes.behaviours):
         return ""
-    failures = [] if behaves else [f"shown a behaviour ({_listed(classes.behaviours)})"]
-    if behaves and not curves.reached:
+    failures = []
+    if not curves.reached:
         failures.append(f"reached a tier ({_listed(map(title, classes.tiers))})")
+    if missing:
+        failures.append(f"shown a behaviour ({_listed(missing)})")
     if unpaid:
         failures.append(f"earned points for {_listed(unpaid)}")
     return (

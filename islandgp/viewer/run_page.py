@@ -88,8 +88,8 @@ def run_page(
             "reload": reload if status is Status.RUNNING else "",
             "status": status.value,
             "state": status.value.lower(),
-            "result": escape(_result(view)),
-            "notes": "".join(f"<p>{escape(note)}</p>" for note in _notes(view)),
+            "result": _unbroken(_result(view)),
+            "notes": "".join(f"<p>{_unbroken(note)}</p>" for note in _notes(view)),
             "open": "" if status is Status.FINISHED else "open",
             "champion": "".join(champion_section(view)),
             "training": "".join(_training(view)),
@@ -100,6 +100,11 @@ def run_page(
             "script": part("run.js"),
         },
     )
+
+
+def _unbroken(text: str) -> str:
+    """A text as HTML that no line break divides before a per cent sign."""
+    return escape(text).replace(" %", "&nbsp;%")
 
 
 def _result(view: RunView) -> str:
