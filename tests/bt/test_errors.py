@@ -101,7 +101,7 @@ WRONG = [
         ["Did you mean PatrolWaypoint?"],
     ),
     (f"subtree a {P} use a", 1, 11, ["= ("]),
-    (f"subtree all = {P} use all", 1, 9, ["'all'", "can't name a subtree"]),
+    (f"subtree 1 = {P} use a", 1, 9, ["'1'", "the name of a subtree"]),
     (f"subtree a = {P}", 1, 27, ["there is no tree after the subtrees"]),
     ("use", 1, 4, ["too early", "the name of a subtree"]),
 ]

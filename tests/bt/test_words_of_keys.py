@@ -73,7 +73,7 @@ def read(text: str) -> Node:
         ("charge < reserv", 15, "Did you mean reserve?"),
         ("charge < docking", 15, "unknown constant or key 'docking'"),
         ("mode == größe", 16, "Expected names of the letters a to z, digits and _."),
-        ("mode == both", 14, "unexpected 'both'"),
+        ("mode == both", 14, "unknown word 'both' of mode"),
     ],
 )
 def test_wrong_comparisons(condition: str, column: int, message: str) -> None:
@@ -88,7 +88,7 @@ def test_wrong_comparisons(condition: str, column: int, message: str) -> None:
     ("key", "message"),
     [
         (Key("", flag=False, words=("a b",), most=0, whole=True), "'a b'; rename it"),
-        (enumeration("", ["none"]), "'none'; rename it"),
+        (enumeration("", ["not"]), "'not'; rename it"),
         (enumeration("", ["größe"]), "rename it"),
         (enumeration("", ["a", "a"]), "different words"),
         (enumeration("", ["charge"]), "neither keys nor keywords of the language, found 'charge'"),

@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import COUNTED, GUARDS, INNER, KINDS, TIMED
+from islandgp.bt.core.kinds import CALLABLE, COUNTED, GUARDS, KINDS, TIMED
 from islandgp.bt.core.parameters import value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
@@ -115,6 +115,9 @@ def syntax_error(
         return _unexpected_end(source, before, accepted, known)
     if vocabulary is not None and before and before[-1] in known.keys:
         accepted -= {"OPERATOR"} if known.keys[before[-1]].flag else accepted - {"OPERATOR"}
+    if before and before[-1] in CALLABLE and {"COMMA", "LPAR"} <= error.accepts:
+        message = f"unexpected {shown(before[-1])}; name this node as a subtree above, and pass"
+        return source.error_at(before[-1], f"{message} `use` and its name", expected=_PASSED)
     arguments = known.action(_called(before)).arguments
     if accepted == {"COLON"} and arguments and before[-1] not in arguments:
         return unknown_argument(source, before[-1], _called(before), arguments)
@@ -238,11 +241,8 @@ def _unexpected_word(
     accepted: Collection[str],
     vocabulary: Vocabulary,
 ) -> TreeError:
-    previous = str(before[-1]) if before else ""
     expected, spelled = _expected(accepted, before, vocabulary)
     message = f"unexpected {shown(token)}"
-    if "USE" in accepted and "NUMBER" in accepted and token in INNER:
-        message += "; name this node as a subtree above, and pass `use` and its name"
     only = set(accepted) - {"LPAR"}  # behind an action there may be its arguments
     if token == "}" and "SELECTOR" in accepted and _unclosed(source, before) is not None:
         message = _missing_child(_parent(source, before), has_child=before[-1] != "{")
@@ -252,8 +252,6 @@ def _unexpected_word(
         message += f"; this node takes {takes}, so wrap several in a sequence or a selector"
     elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
-    elif accepted == {"NAME"} and previous == "subtree":
-        message += ", a keyword, which can't name a subtree"
     elif token.type == "NUMBER" and "NOT" in accepted:
         message += "; a comparison begins with its key"
     guess = _instead(source, token, before, accepted, vocabulary) or closest(

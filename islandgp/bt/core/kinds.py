@@ -333,11 +333,12 @@ INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 RESERVED: Final = frozenset((
-    "domain", "include", "constant", "subtree", "and", "or", "not", "use", *INNER,
-    *(a.name for kind in KINDS.values() for a in kind.arguments if a.default is not None),
-    *(word for kind in KINDS.values() for a in kind.arguments for word in a.words),
+    "domain", "include", "constant", "subtree", "use", "when", "and", "or", "not",
 ))  # fmt: skip
-"""Words of the grammar: no action or key can have such a name."""
+"""No action or key can have such a name. Other keywords are names where the grammar expects one."""
+
+CALLABLE: Final = frozenset(KINDS) - {"action", "when"}
+"""Keywords that are the name of an action in front of a parenthesis: `timeout()`."""
 
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
 """The kinds whose keyword is followed by a count."""

@@ -17,6 +17,7 @@ from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder, NodePlace
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import ParsedFile, gathered
+from islandgp.bt.core.kinds import CALLABLE, RESERVED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 MAX_CHARACTERS: Final = 100_000  # most characters of a text
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
+_CALL: Final = re.compile(rf"{_GAP}*+\({_GAP}*+(\)|[A-Za-z_][A-Za-z0-9_]*+{_GAP}*+:)")
+_NODE_OR_KEY: Final = {"SELECTOR", "NOT"}  # terminals where a node or a key is expected
 _DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
 
 
@@ -162,7 +165,7 @@ def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bo
     except UnexpectedInput as error:
         from islandgp.bt.core.diagnosis import syntax_error  # only for trees with errors
 
-        raise syntax_error(source, error, parser.lex(source.text), vocabulary) from None
+        raise syntax_error(source, error, words(source.text, rule), vocabulary) from None
 
 
 def following(text: str) -> frozenset[str]:
@@ -234,14 +237,15 @@ def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) ->
         )
 
 
-def words(text: str) -> Iterator[Token]:
-    """The words of a text that `parse` accepts, with their places in `plain(text)`."""
-    return _parser().lex(plain(text))
+def words(text: str, rule: str = "library") -> Iterator[Token]:
+    """The words of a text with their places in `plain(text)`. Raises lark's error at a fault."""
+    return _parser().parse_interactive(plain(text), start=rule).iter_parse()
 
 
 @cache
 def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
     from lark import Lark, __version__
+    from lark.lexer import BasicLexer
 
     if __version__.startswith("0."):
         raise ConfigError(
@@ -249,11 +253,32 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
             " installs, has overwritten it; pip uninstall -y lark-parser, then"
             " pip install --force-reinstall --no-deps 'lark<2'."
         )
-    # The basic lexer knows every word everywhere; a contextual one would read
-    # `selfish` as `self` and `ish` where only abort rules are expected.
+
+    class ContextLexer(BasicLexer):
+        """Reads whole words; one is a keyword only where the grammar can have it.
+
+        A word of RESERVED is one also where a node or a key is expected. An action that is named
+        like a node kind has parentheses.
+        """
+
+        __future_interface__ = 2  # lark passes the state of the parser
+
+        def lex(self, state: Any, parser_state: Any) -> Iterator[Token]:
+            for token in super().lex(state, parser_state):
+                if token.type != "NAME" and token[0].isalpha():
+                    accepted = parser_state.parse_conf.states[parser_state.position]
+                    if token.type in accepted:
+                        called = _CALL.match(state.text.text, token.end_pos or 0)
+                        is_name = token in CALLABLE and called is not None
+                    else:
+                        is_name = token not in RESERVED or not accepted.keys() & _NODE_OR_KEY
+                    if "NAME" in accepted and is_name:
+                        token.type = "NAME"
+                yield token
+
     options: dict[str, Any] = {
         "parser": "lalr",
-        "lexer": "basic",
+        "lexer": ContextLexer,
         "maybe_placeholders": False,
         "propagate_positions": placed,
         "start": ["start", "library", "disjunction"],

@@ -10,12 +10,13 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from math import inf, sqrt
 from typing import Final, Literal
 
 from islandgp.bt.core.field_types import check_fields
+from islandgp.bt.core.kinds import NAME
 from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.errors import DomainError
 
@@ -176,15 +177,12 @@ def _number(value: Value, parameter: Parameter) -> Value:
     return int(value) if parameter.sort == "integer" else value
 
 
-def check_parameters(
-    parameters: Mapping[str, Parameter], where: str, is_name: Callable[[str], bool]
-) -> None:
+def check_parameters(parameters: Mapping[str, Parameter], where: str) -> None:
     """Raises DomainError for an invalid declaration of a parameter.
 
     Args:
         parameters: by name.
         where: the action, for messages.
-        is_name: True if a word is a valid name.
     """
     for name, each in parameters.items():
         at = f"the argument {name} of {where}"
@@ -194,10 +192,10 @@ def check_parameters(
             )
         check_fields(each, at)
         for word in (name, *each.words):
-            if not is_name(word):
+            if not isinstance(word, str) or not NAME.fullmatch(word):
                 raise DomainError(
-                    f"Expected names and words of letters, digits and _ that are not keywords of"
-                    f" the language for {at}, found {word!r}; rename it."
+                    f"Expected names and words of letters, digits and _ for {at}, found {word!r};"
+                    " rename it."
                 )
         if (each.sort == "flag") != (each.words == NO_YES and each.sort != "word"):
             raise DomainError(f"Expected no and yes as the words of a flag, for {at}; use switch.")

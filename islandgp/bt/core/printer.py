@@ -11,7 +11,7 @@ from functools import lru_cache
 from typing import Any, Self
 
 from islandgp.bt.core.condition import Compound, ConditionExpr
-from islandgp.bt.core.kinds import KINDS, NAME, RESERVED, Argument, Sort
+from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED, Argument, Sort
 from islandgp.bt.core.node import (
     ActionArgs,
     Node,
@@ -123,7 +123,7 @@ def head(node: Node) -> str:
 def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
     """An action with the values of its arguments: `MoveTo(goal: dock, speed: 0.5)`."""
     if not values:
-        return action
+        return f"{action}()" if action in CALLABLE else action
     arguments = [f"{name}: {_value_text(value)}" for name, value in values]
     return f"{action}({', '.join(arguments)})"
 

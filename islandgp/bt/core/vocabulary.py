@@ -289,7 +289,7 @@ class Vocabulary:
         for name, action in self.actions.items():
             where = f"the action {name} of the domain {self.domain}"
             _check_action(action, where, self.keys)
-            check_parameters(action.arguments, where, is_name)
+            check_parameters(action.arguments, where)
             if self.resources and (unknown := [u for u in action.uses if u not in self.resources]):
                 raise DomainError(
                     f"Expected resources of the vocabulary ({', '.join(self.resources)}) as uses of"

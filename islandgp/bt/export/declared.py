@@ -33,7 +33,7 @@ from islandgp.bt.core.parameters import (
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import (
-    RESERVED,
+    NAME,
     Action,
     Key,
     Vocabulary,
@@ -95,7 +95,7 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
             identity = element.attributes.get("ID", "")
             if element.tag not in ("Action", "Condition") and identity not in GATES:
                 continue
-            if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", identity) or identity in RESERVED:
+            if not is_name(identity):
                 raise DomainError(
                     f"{name}:{element.line}:{element.column}: expected an ID of letters, digits and"
                     f" _ that is not a keyword of the language, found {shown(identity)}; rename it."
@@ -103,7 +103,7 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
             ports = {
                 port.attributes.get("name", ""): _port(port)
                 for port in element.children
-                if port.tag in _IN_AND_OUT and is_name(port.attributes.get("name", ""))
+                if port.tag in _IN_AND_OUT and NAME.fullmatch(port.attributes.get("name", ""))
             }
             known = condition_leaf("") if element.tag == "Condition" else Action("")
             yield identity, replace(known, arguments=ports)
