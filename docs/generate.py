@@ -20,10 +20,10 @@ from typing import Any
 
 from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, REPEATS, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
+from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.running.app import main

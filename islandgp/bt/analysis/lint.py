@@ -38,8 +38,8 @@ from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.language import parse_placed, plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
 from islandgp.bt.core.printer import condition_text, head
+from islandgp.bt.core.scope import NUMBER, name_places
 from islandgp.bt.core.source import Source
-from islandgp.bt.core.templates import NUMBER, name_places
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]

@@ -8,24 +8,24 @@ from textwrap import shorten
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.condition import ConditionExpr
-from islandgp.bt.core.condition_builder import built_condition
 from islandgp.bt.core.includes import ParsedFile
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import Node, as_subtree, commented, leaf, names_of, sequence
-from islandgp.bt.core.node_builder import built_head, built_leaf, written_node
+from islandgp.bt.core.node_builder import built_condition, built_head, built_leaf, written_node
 from islandgp.bt.core.printer import head, number_text, use_text
-from islandgp.bt.core.scope import Scope, ScopedWord
-from islandgp.bt.core.source import Source, closest, shown
-from islandgp.bt.core.templates import (
+from islandgp.bt.core.scope import (
     ANYTHING,
     NODE,
     BuiltSubtree,
     Fitting,
+    Scope,
+    ScopedWord,
     Template,
     check_form,
     check_name,
     fitting_of,
 )
+from islandgp.bt.core.source import Source, closest, shown
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, WHOLE
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
-from islandgp.bt.core.field_types import check_fields
 from islandgp.bt.core.kinds import NAME as NAME
 from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
@@ -21,6 +20,7 @@ from islandgp.bt.core.parameters import (
     MAX_MAGNITUDE,
     SMALLEST_STEP,
     Parameter,
+    check_fields,
     check_parameters,
     leaf_of,
     word_list,

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Final
 
-from islandgp.bt.core.condition_builder import MAX_TERMS
 from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED, Argument, Sort
+from islandgp.bt.core.node_builder import MAX_TERMS
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import DomainError

@@ -6,7 +6,7 @@ import re
 from typing import Final, NoReturn
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.condition_builder import MAX_NESTED, MAX_TERMS
+from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
