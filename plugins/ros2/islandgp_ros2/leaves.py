@@ -133,9 +133,10 @@ class RosLeaves:
 
         def run(**arguments: object) -> Generator[None, None, bool]:
             values = {key: self._keys[key].read() for key in self.sources}
-            if missing := [v for v in entry.fields.values() if v in values and values[v] is None]:
-                self._log.warning(f"{name}: failed, the key {missing[0]} has no value")
-                return False
+            for key in entry.fields.values():
+                if isinstance(key, str) and key in values and values[key] is None:
+                    self._log.warning(f"{name}: failed, the key {key} has no value")
+                    return False
             message, uses = fill(arguments, values), self.uses.get(name, ())
             request: Goal | Call
             if isinstance(entry, ActionServer):
@@ -151,8 +152,8 @@ class RosLeaves:
                 self._stop(request)
             if request.succeeded:
                 self._log.info(f"{name}: succeeded")
-                for key in results:
-                    key.take(request.result)
+                for result in results:
+                    result.take(request.result)
             else:
                 self._log.warning(f"{name}: failed, {request.reason}")
             return request.succeeded

@@ -36,6 +36,10 @@ from islandgp_ros2.robot_map import read_map
 pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.filterwarnings("default")]
 
 DRIVE = "{{action: /drive, type: test_msgs/action/Fibonacci, goal: {{order: {}}}{}}}"
+NESTED = (
+    "{action: /turn, type: test_msgs/action/NestedMessage,"
+    " goal: {nested_field: {int32_value: 3}, nested_field.bool_value: true}}"
+)
 MAP = f"""
 node: robot
 actions:
@@ -232,6 +236,17 @@ def test_values_by_name(
     monkeypatch.setattr("test_ros2.MAP", named + key)
     machine = robot(f"sequence {{ Step(n: {SUCCEEDS}) Next }}")
     assert machine.until(lambda _: servers.goals == [SUCCEEDS, 10 * SUCCEEDS])
+
+
+def test_a_key_without_a_value_fails_the_action(
+    robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An action that needs the result of one which has not ended fails; others are not affected."""
+    actions = f"actions:\n  Next: {DRIVE.format('last', '')}\n  Turn: {NESTED}\n"
+    key = "  last: {result: Drive, field: 'sequence[1]'}\n"
+    monkeypatch.setattr("test_ros2.MAP", MAP.replace("actions:\n", actions) + key)
+    assert robot("Next").ended() == NodeStatus.FAILURE
+    assert robot("parallel success one { Drive Turn }").until(lambda s: s is NodeStatus.RUNNING)
 
 
 @pytest.mark.parametrize(

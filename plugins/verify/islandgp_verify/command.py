@@ -42,6 +42,8 @@ def command(
 
     A rule is "never ACTION while CONDITION": the action is never called on a blackboard on
     which the condition holds, for all blackboards before it and all statuses that actions return.
+    ACTION can have a condition on its arguments, "Drive(speed > 0.5)", or be the name of a
+    resource, which is all actions that use it.
     A refutation has a sequence of blackboards that breaks the rule. Exit code 0 if all rules are
     proven, 1 if one is refuted or unknown.
     """

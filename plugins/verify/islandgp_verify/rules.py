@@ -1,5 +1,8 @@
 """Rules of a tree's guards: `never ACTION while CONDITION`, proven or refuted.
 
+`never Drive(speed > 0.5) while near` is about the calls with such arguments, `never base while
+near` about all actions that use the resource `base`.
+
 A rule is broken by a tick in which the action is called, started or resumed, on a blackboard on
 which the condition holds. Any blackboard may follow any other one, within the ranges of the keys,
 and an action may return each of its statuses. So a proof holds in every world; a refutation is a
@@ -14,17 +17,18 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, NamedTuple
 
-from islandgp.bt.core.condition import ConditionExpr, terms
+from islandgp.bt.core.condition import ConditionExpr, condition, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import TIMED, kind_of
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Node, asked_in, keys_in, leaf, walk
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.node import ActionArgs, Node, asked_in, keys_in, leaf, walk
+from islandgp.bt.core.parameters import Parameter, bound
+from islandgp.bt.core.vocabulary import Action, Key, Vocabulary, enumeration, flag, number
 from islandgp.errors import TreeError
 from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 from islandgp_verify.invariants import boards_of_nodes
@@ -35,7 +39,9 @@ STEPS: Final = 200_000  # default of the search; takes some seconds
 MAX_CELLS: Final = 2_000  # most classes of blackboards
 
 _SHOWN: Final = 200  # characters of a rule in messages
-_RULE: Final = re.compile(r"\s*never\s+(\w+)\s+while\s+(\S.*?)\s*", re.DOTALL)
+_RULE: Final = re.compile(
+    r"\s*never\s+(\w+)(?:\s*\(\s*(\S.*?)\s*\))?\s+while\s+(\S.*?)\s*", re.DOTALL
+)
 _PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
 
 
@@ -44,8 +50,23 @@ class Rule:
     """An action is never called on a blackboard on which a condition holds."""
 
     text: str  # as it was written
-    action: str
+    actions: tuple[str, ...]  # one, or all that use a resource
     condition: ConditionExpr
+    arguments: ConditionExpr | None = None  # of the calls that it forbids; None: all of them
+
+    def forbids(self, args: ActionArgs, vocabulary: Vocabulary) -> bool:
+        """True if the rule is about a leaf with this action and these arguments."""
+        if self.arguments is None or args.name not in self.actions:
+            return args.name in self.actions
+        parameters = vocabulary.action(args.name).arguments
+        keys = _keys_of(parameters)
+        values = bound(args, parameters)
+        board = [
+            key.number_of(value) if isinstance(value := values[name], str) else float(value)
+            for name, key in keys.items()
+        ]
+        index = {name: place for place, name in enumerate(keys)}
+        return condition(self.arguments, board, index)()
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +95,47 @@ def read_rule(text: str, vocabulary: Vocabulary) -> Rule:
     rule = repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}...")
     if match is None:
         raise TreeError(f"rule {rule}: expected never ACTION while CONDITION, found another form")
-    action, condition = match.groups()
+    name, arguments, text_of_condition = match.groups()
+    users = tuple(word for word, each in vocabulary.actions.items() if name in each.uses)
+    actions = (name,) if name in vocabulary.actions or not users else users
+    forbidden = _read_condition(text_of_condition, actions[0], vocabulary, rule)
+    limits = None
+    if arguments is not None:
+        if name not in vocabulary.actions:
+            raise TreeError(f"rule {rule}: expected arguments of an action, found {name}(...)")
+        keys = _keys_of(vocabulary.action(name).arguments)
+        parameters = Vocabulary(vocabulary.domain, {name: Action("")}, keys)
+        limits = _read_condition(arguments, name, parameters, rule)
+    return Rule(" ".join(text.split()), actions, forbidden, limits)
+
+
+def _read_condition(text: str, action: str, vocabulary: Vocabulary, rule: str) -> ConditionExpr:
+    """A condition of a rule. Raises TreeError in a line."""
     try:
-        tree = parse(f"when {condition} {{ {action} }}", vocabulary)
+        tree = parse(f"when {text} {{ {action} }}", vocabulary)
     except TreeError as error:
         first, *rest = str(error).splitlines()
         hints = rest[2:] if error.source else rest
         message = ". ".join([_PLACE.sub("", first), " ".join(hints)]).rstrip(". ")
         raise TreeError(f"rule {rule}: {message}") from None
-    if re.search(r"\babort\b", condition):
+    if re.search(r"\babort\b", text):
         raise TreeError(f"rule {rule}: expected a condition after while, found an abort rule")
     if tree.guard is None or tree.children != (leaf(action),):
         raise TreeError(f"rule {rule}: expected a condition after while, found more than that")
-    return Rule(" ".join(text.split()), action, tree.guard.condition)
+    return tree.guard.condition
+
+
+def _keys_of(parameters: Mapping[str, Parameter]) -> dict[str, Key]:
+    """Arguments as keys, so that a condition can compare them; without texts."""
+    makers: dict[str, Callable[[Parameter], Key]] = {
+        "number": lambda each: number("", each.low, each.high),
+        "integer": lambda each: number("", each.low, each.high),
+        "word": lambda each: enumeration("", each.words),
+        "flag": lambda _: flag(""),
+    }
+    return {
+        name: makers[each.sort](each) for name, each in parameters.items() if each.sort in makers
+    }
 
 
 def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEPS) -> RuleResult:
@@ -104,9 +153,15 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     sets = BoardSets(vocabulary.keys)
     machine = Machine(tree, vocabulary, sets)
     forbidden = sets.of(rule.condition)
-    places = [p for p in machine.statuses if machine.nodes[p].action == rule.action]
+    leaves = {place: machine.nodes[place].args for place in machine.statuses}
+    places = [
+        place
+        for place, args in leaves.items()
+        if isinstance(args, ActionArgs) and rule.forbids(args, vocabulary)
+    ]
     if not places:
-        return RuleResult(rule, "proven", f"there is no {rule.action} in the tree")
+        call = rule.text.removeprefix("never ").split(" while ")[0]
+        return RuleResult(rule, "proven", f"there is no {call} in the tree")
     if forbidden == NO_BOARD:
         return RuleResult(rule, "proven", "its condition never holds in the ranges of the keys")
     possible = boards_of_nodes(machine)

@@ -14,7 +14,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from islandgp.bt.core.condition import ConditionExpr, condition
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, leaf, walk
+from islandgp.bt.core.parameters import one_of, real, switch, text
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.cli import islandgp
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
@@ -37,7 +40,7 @@ def short_rule(text: str) -> Rule:
 
 def check(tree: Node, action: str, expr: ConditionExpr, steps: int = 10**6) -> RuleResult:
     """The result of checking a rule."""
-    return check_rule(tree, Rule("a rule", action, expr), VOCABULARY, steps)
+    return check_rule(tree, Rule("a rule", (action,), expr), VOCABULARY, steps)
 
 
 def holds(expr: ConditionExpr, board: list[float]) -> bool:
@@ -216,6 +219,69 @@ def test_the_page_shows_what_the_commands_print(
     Path(first[-1]).write_text(CliRunner().invoke(islandgp, first[1:-2]).output, encoding="utf-8")
     outputs = [CliRunner().invoke(islandgp, command[1:]).output for command in others]
     assert "".join(outputs) == expected
+
+
+ROBOT = Vocabulary(
+    "robot",
+    {
+        "Drive": Action(
+            "",
+            arguments={
+                "speed": real("", 0.0, 1.0, default=0.8),
+                "to": one_of("", ("dock", "door")),
+                "careful": switch(""),
+                "frame": text(""),
+            },
+            uses=("base",),
+        ),
+        "Turn": Action("", uses=("base", "arm")),
+        "Beep": Action(""),
+    },
+    {"near": flag("")},
+)
+CALLS = """selector {
+  when near { Drive(speed: 0.5, to: door) }
+  when not near { sequence { Drive(to: dock) Drive(careful: yes) Turn } }
+  Beep
+}"""
+
+
+@pytest.mark.parametrize(
+    ("rule", "result"),
+    [
+        ("never Drive(speed > 0.5) while near", "proven"),
+        ("never Drive(speed >= 0.5) while near", "refuted"),
+        ("never Drive(speed > 0.75) while not near", "refuted"),  # the default
+        ("never Drive ( to == dock and not careful ) while near", "proven"),
+        ("never Drive(to == door) while near", "refuted"),
+        ("never Drive(careful and (to == dock or speed < 1)) while not near", "refuted"),
+        ("never Drive(speed > 0.9) while near", "proven"),
+        ("never Drive while near", "refuted"),
+        ("never base while near", "refuted"),
+        ("never arm while near", "proven"),
+        ("never arm while not near", "refuted"),
+    ],
+)
+def test_rules_of_arguments_and_resources(rule: str, result: str) -> None:
+    """They are about the calls with such arguments, or of actions that use the resource."""
+    tree = parse(CALLS, ROBOT)
+    assert check_rule(tree, read_rule(rule, ROBOT), ROBOT).result == result
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        ("never Drive(sped > 0.5) while near", "unknown blackboard key 'sped'"),
+        ("never Drive(frame == map) while near", "unknown blackboard key 'frame'"),
+        ("never Drive() while near", "expected never ACTION while CONDITION, found another form"),
+        ("never base(speed > 1) while near", "expected arguments of an action, found base(...)"),
+        ("never bas while near", "unknown action 'bas'"),
+    ],
+)
+def test_wrong_rules_of_arguments(rule: str, message: str) -> None:
+    """A line that names the rule and the reason."""
+    with pytest.raises(TreeError, match=re.escape(f"rule {rule!r}: {message}")):
+        read_rule(rule, ROBOT)
 
 
 @pytest.mark.parametrize(
