@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import islice
 
 from islandgp.bt.core.language import parse
@@ -13,30 +12,25 @@ from islandgp.viewer.page import page
 from islandgp.viewer.recording import record
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodePlace:
-    """The world and stage of an individual's evaluation."""
+def first_episode(folder: RunFolder, name: str) -> tuple[int, int]:
+    """World seed and stage index of the first episode of the individual with this id.
 
-    seed: int  # of the world
-    stage: int  # index into Table 2
-
-
-def first_episode(folder: RunFolder, name: str) -> EpisodePlace:
-    """The first episode of the individual with this id. Raises RunError without a record."""
+    Raises RunError without a record.
+    """
     config = folder.configuration()
     generation, slot = (int(part) for part in name.split("."))
     for recorded in islice(folder.records(generation), 1):
         place = 0 if config["gp"]["shared_seed"] else slot * config["gp"]["episodes"]
-        return EpisodePlace(recorded["worlds"][place], recorded["snapshot"]["stage"])
+        return recorded["worlds"][place], recorded["snapshot"]["stage"]
     raise RunError(f"Expected generation {generation} in {folder.path}, found none.")
 
 
 def champion_replay(folder: RunFolder) -> str:
     """The replay page of a finished run's best robot."""
     champion = folder.summary()["champion"]
-    place = first_episode(folder, champion["record"]["id"])
+    seed, stage = first_episode(folder, champion["record"]["id"])
     problem = Problem.recorded(folder.configuration())
     tree = parse(champion["tree"], problem.domain.schema.vocabulary)
-    episode = record(tree, problem, seed=place.seed, stage=place.stage)
+    episode = record(tree, problem, seed=seed, stage=stage)
     generation = champion["generation"]
     return page(episode, title=f"{folder.path.name}: the best robot, of generation {generation}")

@@ -10,8 +10,9 @@ import json
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from html import escape
+from pathlib import Path
 from typing import Any, Final
 
 from pydantic import ValidationError
@@ -26,6 +27,7 @@ from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
+from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
@@ -33,13 +35,30 @@ from islandgp.scoring.rewards import RewardTable
 from islandgp.text import in_interval, in_points
 from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
-from islandgp.viewer.lineage_section import lineage_section
+from islandgp.viewer.lineage import lineage_section
 from islandgp.viewer.page import filled, part, script_data
-from islandgp.viewer.run_view import RunView, path_from_home, world_flags
 
 NAME_OF_PAGE: Final = "run.html"
 RELOAD: Final = 5  # s between two reloads of an active run's page
 REPLAY_BYTES: Final = 700_000  # largest replay that is embedded in the page
+
+
+WORLD_GROUPS: Final = frozenset(
+    {"domain", "world", "rewards", "curriculum", "classes", "experiment", "search"}
+)
+"""Groups of the configuration on which an episode may depend."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunView:
+    """A run as read from its folder, for all parts of its page."""
+
+    folder: RunFolder
+    status: Status
+    config: Mapping[str, Any]
+    history: RunCurves
+    champion: Mapping[str, Any] | None  # an individual's record
+    summary: Mapping[str, Any] | None  # of a finished run
 
 
 def run_page(
@@ -94,7 +113,7 @@ def run_page(
             "champion": "".join(champion_section(view)),
             "training": "".join(_training(view)),
             "facts": "".join(_facts(view)),
-            "lineage": "".join(lineage_section(view)),
+            "lineage": "".join(lineage_section(folder, champion["id"]) if champion else ()),
             "data": script_data(data),
             "replay": script_data(replay),
             "script": part("run.js"),
@@ -197,11 +216,30 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         "floor": settings.floor,
         "domain": "" if about is None else about.tags.get("domain", ""),
         "command": " ".join([shlex.quote(program()), "replay", "-"]),
-        "flags": world_flags(view),
+        "flags": _world_flags(view),
         "file": NAME,
         "readable": cells is not None,
         "elites": entries,
     }
+
+
+def _world_flags(view: RunView) -> str:
+    """The command-line options for this run's world."""
+    about = view.folder.about()
+    try:
+        arguments = [] if about is None else shlex.split(about.command)
+    except ValueError:  # the quotes of a damaged file
+        arguments = []
+    flags: list[str] = []
+    for k, word in enumerate(arguments):
+        group = word.lstrip("+~").partition("=")[0].partition(".")[0].partition("/")[0]
+        if word == "--config-dir":
+            flags += arguments[k : k + 2]
+        elif word.startswith("--config-dir="):
+            flags.append(word)
+        elif "=" in word and group in WORLD_GROUPS and HIDDEN not in word:
+            flags += ["--set", word]
+    return shlex.join(flags)
 
 
 def _elites(view: RunView) -> tuple[Elite, ...] | None:
@@ -249,10 +287,12 @@ def champion_section(view: RunView) -> Iterator[str]:
         )
     text = champion.get("text", best["tree"])
     yield f"<details><summary>As text</summary><pre>{escape(text)}</pre></details>"
-    place = first_episode(view.folder, best["id"])
-    file = shlex.quote(str(path_from_home(view) / "best.bt"))
-    flags = f" {flags}" if (flags := world_flags(view)) else ""
-    command = f"{program()} replay {file} --seed {place.seed} --stage {place.stage + 1}{flags}"
+    about, path = view.folder.about(), view.folder.path / "best.bt"
+    home = Path("/" if about is None else about.home)
+    file = shlex.quote(str(path.relative_to(home) if path.is_relative_to(home) else path))
+    flags = f" {flags}" if (flags := _world_flags(view)) else ""
+    seed, stage = first_episode(view.folder, best["id"])
+    command = f"{program()} replay {file} --seed {seed} --stage {stage + 1}{flags}"
     yield (
         f"<details><summary>Its replay as a command</summary><p><code>{escape(command)}</code>"
         ' <button type="button" class="copy">copy</button></p></details>'

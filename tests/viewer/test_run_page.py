@@ -19,7 +19,7 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.rewards import RewardTable
-from islandgp.viewer import lineage_section
+from islandgp.viewer import lineage
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
 from islandgp.viewer.run_page import embedded_replay, run_page
 from tests.composed import plain
@@ -306,7 +306,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     assert elite_rows[0]["tree"] is not None
     assert elite_rows[-1]["tree"] is None
     assert json.loads(dict(parsed.scripts)["replay"]) == ""
-    monkeypatch.setattr(lineage_section, "STEPS", (1, 1))
+    monkeypatch.setattr(lineage, "STEPS", (1, 1))
     long = closed_run(tmp_path / "long", steps=supervised(1.0))
     parsed = Parsed(run_page(long, Status.FINISHED))
     nodes = long.summary()["champion"]["record"]["nodes"]
