@@ -4,9 +4,10 @@
     results.generations.groupby(["arm", "generation"])["fitness_max"].mean()
 
 Column names with a dot belong to the domain or the experiment: `tiers.complete`,
-`components.delivery`, `counters.deliveries`, `cell.deliveries`. With constraints,
-`constraints.violation` is 0 if all are met, and `constraints.feasible` is the share of individuals
-or worlds that meet them. COLUMNS describes the other columns.
+`components.delivery`, `counters.deliveries`, `cell.deliveries`. What a sweep varies is in columns
+such as `factor.gp.population`. With constraints, `constraints.violation` is 0 if all are met, and
+`constraints.feasible` is the share of individuals or worlds that meet them. COLUMNS describes the
+other columns.
 """
 
 from __future__ import annotations
@@ -27,13 +28,14 @@ from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
 from islandgp.records.files import FITNESS_KEYS, values
 from islandgp.records.folder import RunFolder, run_folders
+from islandgp.records.parameters import flatten
 from islandgp.scoring.constraints import (
     Constraints,
     feasible_share,
     recorded_constraints,
     violation,
 )
-from islandgp.sweep.folder import arm_of
+from islandgp.sweep.folder import arm_of, job_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -100,7 +102,8 @@ class Results:
                 }
 
     def _run(self, folder: RunFolder) -> dict[str, Any]:
-        row = {**self._labels(folder), "status": folder.status().value}
+        labels = {**self._labels(folder), "status": folder.status().value}
+        row = {**labels, **_factors(folder)}
         if not folder.finished():
             return row
         summary = folder.summary()
@@ -131,6 +134,15 @@ class Results:
                 "domain": str(config["domain"]["factory"]),
                 "supervisor": supervisor,
             }
+
+
+def _factors(folder: RunFolder) -> dict[str, Any]:
+    """What a run's sweep varies, by key or group: the run's values; {} for a single run."""
+    file, job = job_of(folder.path)
+    if file is None or job is None:
+        return {}
+    recorded = flatten(folder.configuration())
+    return {f"factor.{k}": recorded.get(k, value) for k, value in file.levels(job).items()}
 
 
 def load(path: str | Path) -> Results:

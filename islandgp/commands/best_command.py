@@ -17,7 +17,6 @@ import click
 from islandgp.commands.files import OUTPUT, STDIN, write_text
 from islandgp.commands.options import with_trust_options, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
-from islandgp.compare.comparable import TASK
 from islandgp.compare.library import reference_trees
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
@@ -27,6 +26,7 @@ from islandgp.evolution.candidates import Candidate, CandidatesByFitness
 from islandgp.evolution.validation import validate, validation_seeds
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
+from islandgp.records.parameters import TASK
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import Constraints, feasible_share, recorded_constraints
 from islandgp.seeding import Stream

@@ -128,18 +128,24 @@ def select_arms(texts: Sequence[str], runs: Sequence[RunEntry]) -> tuple[list[Ar
         StudyError: a text is neither, or no finished run matches; the message lists the runs.
     """
     by_label, _, keys = _by_arm(runs)
+    labels = {_words(label): label for label in by_label}
     arms: list[Arm] = []
     notes: list[str] = []
     for text in texts:
-        if text in by_label:
-            members, levels = by_label[text]
-            arm, remarks = _arm(text, text, members, keys, levels)
+        if label := labels.get(_words(text)):
+            members, levels = by_label[label]
+            arm, remarks = _arm(label, label, members, keys, levels)
         else:
             name, condition = parse_arm(text)
             arm, remarks = _selected(name, condition, runs)
         arms.append(arm)
         notes += remarks
     return arms, notes
+
+
+def _words(label: str) -> frozenset[str]:
+    """The parts of an arm's name; their order and case do not matter."""
+    return frozenset(label.lower().split())
 
 
 def parse_arm(text: str) -> tuple[str, str]:

@@ -14,14 +14,11 @@ from islandgp.compare.arms import Arm, in_short
 from islandgp.compare.measures import episode_cost
 from islandgp.compare.runs import Run, cut
 from islandgp.errors import StudyError
-from islandgp.records.parameters import flatten, runtime_keys, short_key
+from islandgp.records.parameters import TASK, flatten, runtime_keys, short_key
 from islandgp.scoring.classes import Classes
 
 VARIED_GROUPS: Final = frozenset({"supervisor"})
 """The group in which arms may always differ (section 3.1)."""
-
-TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
-"""Groups that define fitness and tiers. Arms that differ in them have their own tasks."""
 
 REPLACEABLE_GROUPS: Final = TASK - {"domain"} | {"library", "search"}
 """Groups that may differ as a whole if every selection names a key of the group."""
@@ -44,7 +41,7 @@ MAX_ARMS: Final = 3  # most arms with the same value that are named
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """World, rewards, curriculum and classes of some arms."""
+    """World, rewards, last stage of the curriculum and classes of some arms."""
 
     label: str  # the settings in which it differs from the others, or its arms
     arms: tuple[str, ...]
@@ -85,6 +82,12 @@ class Comparison:
     def generations(self) -> int:
         """Number of generations that all arms have."""
         return min(a.generations for a in self.arms)
+
+    @property
+    def same_training(self) -> bool:
+        """True if points of training are comparable: all arms have one task and curriculum."""
+        configs = [arm.runs[0].config for arm in self.arms]
+        return all(config[group] == configs[0][group] for config in configs for group in TASK)
 
     def task(self, arm: str) -> Task:
         """The task of an arm."""
@@ -160,6 +163,8 @@ def _tasks(arms: Sequence[Arm]) -> tuple[Task, ...]:
     by_text: dict[str, list[Arm]] = {}
     for arm in arms:
         config = {group: arm.runs[0].config[group] for group in sorted(TASK)}
+        last = config["curriculum"]["stages"][-1]  # in which best robots are tested
+        config["curriculum"] = {key: value for key, value in last.items() if key != "epochs"}
         by_text.setdefault(json.dumps(config, sort_keys=True, default=str), []).append(arm)
     flats = [flatten(json.loads(text)) for text in by_text]
     keys = {key for flat in flats for key in flat if len({str(f.get(key)) for f in flats}) > 1}

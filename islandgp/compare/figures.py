@@ -7,6 +7,7 @@ colour-blind readers.
 from __future__ import annotations
 
 import io
+import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,7 +142,7 @@ def _height(panels: int, arms: int) -> float:
 
 def curves(study: Comparison) -> Picture:
     """Best fitness by generation and by episodes, diversity and mutation rate by generation."""
-    own = "" if len(study.tasks) == 1 else ", each under its own task"
+    own = "" if study.same_training else ", own scales"
 
     def draw(figure: Figure) -> None:
         by_generation, by_episodes, other, rates = grid(figure, 4)
@@ -211,7 +212,7 @@ def at_episodes(arm: Arm, of: Value) -> tuple[Sequence[float], list[list[float]]
 
 def _stages(axes: Axes, study: Comparison) -> None:
     """Dashed lines at the ends of stages, if all arms have the same curriculum."""
-    if len(study.tasks) > 1:
+    if not study.same_training:
         return
     plan = Curriculum(**study.arms[0].runs[0].config["curriculum"])
     for g in range(1, study.generations):
@@ -256,26 +257,20 @@ def best_robots(study: Comparison, results: Sequence[TreeResult]) -> Picture:
     def draw(figure: Figure) -> None:
         panels = grid(figure, len(study.tasks))
         for axes, task in zip(panels, study.tasks, strict=True):
-            for place, (arm, _, look) in enumerate(_arms(study)):
+            for place, (arm, name, look) in enumerate(_arms(study)):
                 points = [
                     r.mean for r in results if r.run and (r.arm, r.task) == (arm.name, task.label)
                 ]
                 at = place + np.linspace(-0.25, 0.25, len(points) + 2)[1:-1]
-                axes.plot(at, points, **{**look, "linestyle": ""}, alpha=0.8)
+                axes.plot(at, points, label=name, **{**look, "linestyle": ""}, alpha=0.8)
                 mean = mean_interval(points)
-                whisker: dict[str, Any] = {
-                    "color": INK,
-                    "marker": "_",
-                    "markersize": 14,
-                    "capsize": 4,
-                }
+                whisker: dict[str, Any] = {"color": INK, "marker": "_", "capsize": 4}
                 axes.errorbar(place, mean.estimate, yerr=mean.high - mean.estimate, **whisker)
-            names = [plain(name) for name in study.names]
-            axes.set_xticks(range(len(names)), names, rotation=20, ha="right")
+            axes.set_xticks([])
             axes.yaxis.set_major_formatter(THOUSANDS)
-            axes.grid(visible=False, axis="x")
             if len(study.tasks) > 1:
-                axes.set_title(plain(f"under {task.label}"))
+                axes.set_title(plain(textwrap.fill(f"under {task.label}", LETTERS // COLUMNS)))
+        legend(figure, panels[0])
         panels[0].set_ylabel("Mean in unseen worlds (points)")
 
     return picture(
@@ -284,5 +279,5 @@ def best_robots(study: Comparison, results: Sequence[TreeResult]) -> Picture:
         "A point is a run's best robot; bars: mean over runs with Student's t 95 % interval."
         " Panels have different scales of points if rewards or curricula differ.",
         draw,
-        height=HEIGHT * -(-len(study.tasks) // COLUMNS) + 1.0,
+        height=_height(len(study.tasks), len(study.arms)) + 0.3,
     )

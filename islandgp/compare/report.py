@@ -147,10 +147,11 @@ class Report:
         ]
         if len(results) > LINES:
             lines.append(f"  {len(results) - LINES} more pairs are in the report.")
-        if len(study.tasks) > 1:
+        if not study.same_training:
+            tasks = f"; the report has all best robots under {len(study.tasks)} tasks"
             lines.append(
-                f"{len(study.tasks)} tasks: points of different rewards, worlds or curricula are"
-                " not compared; the report has all best robots under each."
+                "Points of training under different rewards, worlds or curricula are not compared"
+                f"{tasks * (len(study.tasks) > 1)}."
             )
         notes = [line for line in study.notes if not line.startswith("The arms differ in")]
         return "\n".join([*lines, *notes[:FEW], f"Report: {folder / 'index.html'}"])
@@ -202,7 +203,7 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
 def study_measures(study: Comparison, tested: Sequence[TreeResult] = ()) -> tuple[Measure, ...]:
     """The measures that are comparable: no points of training if the arms' tasks differ."""
     training = training_measures(study.classes)
-    if len(study.tasks) > 1:
+    if not study.same_training:
         training = tuple(m for m in training if m.unit != POINTS)
     return (*training, *champion_measures(study, tested))
 
@@ -244,7 +245,7 @@ def _result(report: Report) -> Iterator[Item]:
     study = report.study
     yield report.question
     yield from report.results()
-    if len(study.tasks) > 1:
+    if not study.same_training:
         yield note("own-fitness")
     yield figures.curves(study)
     yield tables.arms_table(study)

@@ -201,7 +201,7 @@ def components_table(study: Comparison) -> Table:
         title(name): partial(_component, name) for name in names
     }
     values["Fitness"] = lambda run: [run.champion.record.fitness]
-    notes = [note("components")] + [note("own-task")] * (len(study.tasks) > 1)
+    notes = [note("components")] + [note("own-task")] * (not study.same_training)
     heading = "Fitness of the best robots by component (points)"
     return Table.of("components", heading, _by_arm(study, values, "Component", 0), *notes)
 

@@ -13,6 +13,9 @@ from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 RUNTIME_KEYS: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress", "tags"})
 """Top-level keys that do not change a run's records, except for a user's evaluator class."""
 
+TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
+"""Groups that define fitness and tiers; points of runs that differ in them are not comparable."""
+
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 """User name and password in an address, with the `@` after them."""

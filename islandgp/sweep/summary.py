@@ -7,13 +7,14 @@ statistical tests are in `islandgp.compare`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
 from islandgp.records.files import fallback_words, validation_mean
 from islandgp.records.folder import Status
+from islandgp.records.parameters import TASK
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import in_points, title
 
@@ -44,11 +45,14 @@ class ArmSummary:
     finished: tuple[SweepJob, ...]
     summaries: tuple[dict[str, Any], ...]  # of the finished ones
     curves: tuple[Curve, ...]  # one for each measure
+    own_scale: bool = False  # True: other arms have other rewards, worlds or curricula
 
 
 def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
     """The arms with the summaries of their finished runs. Raises RunError if one is damaged."""
-    return [_arm(sweep, name, jobs) for name, jobs in file.arms().items()]
+    own_scale = any(key.partition(".")[0] in TASK for key in file.studied_keys())
+    summaries = (_arm(sweep, name, jobs) for name, jobs in file.arms().items())
+    return [replace(arm, own_scale=own_scale) for arm in summaries]
 
 
 def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
@@ -92,10 +96,11 @@ def arm_rows(arms: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
 
     Columns: the validation mean with its standard deviation, the median generation of the first
     robot of each milestone over all runs, the mean diversity, and the share of the fallback's
-    answers if there are any.
+    answers if there are any. Validation means under different tasks are marked.
     """
     tiers = milestones([s for arm in arms for s in arm.summaries])
-    head = ("arm", "finished", "validation mean", *map(title, tiers), "diversity")
+    points = "validation mean" + ", own scale" * any(arm.own_scale for arm in arms)
+    head = ("arm", "finished", points, *map(title, tiers), "diversity")
     rows = [head, *(_row(arm, tiers) for arm in arms)]
     fallback = [fallback_words(arm.summaries) for arm in arms]
     if not any(fallback):

@@ -166,6 +166,18 @@ def test_tasks_may_be_studied(key: str, values: tuple[float, ...], labels: tuple
     assert shared_seeds(*study.pairs[0]) == (0, 1)
 
 
+def test_curricula_are_tested_in_their_last_stage() -> None:
+    """Arms with other first stages have one task, but points of training are not comparable."""
+    arms = [
+        _arm("a", range(2), "curriculum.last_only=false", curriculum__last_only=False),
+        _arm("b", range(2), "curriculum.last_only=true", curriculum__last_only=True),
+    ]
+    study = compare_arms(arms)
+    assert [task.arms for task in study.tasks] == [("a", "b")]
+    assert not study.same_training
+    assert compare_arms([_arm("expert", range(2)), _arm("baseline", range(2))]).same_training
+
+
 def test_an_arm_is_of_one_kind() -> None:
     """Runs of two configurations, or two runs of one seed, are no arm."""
     mixed = fake_arm(
@@ -268,7 +280,7 @@ def test_searches_with_other_curricula_need_a_remedy() -> None:
     """The error names a setting with which both train in the same stages; long values are cut."""
     arms = [
         _arm("a", range(2), "search=paper"),
-        _arm("b", range(2), "search=hill", curriculum__stages={"x": "y" * 1000}),
+        _arm("b", range(2), "search=hill", curriculum__stages=[{"x": "y" * 1000}]),
     ]
     with pytest.raises(StudyError) as raised:
         compare_arms(arms)

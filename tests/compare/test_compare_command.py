@@ -11,6 +11,7 @@ from click.testing import CliRunner, Result
 
 from islandgp.commands.compare_command import command
 from islandgp.errors import IslandError, StudyError
+from islandgp.results import load
 from islandgp.running import app
 from tests.running.commands import fake
 
@@ -74,10 +75,12 @@ def test_the_documented_rewards(home: Path, monkeypatch: pytest.MonkeyPatch) -> 
     lines = result.output.splitlines()
     assert lines[0] == "Question: Does interaction.base matter?"
     assert "interaction.base=100 (2 runs, seeds 0-1); interaction.base=1000 (2 runs" in lines[1]
-    assert "2 tasks: points of different rewards" in result.output
+    assert "the report has all best robots under 2 tasks." in result.output
     page = (home / "study" / "rewards" / "index.html").read_text(encoding="utf-8")
     assert "Best robots in 2 unseen worlds, under the task of each arm" in page
     assert page.count("(own task)") == 2
+    factor = load(home / "runs" / "rewards").runs["factor.rewards.events.interaction.base"]
+    assert sorted(factor) == [100, 100, 1000, 1000]
     tests = pd.read_csv(home / "study" / "rewards" / "tests.csv")
     assert {"unseen_1", "unseen_2", "counters.interactions"} <= {*tests["measure"]}
     assert not {"mean_max", "final_max"} & {*tests["measure"]}

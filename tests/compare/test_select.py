@@ -220,7 +220,9 @@ def test_a_printed_name_selects_an_arm(tmp_path: Path) -> None:
     assert arms[1].levels == {"rewards.events.interaction.base": "1000"}
     assert [arm.seeds for arm in arms] == [(0, 1)] * 3
     assert notes == []
-    selected, _ = select_arms([names[2], "rest=rewards.events.interaction.base=100"], runs)
+    selected, _ = select_arms(
+        ["Interaction.Base=360", "rest=rewards.events.interaction.base=100"], runs
+    )
     assert [arm.name for arm in selected] == [names[2], "rest"]
     assert selected[0] == arms[2]
     assert selected[1].runs == arms[0].runs

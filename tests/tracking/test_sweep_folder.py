@@ -108,6 +108,16 @@ def test_arms_have_separate_metrics() -> None:
     assert len(names[3]) == 180
 
 
+def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
+    """The head of the column says so; arms with equal rewards have no mark."""
+    heads = []
+    for key in ("rewards.events.interaction.base", "gp.population"):
+        sweep = started_sweep(tmp_path / key, job("1", f"{key}=8"), job("2", f"{key}=9"))
+        heads.append(arm_table(arms(sweep, file_of(sweep))).splitlines()[0])
+    assert "| validation mean, own scale |" in heads[0]
+    assert "| validation mean |" in heads[1]
+
+
 def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
     """Also where a text in its name holds a bar or a line break."""
     sweep = started_sweep(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
