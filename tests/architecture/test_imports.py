@@ -71,6 +71,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "mlflow": ("tracking",),
     "anthropic": ("supervision.llm.client",),
     "httpx2": ("supervision.llm.client",),
+    "xllamacpp": ("supervision.llm.local",),
     "ray": ("evaluation.ray",),
     "cmaes": ("search.numbers",),
     "scipy": ("statistics", "compare", "intervals"),

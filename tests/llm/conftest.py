@@ -19,6 +19,8 @@ def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
         "ANTHROPIC_FOUNDRY_RESOURCE",
         "ANTHROPIC_VERTEX_BASE_URL",
         "ANTHROPIC_VERTEX_PROJECT_ID",
+        "OPENAI_API_KEY",
+        "OPENAI_BASE_URL",
         "AWS_ACCESS_KEY_ID",
         "AWS_BEARER_TOKEN_BEDROCK",
         "AWS_DEFAULT_REGION",

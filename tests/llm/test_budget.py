@@ -16,7 +16,7 @@ import pytest
 
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.supervision.llm.budget import Ledger, cost, dearest, known_usage, most_tokens
-from islandgp.supervision.llm.client import AnthropicClient
+from islandgp.supervision.llm.client import ServerClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
@@ -518,7 +518,7 @@ def test_costs_that_count_nothing_expect_nothing(tmp_path: Path, costs: bytes) -
 def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
     """What it took is unknown, so it is the most that it can be."""
     with MessagesServer(usage=False) as server:
-        client = AnthropicClient(None, server.url)
+        client = ServerClient(None, server.url)
         llm = LLM(settings("caps.output_tokens=9000"), context(), client)
         sources = run_of(llm, 12)
         llm.close()

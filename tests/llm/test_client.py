@@ -19,7 +19,7 @@ from pathlib import Path
 import httpx2
 import pytest
 
-from islandgp.supervision.llm.client import MAX_BODY, AnthropicClient
+from islandgp.supervision.llm.client import MAX_BODY, ServerClient
 from islandgp.supervision.llm.message import MAX_ANSWER, Failure, FailureKind, Reply, Request, Usage
 from tests.llm.faults import Fault
 from tests.llm.server import MessagesServer
@@ -30,8 +30,8 @@ DEADLINE = 0.4  # s
 
 
 @contextmanager
-def client_of(url: str) -> Iterator[AnthropicClient]:
-    client = AnthropicClient(KEY, url)
+def client_of(url: str) -> Iterator[ServerClient]:
+    client = ServerClient(KEY, url)
     client.open()
     try:
         yield client
@@ -51,7 +51,7 @@ def mocked(body: bytes, status: int = 200, **headers: str) -> Reply | Failure:
     transport = httpx2.MockTransport(
         lambda _: httpx2.Response(status, content=body, headers=headers)
     )
-    client = AnthropicClient(KEY, "http://mock", transport=transport)
+    client = ServerClient(KEY, "http://mock", transport=transport)
     try:
         return client.send(ASK, seconds=5)
     finally:
@@ -363,9 +363,9 @@ def test_errors_of_other_servers_have_different_kinds(
 def test_closing_is_prompt_and_final() -> None:
     """A client can be closed unused, and no thread of it stays."""
     before = threading.active_count()
-    AnthropicClient(None, "http://127.0.0.1:1").close()
+    ServerClient(None, "http://127.0.0.1:1").close()
     with MessagesServer(lambda _: Fault.DRIP) as server:
-        client = AnthropicClient(None, server.url)
+        client = ServerClient(None, server.url)
         client.send(ASK, seconds=0.1)
         client.close()
     assert not [t for t in threading.enumerate() if t.name == "llm"]
@@ -406,7 +406,7 @@ def test_a_compressed_body_is_not_unpacked(status: int) -> None:
             status, stream=Bytes(bomb()), headers={"content-encoding": "gzip", "retry-after": "3"}
         )
     )
-    client = AnthropicClient(KEY, "http://mock", transport=transport)
+    client = ServerClient(KEY, "http://mock", transport=transport)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     answer = client.send(ASK, seconds=10)
     client.close()

@@ -12,7 +12,7 @@ import httpx2
 import pytest
 
 from islandgp.errors import IslandError, SupervisionError
-from islandgp.supervision.llm.client import HIDDEN, AnthropicClient
+from islandgp.supervision.llm.client import HIDDEN, ServerClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
@@ -47,7 +47,7 @@ def test_a_cloud_gets_its_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
         return httpx2.Response(200, content=json.dumps(body).encode())
 
     transport = httpx2.MockTransport(reply)
-    client = AnthropicClient(None, None, factory=FOUNDRY, transport=transport)
+    client = ServerClient(None, None, factory=FOUNDRY, transport=transport)
     answer = client.send(ASK, seconds=20)
     client.close()
     assert isinstance(answer, Reply), answer
@@ -75,7 +75,7 @@ def test_a_function_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr("anthropic.AsyncAnthropicBedrock", Bedrock)
     with MessagesServer(answer=lambda _: "Hello.") as server:
-        client = AnthropicClient(None, server.url, factory="clouds:bedrock")
+        client = ServerClient(None, server.url, factory="clouds:bedrock")
         assert isinstance(client.send(ASK, seconds=20), Reply)
         client.close()
     (options,) = made
@@ -121,7 +121,7 @@ def test_missing_credentials_stop_a_run() -> None:
 
     with MessagesServer() as server, pytest.MonkeyPatch.context() as patch:
         patch.setattr("anthropic.make_for_test", make, raising=False)
-        client = AnthropicClient(None, server.url, factory="anthropic:make_for_test")
+        client = ServerClient(None, server.url, factory="anthropic:make_for_test")
         failure = client.send(ASK, seconds=20)
         client.close()
     assert isinstance(failure, Failure)

@@ -113,7 +113,7 @@ def test_the_variables_of_the_prompts_are_documented() -> None:
         adviser = Questions(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
             render(prompt, values)
-    later = {"generation", "state", "urgency", "answer", "stage", "error"}
+    later = {"generation", "state", "urgency", "progress", "answer", "stage", "error"}
     sizes = {"depth", "nodes", "most_depth", "most_nodes"}
     assert documented == {*adviser.values, *later, *RUN_VALUES, *sizes}
 

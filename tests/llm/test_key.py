@@ -243,13 +243,13 @@ def test_the_config_dump_of_hydra_shows_no_key(
 def test_without_a_key_nothing_starts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 2, four ways named, no file written; the same for a sweep."""
+    """Exit code 2, five ways named, no file written; the same for a sweep."""
     monkeypatch.chdir(tmp_path)
     for arguments in ([], ["-m", "seed=range(3)"]):
         assert main([*arguments, *SMALL]) == 2
         errors = capfd.readouterr().err
         assert errors.startswith("islandgp: Expected a key or an address for supervisor=llm")
-        assert [f"{n}. " in errors for n in (1, 2, 3, 4, 5)] == [True] * 4 + [False]
+        assert [f"{n}. " in errors for n in range(1, 7)] == [True] * 5 + [False]
         assert list(tmp_path.iterdir()) == []
 
 

@@ -100,7 +100,7 @@ def test_a_server_that_speaks_another_language_stops_the_run(
         server.shutdown()
     first, second = capsys.readouterr().err.splitlines()
     for line in (first, second):
-        assert "needs LiteLLM's proxy in front of it, see docs/llm.md, Any model" in line
+        assert "OpenAI's API only needs supervisor.policy.interface=chat" in line
     assert "found not_found (status 404)" in first
     assert f"such as {url}, found /v1/chat/completions at its end" in second
     assert not list(cwd.rglob("generations.jsonl"))

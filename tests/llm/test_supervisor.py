@@ -14,7 +14,7 @@ from islandgp.bt.core.language import to_text
 from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
-from islandgp.supervision.llm.client import AnthropicClient
+from islandgp.supervision.llm.client import ServerClient
 from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.supervisor import LLM, Adviser
 from islandgp.supervision.llm.transcript import Transcript
@@ -796,7 +796,7 @@ def test_a_key_or_an_address_is_enough(
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
     client = LLM.make(settings(*overrides), context()).client
-    assert isinstance(client, AnthropicClient)
+    assert isinstance(client, ServerClient)
     assert (client._key, client._base_url) == (key, address)
 
 
@@ -814,7 +814,7 @@ def test_a_key_of_more_than_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line end of a file is not part of it; errors do not quote the key."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", " sk-0123456789\r\n")
     client = LLM.make(settings(), context()).client
-    assert isinstance(client, AnthropicClient)
+    assert isinstance(client, ServerClient)
     assert client._key == "sk-0123456789"
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-0123456789\nsk-9876543210")
     with pytest.raises(SupervisionError, match="a key in one line") as excinfo:

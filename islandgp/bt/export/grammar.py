@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Final
+from typing import Any, Final
 
 from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED, Argument, Sort
 from islandgp.bt.core.node_builder import MAX_TERMS
@@ -23,7 +23,9 @@ from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import DomainError
 
 FORMATS: Final = ("lark", "gbnf")
+MAX_WORDS: Final = 100  # most characters of an explanation
 MAX_CHILDREN_NESTED: Final = 4  # most terms beside each other where brackets are allowed
+COARSE: Final = 10  # in JSON, thresholds of wider ranges are whole numbers
 _DIGITS: Final = "[0-9]{0,24}"  # more decimals than numbers of trees have
 _ZEROS: Final = "[0]{0,3}"
 _ANY_NUMBER: Final = f"[-]?([0]|[1-9][0-9]{{0,5}})([.][0-9]{_DIGITS})?"
@@ -69,7 +71,8 @@ def tree_grammar(
         depth: most levels of a tree, >= 1.
         kinds: of inner nodes that a tree may have.
         children: most children of a composite, >= 1.
-        in_json: True: for texts inside a JSON string, on one line, with quotes escaped.
+        in_json: True: for texts inside a JSON string: on one line, with quotes escaped, with an
+            inner node as the root, and with thresholds within the ranges of their keys.
 
     Raises:
         DomainError: the vocabulary has no action.
@@ -80,6 +83,37 @@ def tree_grammar(
             " there is no tree."
         )
     return _Writer(vocabulary, in_json).grammar(depth, kinds, children)
+
+
+def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float, float]) -> Grammar:
+    """The grammar of a model's JSON answer.
+
+    Args:
+        schema: JSON schema of the answer; its fields keep their order.
+        tree: grammar of the field `tree`, for a JSON string.
+        rates: lowest and highest number of the field `mutation_rate`.
+    """
+    rules: dict[str, tuple[Parts, ...]] = {"answer": ()}
+    patterns = {**tree.patterns, "WORDS": f"[A-Z][a-z ,]{{10,{MAX_WORDS}}}[.]"}
+    patterns["RATE"] = between(*rates).replace(_DIGITS, "[0-9]{0,1}")
+    rules["flag"], rules["text"] = (('"true"',), ('"false"',)), ((*_QUOTE, "WORDS", *_QUOTE),)
+    rules["tree"] = ((*_QUOTE, next(iter(tree.rules)), *_QUOTE),)
+    parts: list[str] = []
+    for name, field in schema["properties"].items():
+        parts.append(_literal(f'{", " if parts else "{"}"{name}": '))
+        if "enum" in field:
+            rules[f"word{len(parts)}"] = tuple((_literal(f'"{word}"'),) for word in field["enum"])
+            parts.append(f"word{len(parts)}")
+        elif name == "tree":
+            parts.append("tree")
+        else:
+            parts.append({"boolean": "flag", "number": "RATE"}.get(field["type"], "text"))
+    rules["answer"] = ((*parts, '"}"'),)
+    used = rules if "tree" in parts else {n: r for n, r in rules.items() if n != "tree"}
+    return Grammar({**used, **(tree.rules if "tree" in parts else {})}, patterns)
+
+
+_QUOTE: Final = ('"\\""',)
 
 
 def _literal(text: str) -> str:
@@ -102,7 +136,7 @@ class _Writer:
             start.append((f"node{depth}", '"\\n"'))
             blanks.append(("LINE",))
             self.patterns["LINE"] = f"[\\n][ ]{{0,{2 * depth}}}"
-        self.rules["start"] = tuple(start)
+        self.rules["wholetree"] = tuple(start)
         self.rules["b"] = tuple(blanks)
         heads = {
             kind: self._head(kind)
@@ -113,7 +147,9 @@ class _Writer:
             self._action(n, i) for i, n in enumerate(self.vocabulary.actions)
         )
         for level in range(1, depth + 1):
-            choices: list[Parts] = [("leaf",)]
+            choices: list[Parts] = (
+                [("leaf",)] if level < depth or depth == 1 or not self.in_json else []
+            )
             for kind, head in heads.items() if level > 1 else ():
                 low, high = KINDS[kind].children
                 body = f"list{level - 1}" if high > low else f"body{low}of{level - 1}"
@@ -180,13 +216,22 @@ class _Writer:
             return [(_literal(name),)]
         rights = [(_literal(right),) for right in (*key.words, *self.vocabulary.comparable(name))]
         if not key.words:
-            self.patterns["NUMBER"] = _ANY_NUMBER
-            rights.append(("NUMBER",))
+            rights.append((self._threshold(name, key),))
         return [
             (_literal(f"{name} {operator} "), *right)
             for operator in key.operators
             for right in rights
         ]
+
+    def _threshold(self, name: str, key: Key) -> str:
+        if not self.in_json:
+            self.patterns["NUMBER"] = _ANY_NUMBER
+            return "NUMBER"
+        pattern = f"KEY{self.vocabulary.key_index[name]}"
+        most = key.high if key.most is None else key.most
+        numbers = between(key.low, most, whole=key.whole or most - key.low > COARSE)
+        self.patterns[pattern] = numbers.replace(_DIGITS, "[0-9]{0,1}")
+        return pattern
 
     def _action(self, name: str, index: int) -> Parts:
         """A leaf, with any of its arguments in their order."""

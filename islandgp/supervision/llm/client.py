@@ -10,33 +10,64 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from contextvars import ContextVar
+from importlib import import_module
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from urllib.parse import urlsplit
 
 from islandgp.errors import SupervisionError
 from islandgp.plugin import imported
 from islandgp.redaction import secrets_in
+from islandgp.supervision.llm.chat import chat_body, read_chat
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, clean
 from islandgp.supervision.llm.wire import arguments, read_message, refused
 
 if TYPE_CHECKING:
-    import anthropic
     import httpx2
 
 MAX_BODY: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
 GRACE: Final = 5.0  # s for a cancelled attempt to end; usually it ends immediately
 HIDDEN: Final = "[key]"
-SDK: Final = "anthropic:AsyncAnthropic"  # the default of `client_factory`
 _ENCODING: Final = "islandgp.encoding"  # extension of a response: the encoding of its body
 _EVENTS: Final[ContextVar[list[str]]] = ContextVar("events")
 """Events of sending the attempt's request so far; empty: nothing is sent yet."""
 
 
-class AnthropicClient:
+class Interface(NamedTuple):
+    """An interface of servers, and the SDK that speaks it."""
+
+    sdk: str  # class of its client; the default of `client_factory`
+    create: Callable[[Any, Request], Awaitable[Any]]  # sends a request by a client
+    read: Callable[[bytes, Callable[[str], str], Callable[[str], str]], Reply | Failure]
+
+
+def _chat(sdk: Any, request: Request) -> Awaitable[Any]:
+    body = chat_body(request)
+    known = ("model", "messages", "max_tokens")
+    plain = {key: body.pop(key) for key in known}
+    raw: Awaitable[Any] = sdk.chat.completions.with_raw_response.create(
+        **plain, extra_body=body, extra_headers={"accept-encoding": "identity"}
+    )
+    return raw
+
+
+def _messages(sdk: Any, request: Request) -> Awaitable[Any]:
+    raw: Awaitable[Any] = sdk.messages.with_raw_response.create(**arguments(request))
+    return raw
+
+
+INTERFACES: Final = {
+    "anthropic": Interface("anthropic:AsyncAnthropic", _messages, read_message),
+    "chat": Interface("openai:AsyncOpenAI", _chat, read_chat),
+}
+"""By `supervisor.policy.interface`."""
+
+
+class ServerClient:
     """Sends requests by a client of the SDK, which works in a thread with an event loop."""
 
     def __init__(
@@ -44,6 +75,7 @@ class AnthropicClient:
         key: str | None,
         base_url: str | None,
         *,
+        interface: str = "anthropic",
         factory: str | None = None,
         secrets: Sequence[str] = (),
         transport: httpx2.AsyncBaseTransport | None = None,
@@ -53,15 +85,17 @@ class AnthropicClient:
         Args:
             key: API key or token; None for a local server without one.
             base_url: of the server; None: the address of the SDK's client.
+            interface: a key of INTERFACES.
             factory: see `sdk_client`.
             secrets: values in requests that are removed from answers, as the key is.
             transport: replaces the network in tests.
         """
         self._key, self._base_url, self._factory = key, base_url, factory
+        self._interface = interface
         self._transport = transport
         self._secrets = [key or "", *secrets]
         self._secret = re.compile("(?!)")  # matches nothing
-        self._running: tuple[asyncio.AbstractEventLoop, Thread, anthropic.AsyncAnthropic] | None
+        self._running: tuple[asyncio.AbstractEventLoop, Thread, Any] | None
         self._running = None
         self._closed = False
         self._lock = Lock()  # `close` may be called by another thread
@@ -71,7 +105,9 @@ class AnthropicClient:
         with self._lock:
             if self._closed or self._running is not None:
                 return
-            sdk = sdk_client(self._factory, self._key, self._base_url, self._transport)
+            sdk = sdk_client(
+                self._factory, self._key, self._base_url, self._interface, self._transport
+            )
             # A key of a few characters belongs to a local server and is not secret.
             hidden = [s for s in (*self._secrets, *secrets_in(vars(sdk))) if len(s) >= 8]
             if hidden:
@@ -112,9 +148,7 @@ class AnthropicClient:
         if not thread.is_alive():
             loop.close()
 
-    async def _bounded(
-        self, sdk: anthropic.AsyncAnthropic, request: Request, seconds: float
-    ) -> Reply | Failure:
+    async def _bounded(self, sdk: Any, request: Request, seconds: float) -> Reply | Failure:
         """An attempt that ends at the deadline."""
         events = [] if self._transport is None else ["sent"]  # a transport emits no events
         _EVENTS.set(events)
@@ -125,11 +159,11 @@ class AnthropicClient:
                 return _late(seconds)
             return Failure(FailureKind.UNREACHABLE, f"no connection within {seconds:g} s")
 
-    async def _attempt(self, sdk: anthropic.AsyncAnthropic, request: Request) -> Reply | Failure:
-        import anthropic
-
+    async def _attempt(self, sdk: Any, request: Request) -> Reply | Failure:
+        interface = INTERFACES[self._interface]
+        errors = import_module(interface.sdk.partition(":")[0])
         try:
-            answer = await sdk.messages.with_raw_response.create(**arguments(request))
+            answer = await interface.create(sdk, request)
             response = answer.http_response
             if encoding := response.extensions.get(_ENCODING):
                 return Failure(
@@ -137,13 +171,15 @@ class AnthropicClient:
                     "expected an uncompressed body, as requested, found the encoding"
                     f" {self._line(encoding)}; turn compression off in the server",
                 )
-            return read_message(response.content, self._line, self._hide)
-        except anthropic.APIStatusError as error:
-            text = error.api_message if isinstance(error.api_message, str) else ""
+            return interface.read(response.content, self._line, self._hide)
+        except errors.APIStatusError as error:
+            details = error.body if isinstance(error.body, dict) else {}
+            text = getattr(error, "api_message", None) or details.get("message")
+            text = text if isinstance(text, str) else ""
             return refused(error.status_code, text, error.response.headers, self._line)
-        except anthropic.APITimeoutError:
+        except errors.APITimeoutError:
             return Failure(FailureKind.TIMEOUT, "the connection timed out")
-        except anthropic.APIConnectionError as error:
+        except errors.APIConnectionError as error:
             cause = error.__cause__ or error
             return Failure(_unconnected(cause), self._line(str(cause)) or type(cause).__name__)
         except Exception as error:  # of the SDK for a damaged answer, or for missing credentials
@@ -181,7 +217,7 @@ def _unconnected(cause: BaseException) -> FailureKind:
     return FailureKind.UNREACHABLE
 
 
-async def _end(sdk: anthropic.AsyncAnthropic) -> None:
+async def _end(sdk: Any) -> None:
     """Cancels the attempts of other threads and closes all connections."""
     others = asyncio.all_tasks() - {asyncio.current_task()}
     for task in others:
@@ -202,8 +238,9 @@ def sdk_client(
     factory: str | None,
     key: str | None,
     base_url: str | None,
+    interface: str = "anthropic",
     transport: httpx2.AsyncBaseTransport | None = None,
-) -> anthropic.AsyncAnthropic:
+) -> Any:
     """A client of the SDK, without a connection.
 
     Args:
@@ -212,21 +249,30 @@ def sdk_client(
             and, if it is set, `base_url`. None: `AsyncAnthropic`, which gets the key as well.
         key: of the Anthropic API; None: of a local server without one.
         base_url: of the server; None: the client's own.
+        interface: a key of INTERFACES.
         transport: replaces the network in tests.
 
     Raises:
         SupervisionError: the factory cannot be imported, or raises an exception.
     """
     options: dict[str, Any] = {"max_retries": 0, "timeout": None}
+    sdk = INTERFACES[interface].sdk
     if base_url is not None:
-        options["base_url"] = base_url
+        has_path = interface == "anthropic" or urlsplit(base_url).path.strip("/")
+        options["base_url"] = base_url if has_path else base_url.rstrip("/") + "/v1"
     if factory is None:
         options["api_key"] = key or "none"
     try:
-        client: anthropic.AsyncAnthropic = imported(factory or SDK)(
-            http_client=_http(transport), **options
-        )
-        assert client.messages  # the SDK imports it at the first access
+        client = imported(factory or sdk)(http_client=_http(transport), **options)
+        # The SDK imports it at the first access.
+        assert client.messages if interface == "anthropic" else client.chat
+    except ModuleNotFoundError as error:
+        if factory is not None or error.name != sdk.partition(":")[0]:
+            raise
+        raise SupervisionError(
+            f"Expected the package {error.name} for supervisor.policy.interface={interface}, found"
+            f" none; install it by pip install 'islandgp[{interface}]'."
+        ) from None
     except Exception as error:  # the SDK raises various types for missing settings and packages
         reason = " ".join(str(error).split()).rstrip(".")
         raise SupervisionError(

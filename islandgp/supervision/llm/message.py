@@ -96,6 +96,7 @@ class Request:
     thinking: dict[str, Any] | None = None  # as in the API; None: not sent
     effort: str | None = None  # None: not sent
     extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
+    grammar: str | None = None  # of the answer, in GBNF; None: not sent
 
     @property
     def digest(self) -> str:
@@ -123,9 +124,11 @@ class ServerCapabilities:
     structured: bool  # True: a JSON schema is sent; False: a JSON object is searched in the text
     temperature: float | None  # None: not sent
     note: str  # result of the probe, one line
+    grammar: bool = False  # True: a grammar of the answer is sent instead of a schema
 
     def __str__(self) -> str:
         output = "structured output" if self.structured else "JSON found in text"
+        output = "decoding by a grammar" if self.grammar else output
         heat = "no temperature" if self.temperature is None else f"temperature {self.temperature:g}"
         return f"{output}, {heat} ({self.note})"
 

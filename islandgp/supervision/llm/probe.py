@@ -39,13 +39,17 @@ _SCHEMA: Final[dict[str, Any]] = {
 
 _NAMES: Final = {
     "temperature": re.compile(r"temperature|sampling|top[_ ][pk]\b", re.IGNORECASE),
+    "grammar": re.compile(r"grammar|structured_outputs", re.IGNORECASE),
     "schema": re.compile(r"output_config|output_format|schema|structured|json", re.IGNORECASE),
 }
 """Patterns in the errors of servers that reject a parameter. The wording is not standardised, so
 they only order the next attempts."""
 
-Parameters = tuple[bool, float | None]
-"""Whether a JSON schema is sent, and the temperature that is sent, if any."""
+_GRAMMAR: Final = 'root ::= "{\\"greeting\\": \\"by a grammar\\"}"'
+"""A server that decodes by it has no other answer."""
+
+Parameters = tuple[str, float | None]
+"""What bounds the answer (grammar, schema or text), and the temperature that is sent, if any."""
 
 
 def capabilities_in(
@@ -94,24 +98,38 @@ def probe_capabilities(
             is wrong, or at the start of the run no server listens there.
     """
     untried, named = _parameter_choices(settings), set[str]()
+    greeting = {"greeting": "by a grammar"}
     for turn in count():
-        structured, temperature = mode = min(untried, key=lambda mode: _parameters(mode, named))
+        bound, temperature = mode = min(untried, key=lambda mode: _parameters(mode, named))
         request = Request(
             settings.model_name,
             _SYSTEM,
             (_QUESTION,),
             settings.reply_tokens,
             temperature,
-            _SCHEMA if structured else None,
+            _SCHEMA if bound == "schema" else None,
             thinking=settings.thinking_value,
             effort=settings.effort,
             extra=settings.extra_body,
+            grammar=_GRAMMAR if bound == "grammar" else None,
         )
         answer = calls.ask(Call(generation, "probe", turn), request)
         if isinstance(answer, Reply):
+            found = find_object(answer.text, ["greeting"])
+            if bound == "grammar" and found != greeting:
+                untried = [each for each in untried if each[0] != "grammar"]
+                if untried:
+                    continue
+                raise SupervisionError(
+                    f"supervisor.policy.output=grammar: expected a server that decodes by a grammar"
+                    f" at {settings.place}, found an answer without it; set"
+                    " supervisor.policy.output=auto."
+                )
+            structured = bound == "schema"
             if settings.output == "auto" and structured and answer.text:
-                structured = find_object(answer.text, ["greeting"]) is not None
-            return ServerCapabilities(structured, temperature, "as the probe found")
+                structured = found is not None
+            note, by_grammar = "as the probe found", bound == "grammar"
+            return ServerCapabilities(structured, temperature, note, by_grammar)
         never_there = generation < 0 and answer.kind is FailureKind.UNREACHABLE
         if not never_there and (answer.kind in TRANSIENT or answer.kind is FailureKind.BUDGET):
             return answer
@@ -125,21 +143,23 @@ def probe_capabilities(
 
 def _parameter_choices(settings: LLMSettings) -> list[Parameters]:
     """The combinations of parameters to try, the best first; a schema is preferred."""
-    schemas = {"auto": (True, False), "structured": (True,), "text": (False,)}[settings.output]
+    bounds = {
+        "auto": ("grammar", "schema", "text")[settings.interface == "anthropic" :],
+        "grammar": ("grammar",),
+        "structured": ("schema",),
+        "text": ("text",),
+    }[settings.output]
     heats = dict.fromkeys((settings.temperature, None))
-    return [(structured, heat) for structured in schemas for heat in heats]
+    return [(bound, heat) for bound in bounds for heat in heats]
 
 
 def _parameters(mode: Parameters, named: Collection[str]) -> int:
     """The number of parameters of a combination that the errors so far have named."""
-    sent = {"schema": mode[0], "temperature": mode[1] is not None}
-    return sum(sent[name] for name in named)
+    sent = {mode[0], "temperature" if mode[1] is not None else ""}
+    return len(sent.intersection(named))
 
 
-_OPENAI: Final = (
-    "a server with OpenAI's API only needs LiteLLM's proxy in front of it, see docs/llm.md, Any"
-    " model"
-)
+_OPENAI: Final = "a server with OpenAI's API only needs supervisor.policy.interface=chat"
 _REMEDIES: Final = {
     FailureKind.FOREIGN: _OPENAI,
     FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url",

@@ -29,7 +29,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
 from islandgp.supervision.state_json import field_meanings, words
-from islandgp.text import title
+from islandgp.text import in_points, title
 
 _VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
 _SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.DOTALL)
@@ -38,6 +38,8 @@ _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
 PROMPT_SETS: Final = ("paper", "informed")
 """The shipped prompt sets; `paper` is the folder `prompts` itself."""
+SMALL_SET: Final = "small"
+"""The prompts for small models, whose answers are decoded by a grammar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,10 +57,10 @@ class Prompt:
 
 
 def prompt_folder(setting: str) -> Path:
-    """The folder of a prompt set: `paper`, `informed`, or the path of another folder."""
+    """The folder of a prompt set: `paper`, `informed`, `small`, or the path of another folder."""
     if setting == "paper":
         return resource("prompts")
-    return resource("prompts") / setting if setting in PROMPT_SETS else Path(setting)
+    return resource("prompts") / setting if setting in (*PROMPT_SETS, SMALL_SET) else Path(setting)
 
 
 def load_prompt(name: str, folder: Path) -> Prompt:
@@ -204,6 +206,8 @@ def fixed_values(context: RunContext) -> dict[str, str]:
         "milestone": title(classes.milestones[0]),
         "top_milestone": title(classes.milestones[-1]),
         "language": language(schema.vocabulary),
+        "actions": "\n".join(f"- {n}: {a.meaning}" for n, a in schema.vocabulary.actions.items()),
+        "keys": "\n".join(f"- {n}: {key.meaning}" for n, key in schema.vocabulary.keys.items()),
         "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in meanings.items()),
         "targets": "\n".join(f"- {name}: {meaning}" for name, meaning in targets.items()),
         **{f"examples.{part}": _examples(part, library) for part in ("explore", "exploit", "poor")},
@@ -251,6 +255,16 @@ def urgency(state: PopulationState, rare: float) -> str:
         level = "MISSING" if not count else "rare" if count < rare * state.population else "present"
         lines.append(f"- {name}: {count} of {state.population} individuals do it: {level}")
     return "\n".join(lines)
+
+
+def progress(state: PopulationState) -> str:
+    """The generation, and how fitness and diversity have changed in it, in one line."""
+    now = state.now
+    return (
+        f"Generation {now.generation} of {state.generations}: best fitness {in_points(now.best)}"
+        f" ({in_points(state.best_change, '+')}), mean {in_points(now.mean)}"
+        f" ({in_points(state.mean_change, '+')}), diversity {now.diversity:.2f}."
+    )
 
 
 _EDIT_FORM: Final = (

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
 from pydantic import BaseModel
 
+from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import Limits
+from islandgp.bt.export.grammar import answer_grammar, tree_grammar
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
@@ -42,6 +44,7 @@ from islandgp.supervision.llm.prompts import (
     fixed_edit_values,
     fixed_values,
     load_prompt,
+    progress,
     prompt_folder,
     render,
     run_facts,
@@ -50,6 +53,7 @@ from islandgp.supervision.llm.prompts import (
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.state_json import state_text
 
+MAX_CHILDREN: Final = 4  # of a composite in a tree that is decoded by a grammar
 NEAR: Final = 1.2  # factor on the shortest cached length, as tokens are only estimated
 _PROMPTS: Final = {
     "rate": ("mutation_rate",),
@@ -57,7 +61,7 @@ _PROMPTS: Final = {
     "edits": ("edits",),
 }
 _PER_GENERATION: Final = (  # known only in a generation
-    "generation", "state", "urgency", "answer", "stage", "error",
+    "generation", "state", "urgency", "progress", "answer", "stage", "error",
     *RUN_VALUES, *EDIT_VALUES
 )  # fmt: skip
 
@@ -148,6 +152,8 @@ class Questions:
         if part == "tree":
             answer = proposal_model(state.targets)
         shape = self._order(schema(answer))
+        by_grammar = capabilities.grammar and part != "edits"  # those have a schema
+        structured = capabilities.structured or (capabilities.grammar and not by_grammar)
         system, user = render(
             self.prompts[name],
             {
@@ -156,6 +162,7 @@ class Questions:
                 "generation": str(state.now.generation),
                 "state": state_text(state, self.context.crisis),
                 "urgency": urgency(state, settings.rare),
+                "progress": progress(state),
                 "answer": form(shape),
                 **self.run_values(state).values,
             },
@@ -166,12 +173,25 @@ class Questions:
             turns=(user,),
             max_tokens=settings.reply_tokens,
             temperature=capabilities.temperature,
-            schema=shape if capabilities.structured else None,
+            schema=shape if structured else None,
             cache=settings.cache,
             thinking=settings.thinking_value,
             effort=settings.effort,
             extra=settings.extra_body,
+            grammar=self._grammar(shape, size) if by_grammar else None,
         )
+
+    def _grammar(self, shape: Mapping[str, Any], size: TreeSize) -> str:
+        """The grammar of an answer; of a tree with the requested depth."""
+        tree = tree_grammar(
+            self.context.schema.vocabulary,
+            min(size.depth, self.context.limits.max_depth),
+            kinds=[name for name, kind in KINDS.items() if kind.paper],
+            children=MAX_CHILDREN,
+            in_json=True,
+        )
+        rate = self.settings.rate
+        return answer_grammar(shape, tree, (rate.least, rate.most)).text("gbnf")
 
     def check(self, part: str, state: PopulationState) -> Check:
         """The check of the answers for a part."""

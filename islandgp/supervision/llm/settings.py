@@ -54,8 +54,8 @@ def check_address(url: str) -> None:
         address = f"{parts.scheme}://{parts.netloc}{parts.path[: path.start()]}"
         raise ValueError(
             f"expected an address without the path of a request, such as {address}, found"
-            f" {path[0]} at its end; the client adds /v1/messages. A server that speaks only"
-            " OpenAI's API needs LiteLLM's proxy in front of it, see docs/llm.md, Any model"
+            f" {path[0]} at its end; the client adds it. A server with OpenAI's API only needs"
+            " supervisor.policy.interface=chat"
         )
 
 
@@ -190,14 +190,15 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     """Settings of the model, its requests and the checks of its answers."""
 
     client_factory: ClientFactory | None = None  # makes the SDK's client; None: the Anthropic API's
-    model: str = Field(min_length=1)  # name or alias
+    interface: Literal["anthropic", "chat", "local"] = "anthropic"  # of the server; local: none
+    model: str = Field(min_length=1)  # name or alias; local: or the path of a GGUF file
     base_url: str | None  # None: ANTHROPIC_BASE_URL, or else that of the client
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # added to it
     thinking_seconds: Annotated[float, Field(ge=0, le=DAY)] | Literal["auto"] = 0  # s for thinking
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
-    output: Literal["auto", "structured", "text"]  # auto: by the probe at the start
+    output: Literal["auto", "grammar", "structured", "text"]  # auto: by the probe at the start
     thinking: Thinking | None = None  # None: the model's default
     effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the default
     extra_body: dict[str, Any] | None = None  # further fields of each request's body
@@ -285,14 +286,16 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @property
     def address(self) -> str | None:
         """The server's address; None for that of the client."""
-        if self.client_factory is not None:
+        if self.client_factory is not None or self.interface == "local":
             return self.base_url
-        return self.base_url or os.environ.get("ANTHROPIC_BASE_URL") or None
+        variable = "OPENAI_BASE_URL" if self.interface == "chat" else "ANTHROPIC_BASE_URL"
+        return self.base_url or os.environ.get(variable) or None
 
     @property
     def place(self) -> str:
         """The server's address or the client, for messages."""
-        return self.address or self.client_factory or "the Anthropic API"
+        apis = {"anthropic": "the Anthropic API", "chat": "the OpenAI API", "local": "this machine"}
+        return self.address or self.client_factory or apis[self.interface]
 
     @property
     def price(self) -> Price | None:

@@ -31,7 +31,8 @@ from islandgp.supervision.llm.calls import (
     in_thread,
     unasked,
 )
-from islandgp.supervision.llm.client import AnthropicClient, sdk_client
+from islandgp.supervision.llm.client import ServerClient, sdk_client
+from islandgp.supervision.llm.local import LocalClient, model_file
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
@@ -46,14 +47,19 @@ from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings, check_address
 from islandgp.supervision.llm.transcript import NAME, Played, Start, Transcript
 
+SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
+"""What to expect of small models."""
+
 _WAYS: Final = """\
-Expected a key or an address for supervisor=llm, found none. There are four ways:
+Expected a key or an address for supervisor=llm, found none. There are five ways:
   1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
   2. a local server with the same API (Ollama, vLLM, llama.cpp):
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
+     OpenAI's or another chat-completions API: supervisor.policy.interface=chat as well;
   3. a cloud such as Amazon Bedrock or Google Vertex AI:
      supervisor.policy.client_factory=anthropic:AsyncAnthropicBedrock (docs/llm.md, Clouds);
-  4. no model: supervisor=expert works offline and free of charge, and
+  4. a small model in this process: supervisor=local (pip install 'islandgp[local]');
+  5. no model: supervisor=expert works offline and free of charge, and
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
 
@@ -180,12 +186,17 @@ class LLM:
     @classmethod
     def check(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError without a valid key or address, or if the factory fails."""
+        if settings.interface == "local":
+            model_file(settings.model)
+            return
         if settings.client_factory is not None:
-            sdk_client(settings.client_factory, None, settings.base_url)
+            sdk_client(settings.client_factory, None, settings.base_url, settings.interface)
             return
         key = _key(settings)
         if key is None and settings.address is None:
             raise SupervisionError(_WAYS)
+        if settings.interface != "anthropic":
+            sdk_client(None, "none", settings.address, settings.interface)
         if key is not None and not key.isprintable():  # an error of a header would quote it
             raise SupervisionError(
                 "Expected a key in one line, found one with line breaks or control characters; set"
@@ -200,9 +211,12 @@ class LLM:
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
         """See `Supervisor`."""
         cls.check(settings, context)
-        client = AnthropicClient(
+        if settings.interface == "local":
+            return cls(settings, context, LocalClient(settings.model))
+        client = ServerClient(
             _key(settings),
             settings.address,
+            interface=settings.interface,
             factory=settings.client_factory,
             secrets=tuple(secrets_in(settings.extra_body)),
         )
@@ -235,6 +249,7 @@ class LLM:
         name, retires = self.settings.model_name, self.settings.facts.retires
         lines = [
             f"Supervised by {name} at {self.settings.place}: {server}",
+            SMALL.get(name, ""),
             f"{name} retires on {retires}" if retires else "",
             self.adviser.questions.too_short(),
         ]
@@ -314,12 +329,22 @@ class LLM:
             )
 
 
+class Local(LLM):
+    """A small model in this process; the settings choose it."""
+
+    name = "local"
+
+
 def _key(settings: LLMSettings) -> str | None:
     """The API key or token, without surrounding white space; None if there is none.
 
     The API accepts both in the same header.
     """
     configured = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    variables = ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN")
+    variables = {
+        "anthropic": ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"),
+        "chat": ("OPENAI_API_KEY",),
+        "local": (),
+    }[settings.interface]
     keys = (configured, *(os.environ.get(name, "") for name in variables))
     return next((key.strip() for key in keys if key.strip()), None)

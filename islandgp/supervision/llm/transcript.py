@@ -33,6 +33,7 @@ from islandgp.supervision.llm.message import (
 E = TypeVar("E")
 
 NAME: Final = "transcript.jsonl"
+_SHARED: Final = ("system", "grammar")  # fields of requests whose texts are written once
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +54,7 @@ class Learnt:
 
 @dataclass(frozen=True, slots=True)
 class SystemPrompt:
-    """A system prompt, before the first attempt that sends it."""
+    """A system prompt or a grammar, before the first attempt that sends it."""
 
     sha256: str  # hexadecimal
     text: str
@@ -153,7 +154,9 @@ def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
                 fault = "changed: its checksum differs"
             elif kind in KINDS:
                 if kind == "attempt":
-                    plain["request"]["system"] = systems[plain["request"]["system"]]
+                    for name in _SHARED:
+                        if digest := plain["request"].get(name):
+                            plain["request"][name] = systems[digest]
                 entry = from_json(KINDS[kind], plain)
                 if isinstance(entry, SystemPrompt):
                     systems[entry.sha256] = entry.text
@@ -271,11 +274,14 @@ class Transcript:
                 return
             values = asdict(entry)
             if isinstance(entry, Attempt):
-                system = SystemPrompt(sha256_of(entry.request.system), entry.request.system)
-                if system not in self._entries:
-                    self._entries.append(system)
-                    self._write({"line": "system", **asdict(system)})
-                values["request"] = {**entry.request.plain(), "system": system.sha256}
+                values["request"] = entry.request.plain()
+                for name in _SHARED:
+                    if (text := getattr(entry.request, name)) is None:
+                        continue
+                    values["request"][name] = sha256_of(text)
+                    if (shared := SystemPrompt(sha256_of(text), text)) not in self._entries:
+                        self._entries.append(shared)
+                        self._write({"line": "system", **asdict(shared)})
             self._entries.append(entry)
             self._write({"line": _NAMES[type(entry)], **values})
 
