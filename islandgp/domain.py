@@ -202,7 +202,10 @@ def png(pixels: Any) -> bytes:
 
 
 class Observer(Protocol):
-    """Callbacks of an episode, e.g. for traces and replays. They must not change the episode."""
+    """Callbacks of an episode, e.g. for traces and replays. They must not change the episode.
+
+    An observer with an attribute `scenes` that is False gets None for each scene, which is faster.
+    """
 
     def node(self, place: int, status: int) -> None:
         """Called when a node was ticked or aborted.
@@ -232,6 +235,18 @@ class Observer(Protocol):
             action: the action that caused the event; "" for none.
         """
         ...
+
+
+def wants_scenes(observer: Observer) -> bool:
+    """Tell whether a domain should draw for an observer.
+
+    Args:
+        observer: of an episode.
+
+    Returns:
+        False if the observer has an attribute `scenes` that is False.
+    """
+    return bool(getattr(observer, "scenes", True))
 
 
 class Domain(Protocol):

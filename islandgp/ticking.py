@@ -31,7 +31,7 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node, walk
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Key, Vocabulary
-from islandgp.domain import Observer, Outcome, Schema
+from islandgp.domain import Observer, Outcome, Schema, wants_scenes
 from islandgp.errors import DomainError
 from islandgp.event_log import EventLog
 from islandgp.leaves import GeneratorSteps, Leaf, status_of, steps
@@ -172,7 +172,8 @@ class Stepped:
                 key or counter, or `step` a text.
         """
         log = EventLog(self.rewards, self.schema, weights, observer)
-        episode, leaves = self.begin(seed, log, watched=observer is not None)
+        draws = observer is not None and wants_scenes(observer)
+        episode, leaves = self.begin(seed, log, watched=draws)
         try:
             ticks = _Leaves(leaves, self.schema.vocabulary, log)
             return self._run(episode, ticks, tree, log, observer, seed)
@@ -224,7 +225,8 @@ class Stepped:
         seed: int,
     ) -> Outcome:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
-        scene = getattr(episode, "scene", lambda: None)
+        draws = observer is not None and wants_scenes(observer)
+        scene = getattr(episode, "scene", lambda: None) if draws else lambda: None
         key_index = self.schema.vocabulary.key_index
         board = [0.0] * len(key_index)
         watch = None if observer is None else observer.node

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import signal
-from concurrent.futures import Future
 from time import sleep
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
 from islandgp.errors import TimeLimitError
-from islandgp.evaluation import processes
 from islandgp.time_limit import TimeLimit
 
 
@@ -50,25 +46,3 @@ def test_a_limit_shorter_than_any_episode(seconds: float) -> None:
             episode()
         assert signal.getsignal(signal.SIGALRM) == before
     sleep(0.02)
-
-
-@pytest.mark.parametrize(("waits", "ends"), [(3, True), (7, False)])
-def test_a_suspension_takes_one_wait_for_a_worker(
-    monkeypatch: pytest.MonkeyPatch, waits: int, ends: bool
-) -> None:
-    """Each wait counts with its own length, however long the process was suspended in it."""
-    future: Future[Any] = Future()
-    seconds = []
-
-    def long_wait(futures: list[Future[Any]], period: float) -> Any:
-        seconds.append(period)
-        if len(seconds) == waits:
-            future.set_result("an outcome")
-        return real(futures, 0)
-
-    real = processes.wait_for
-    monkeypatch.setattr(processes, "wait_for", long_wait)
-    monkeypatch.setattr(processes, "_manages", lambda pool: True)  # noqa: ARG005 -- its argument
-    pool: Any = SimpleNamespace(episode_timeout=6 * processes.PERIOD - processes.GRACE, _pool=None)
-    assert processes.Processes._ends(pool, future) == ends
-    assert sum(seconds) == min(waits, 6) * processes.PERIOD

@@ -7,7 +7,7 @@ then, so that a tree has to look at what was reached, not at what was tried.
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
+from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, integer
 from islandgp.domain import Event, Form, Scene, Schema, Thing
 from islandgp.ticking import Stepped
 
@@ -39,7 +39,7 @@ SCHEMA = Schema(
             "at_pick": flag("the robot is at the table with blocks"),
             "at_place": flag("the robot is at the goal table"),
             "have_block": flag("the robot holds a block"),
-            "blocks_left": number("blocks that are not yet placed", 0, 3, most=9),
+            "blocks_left": integer("blocks that are not yet placed", 0, 3, most=9),
         },
     ),
     components={"progress": "blocks picked and placed", "effort": "time and failures"},

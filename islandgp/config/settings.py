@@ -228,11 +228,14 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
         budget = Budget(**config["budget"])
         if budget.episodes is None:
             return config
-        gp = GP(**config["gp"])
+        gp, pruning = GP(**config["gp"]), Pruning(**config["prune"])
     except (KeyError, TypeError, ValidationError):
         return config
     try:
-        affordable = budget.generations(gp.population, gp.episodes, gp.validation)
+        share = 0.0
+        if gp.validation:  # without validation the best robot is not shortened
+            share = min(pruning.budget_share, pruning.episodes / budget.episodes)
+        affordable = budget.generations(gp.population, gp.episodes, gp.validation, share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
     return {**config, "gp": {**config["gp"], "generations": affordable}}

@@ -47,6 +47,8 @@ class Usage:
 class _Counter:
     """An observer that counts the statuses of each node, and the points of each action."""
 
+    scenes = False
+
     def __init__(self, tree: Node) -> None:
         self.tree = tree
         self.counts = [[0.0] * 5 for _ in range(size(tree))]  # by node and status

@@ -137,8 +137,8 @@ class Shortened:
     difference: float  # points, mean difference to the original in the worlds of the search
 
 
-_Change: TypeAlias = tuple[str, int]
-"""A change in words, and its number among those with the same words."""
+_Change: TypeAlias = tuple[tuple[str, ...], str, int]
+"""Where a change is, the change in words, and its number among those with the same words there."""
 
 
 @dataclass
@@ -238,10 +238,11 @@ def _pass(
 
 def _numbered(forms: Iterable[ShorterForm]) -> Iterator[tuple[_Change, ShorterForm]]:
     """The forms with a key that stays the same when another part of the tree changes."""
-    seen: Counter[str] = Counter()
+    seen: Counter[tuple[tuple[str, ...], str]] = Counter()
     for form in forms:
-        yield (form.change, seen[form.change]), form
-        seen[form.change] += 1
+        key = form.above, form.change
+        yield (*key, seen[key]), form
+        seen[key] += 1
 
 
 def _first_kept(

@@ -13,12 +13,12 @@ from typing import Final
 
 import numpy as np
 
+from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Limits, Node, replace_at, size, walk, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
-from islandgp.gp.cleaning import clean
 from islandgp.gp.random_trees import TreeSpace, random_tree
 from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, mutate
@@ -130,7 +130,7 @@ class _Tried:
 
     def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
         """The smallest tree, by removing single branches, whose counter is no lower."""
-        tree = clean(tree, space.vocabulary)
+        tree = simplify(tree, space.vocabulary).tree
         self.run([tree])
         while True:
             minimum = self.score(tree, behaviour)[0]

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
@@ -33,7 +34,6 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.parameters import argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
-from islandgp.gp.cleaning import NEW_WORLD, clean
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
 if TYPE_CHECKING:  # variation imports this module
@@ -221,7 +221,7 @@ def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
 
 def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
     """Removes the parts that `simplify` proves to have no effect."""
-    return clean(tree, space.vocabulary)
+    return simplify(tree, space.vocabulary).tree
 
 
 def tune(
@@ -268,7 +268,10 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
     args = guard_of(node)
     term = list(terms(args.condition))[k]
     key = space.vocabulary.keys[term.key]
-    new = term._replace(number=fine(term.number + by * (key.high - key.low), key))
+    number = fine(term.number + by * (key.high - key.low), key)
+    if key.whole and number == term.number:  # small steps would leave whole numbers as they are
+        number = fine(number + (1 if by > 0 else -1), key)
+    new = term._replace(number=number)
     changed = with_term(args.condition, k, new)
     assert changed is not None
     return replace_at(tree, i, node._replace(args=args._replace(condition=changed)))
@@ -277,8 +280,7 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
 def fine(value: float, key: Key) -> float:
     """The value clipped to the key's range and rounded to a multiple of about range / FINE."""
     digit = 10.0 ** floor(log10((key.high - key.low) / FINE))
-    whole = key.whole and (NEW_WORLD or not key.noise)
-    unit = 1.0 if whole else min(digit, key.step)
+    unit = 1.0 if key.whole else min(digit, key.step)
     nearest = round(round(value / unit) * unit, 9)
     return min(key.high, max(key.low, nearest)) + 0.0  # no -0
 

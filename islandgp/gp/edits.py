@@ -31,7 +31,6 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.printer import Named, condition_text
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
-from islandgp.gp.cleaning import NEW_WORLD
 from islandgp.plain import to_json
 
 STRICT: Final = ConfigDict(strict=True, revalidate_instances="always")
@@ -355,7 +354,7 @@ def _check_working(before: str, after: str, vocabulary: Vocabulary) -> None:
     known, new = (
         [
             w.message
-            for w in warnings(t, vocabulary, siblings=NEW_WORLD)
+            for w in warnings(t, vocabulary)
             if w.code in ("unreachable", "never-succeeds", "shared-resource")
         ]
         for t in (before, after)

@@ -116,13 +116,16 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
     """Of training, the archive, validation, the supervisor and the search for its library. None: as
     many as `gp.generations` needs."""
 
-    def generations(self, population: int, episodes: int, validation: float) -> int:
+    def generations(
+        self, population: int, episodes: int, validation: float, pruning: float = 0.0
+    ) -> int:
         """Number of generations within the budget, >= 1; the budget must be set.
 
         Args:
             population: individuals per generation.
             episodes: of each individual.
             validation: episodes of validation, as a share of those of training.
+            pruning: episodes of the best robot's shortening, as a share of the budget.
 
         Raises:
             ValueError: the budget is smaller than one generation and its validation.
@@ -142,7 +145,7 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
                 f"budget.episodes: expected at most {most:,}, those of {MAX_GENERATIONS:,}"
                 f" generations, found {self.episodes:,}; lower it, or raise gp.population"
             )
-        return max(1, int(self.episodes / (1 + validation)) // one)
+        return max(1, int(self.episodes * (1 - pruning) / (1 + validation)) // one)
 
     def check_library(self, episodes: int, gp: GP) -> None:
         """Raise ConfigError if no generation is left after the search for a library."""

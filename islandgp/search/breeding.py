@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
+from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
-from islandgp.gp.cleaning import clean
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree, edited_individuals
 from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
@@ -77,7 +77,7 @@ def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> 
         lists = rng.random() < breeding.lists
         tree = random_list(rng, space) if lists else random_tree(rng, space)
         if breeding.simplify:
-            tree = clean(tree, space.vocabulary)
+            tree = simplify(tree, space.vocabulary).tree
         if within(tree, space.limits):
             return tree
     return random_tree(rng, space)
@@ -140,7 +140,7 @@ def new_child(
         changes.append(change)
         more = rng.random() < breeding.further
     if breeding.simplify:
-        tree = clean(tree, space.vocabulary)
+        tree = simplify(tree, space.vocabulary).tree
     return tree, origin, tuple(parents), "+".join(change for change in changes if change)
 
 

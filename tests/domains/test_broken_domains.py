@@ -177,8 +177,9 @@ def test_a_fault_of_an_episode_is_reported_once(
     assert re.search(r" \(world seed \d+, tree .+\)$", message)
 
 
+TUCKS = 'Action("tucks the arm", uses=("arm",))'
 PROMISES = [
-    ('Action("tucks the arm")', 'Action("tucks the arm", statuses=frozenset({0}))',
+    (TUCKS, 'Action("tucks the arm", statuses=frozenset({0}))',
      "actions return the statuses that they declare",
      "Expected Tuck to return FAILURE, found SUCCESS."),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
@@ -213,10 +214,10 @@ DECLARATIONS = [
      "Expected Event(...) for the event tick of the domain pick_place, found 'ticks'"),
     ("0, 3, most=9)", '"0", 3, most=9)',
      "Expected a finite number as low of the key blocks_left of the domain pick_place, found '0'"),
-    ('Action("tucks the arm")', 'Action("tucks the arm", statuses=frozenset({"SUCCESS"}))',
+    (TUCKS, 'Action("tucks the arm", statuses=frozenset({"SUCCESS"}))',
      "Expected frozenset[int] as statuses of the action Tuck of the domain pick_place, found"
      " frozenset({'SUCCESS'})"),
-    ('Action("tucks the arm")', 'Action("tucks the arm", changes={"armtucked": 1})',
+    (TUCKS, 'Action("tucks the arm", changes={"armtucked": 1})',
      "Expected keys of the vocabulary in the conditions and changes of the action Tuck of the"
      " domain pick_place, found 'armtucked'"),
     ('habits=("Check what has been reached before acting.", "Tuck the arm before driving.")',

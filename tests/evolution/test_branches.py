@@ -12,6 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import combine, terms
 from islandgp.bt.core.kinds import ABORTS
 from islandgp.bt.core.language import parse, to_text
@@ -31,7 +32,6 @@ from islandgp.bt.core.vocabulary import Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.gp import branches
 from islandgp.gp.branches import branch_crossover, branches_of, fine, random_list
-from islandgp.gp.cleaning import clean
 from islandgp.gp.random_trees import TreeSpace
 from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
@@ -241,7 +241,7 @@ def test_shrink_changes_nothing_that_is_done(
     new = changed("shrink", tree, seed)
     assert size(new) <= size(tree)
     assert trace(new, boards, results) == trace(tree, boards, results)
-    assert changed("shrink", new, seed) == new == clean(tree, VOCABULARY)
+    assert changed("shrink", new, seed) == new == simplify(tree, VOCABULARY).tree
 
 
 def shape(tree: Node) -> Node:
@@ -420,13 +420,3 @@ def test_random_lists_run(board: list[float], seed: int) -> None:
     """The engine ticks them on any blackboard."""
     tree = random_list(np.random.default_rng(seed), SPACE)
     assert len(trace(tree, [board, board], [1])) == 2
-
-
-def test_clean_removes_what_earlier_siblings_exclude() -> None:
-    """In the new world new trees have no branch that an earlier one keeps from running."""
-    tree = parse(
-        "selector { when lap > 1 { PatrolWaypoint } when lap > 2 { SeekCharger } B }", None
-    )
-    short = clean(tree, VOCABULARY, new_world=True)
-    assert to_text(short) == to_text(parse("selector { when lap > 1 { PatrolWaypoint } B }", None))
-    assert clean(tree, VOCABULARY, new_world=False) == tree

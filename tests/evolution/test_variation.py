@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,6 +54,10 @@ selector {
 }
 """
 
+WITHOUT_RESOURCES = replace(
+    VOCABULARY,
+    actions={name: replace(action, uses=()) for name, action in VOCABULARY.actions.items()},
+)
 PAPER = {name for name, kind in KINDS.items() if kind.paper}
 
 
@@ -63,7 +68,7 @@ def tree_settings() -> TreeSettings:
 
 def space(limits: Limits = LIMITS, trees: TreeSettings | None = None) -> TreeSpace:
     """Trees of the island."""
-    return TreeSpace(trees or tree_settings(), VOCABULARY, limits)
+    return TreeSpace(trees or tree_settings(), WITHOUT_RESOURCES, limits)
 
 
 def only(operator: str) -> MutationSettings:

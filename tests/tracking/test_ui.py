@@ -269,9 +269,7 @@ def test_signals_end_the_command_as_ctrl_c_does(
     assert result.stderr.endswith("stopped\n")
 
 
-@pytest.mark.parametrize(
-    "arguments", [["sync"], ["ui"], ["compare", "--arm", "a=supervisor=expert"]], ids=lambda w: w[0]
-)
+@pytest.mark.parametrize("arguments", [["sync"], ["ui"]], ids=lambda w: w[0])
 def test_commands_refuse_a_uri_of_another_kind(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,11 +16,11 @@ conditions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
-from islandgp.bt.core.condition import WHOLE, combine, opposite, terms
+from islandgp.bt.core.condition import combine, opposite, terms
 from islandgp.bt.core.kinds import advance_status, count_of, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -36,6 +36,7 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
+MAX_FACTS: Final = 20_000  # entries of a cache; trees of a search share most branches
 MAX_ALTERNATIVES: Final = 8  # most terms of a condition that an end of a node implies
 
 
@@ -46,24 +47,25 @@ class NodeContext(NamedTuple):
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
     when_observed: Conditions | None = None  # where its guards are observed; None: nowhere
     vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
-    siblings: bool = True  # False: what follows from earlier siblings is left out
 
 
-def root_context(vocabulary: Vocabulary, *, siblings: bool = True) -> NodeContext:
+def root_context(vocabulary: Vocabulary) -> NodeContext:
     """The context of the root of a tree."""
-    always: Conditions = vocabulary.always
-    if not siblings:  # the records of evolution are older than whole numbers
-        always = tuple(each for each in vocabulary.always if each.operator != WHOLE)
-    return NodeContext(always, always, None, vocabulary, siblings)
+    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
 
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
     """The context of the child with this index, derived from the context of its parent."""
-    return next(islice(child_contexts(node, context), index, None))
+    return child_contexts(node, context)[index]
 
 
-def child_contexts(node: Node, context: NodeContext) -> Iterator[NodeContext]:
+@lru_cache(maxsize=MAX_FACTS)
+def child_contexts(node: Node, context: NodeContext) -> tuple[NodeContext, ...]:
     """The contexts of a node's children, in order, derived from the context of the node."""
+    return tuple(_child_contexts(node, context))
+
+
+def _child_contexts(node: Node, context: NodeContext) -> Iterator[NodeContext]:
     kind, always = kind_of(node), context.always
     if kind.remembers_branch:
         yield from _in_order(node, context)
@@ -93,16 +95,13 @@ def _in_order(node: Node, context: NodeContext) -> Iterator[NodeContext]:
     for index, child in enumerate(node.children):
         observed = None if index == last else always
         here = context._replace(always=always, at_start=entered, when_observed=observed)
-        goes_on = not context.siblings or end_facts(child, here, advance) is not None
+        goes_on = end_facts(child, here, advance) is not None
         if index < last and goes_on and has_interrupting_guard(child):
             # Its guard can start the branch once more while a later one runs.
             here = here._replace(at_start=always)
         yield here
         if index == last:
             return
-        if not context.siblings:
-            entered = always
-            continue
         facts = end_facts(child, here, advance) or ()
         quiet = _while_later_runs(child, (*always, *facts))
         always = (*always, *quiet)
@@ -116,8 +115,8 @@ def _in_each_tick(node: Node, context: NodeContext) -> Iterator[NodeContext]:
     for child in node.children:
         here = context._replace(always=always, at_start=always, when_observed=None)
         yield here
-        if context.siblings:  # all children before it have ended in this tick
-            always = (*always, *(end_facts(child, here, advance_status(node)) or ()))
+        # All children before the next one have ended in this tick.
+        always = (*always, *(end_facts(child, here, advance_status(node)) or ()))
 
 
 def _while_later_runs(child: Node, at_end: Conditions) -> Conditions:
@@ -232,6 +231,7 @@ def ends_at_once(node: Node, context: NodeContext) -> bool:
     return all(ends_at_once(child, context) for child in node.children)
 
 
+@lru_cache(maxsize=MAX_FACTS)  # a node asks for those of its children, and each child again
 def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | None:
     """Conditions that hold in each tick in which a node ends with a status.
 
@@ -264,7 +264,7 @@ def _guard_end(
         if facts is not None and (guard.checks_itself or ends_at_once(child, inside)):
             return (*facts, guard.condition)
         return facts
-    if context.siblings and always_holds(guard, context):
+    if always_holds(guard, context):
         return facts
     return _either([(opposite(guard.condition),), facts])
 

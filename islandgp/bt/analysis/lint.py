@@ -105,7 +105,6 @@ def warnings(
     *,
     name: str = "<tree>",
     folder: Path | None = None,
-    siblings: bool = True,
 ) -> list[LintWarning]:
     """The warnings about a tree file, in its order, each once.
 
@@ -118,14 +117,13 @@ def warnings(
         vocabulary: the actions and keys of the domain.
         name: of the file in messages.
         folder: of the file, as for `parse`.
-        siblings: False: without warnings by what follows from earlier siblings.
 
     Raises:
         TreeError: the text is not a tree of the language.
     """
     tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(tree, root_context(vocabulary, siblings=siblings), ()))
+    places = list(_places(tree, root_context(vocabulary), ()))
     undone = cache(partial(_undone_changes, places))
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):

@@ -25,6 +25,7 @@ class ShorterForm(NamedTuple):
     change: str  # what is different, e.g. "without `when lap > 3` (4 nodes)"
     nodes: int  # that it saves, >= 0
     terms: int = 0  # terms of conditions and abort rules that it saves, if it saves no node
+    above: tuple[str, ...] = ()  # the heads of the nodes from the root to the changed one
 
 
 def shorter_forms(tree: Node) -> list[ShorterForm]:
@@ -41,12 +42,22 @@ def shorter_forms(tree: Node) -> list[ShorterForm]:
         Distinct trees, none of them equal to `tree`; empty for a single action.
     """
     forms: dict[Node, ShorterForm] = {}
-    for place, node in enumerate(walk(tree)):
+    for place, (node, above) in enumerate(_with_heads(tree)):
         for new, change, saved in _changes(node):
-            form = ShorterForm(replace_at(tree, place, new), change, size(node) - size(new), saved)
+            form = ShorterForm(
+                replace_at(tree, place, new), change, size(node) - size(new), saved, above
+            )
             if form.tree != tree:
                 forms.setdefault(form.tree, form)
     return sorted(forms.values(), key=lambda form: (-form.nodes, -form.terms))
+
+
+def _with_heads(node: Node, above: tuple[str, ...] = ()) -> Iterator[tuple[Node, tuple[str, ...]]]:
+    """The nodes in document order, each with the heads of those above it and its own."""
+    path = (*above, head(node))
+    yield node, path
+    for child in node.children:
+        yield from _with_heads(child, path)
 
 
 def without(tree: Node, place: int) -> Node | None:

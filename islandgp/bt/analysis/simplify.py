@@ -208,7 +208,7 @@ def _whole_numbers(node: Node, context: NodeContext) -> Rewrite:
     # No whole number lies between a threshold and the rounded one.
     guard = guard_of(node)
     condition = without_decimals(guard.condition, context.vocabulary)
-    if not context.siblings or condition == guard.condition:
+    if condition == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=condition))
     return (
@@ -221,7 +221,7 @@ def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
     # The parts that differ never stop a node: the child ends in the tick in which it starts, the
     # condition does not change while the child or a later branch runs, or there is no later branch.
     guard = guard_of(node)
-    if not context.siblings or (abort := effective_abort(node, context)) == guard.abort:
+    if (abort := effective_abort(node, context)) == guard.abort:
         return None
     changed = node._replace(args=guard._replace(abort=abort))
     return changed, f"abort {guard.abort} of {head(node)} has the effect of abort {abort}"
@@ -258,7 +258,7 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
-Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None, bool]
+Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
 """A node with its context, without the vocabulary."""
 
 MAX_SHORT: Final = 20_000  # most nodes in this cache
@@ -273,15 +273,12 @@ class Simplified(NamedTuple):
     reasons: tuple[str, ...]  # of each rewrite, in order; empty: the tree is unchanged
 
 
-def simplify(
-    tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY, *, siblings: bool = True
-) -> Simplified:
+def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplified:
     """Apply the rules until none applies.
 
     Args:
         tree: the root.
         vocabulary: its declarations of actions and keys allow more rewrites.
-        siblings: False: leave out rewrites by what follows from earlier siblings.
     """
     global _short
     if _short[0] is not vocabulary or len(_short[1]) > MAX_SHORT:
@@ -289,20 +286,20 @@ def simplify(
     short, reasons = _short[1], list[str]()
     while True:
         before = len(reasons)
-        tree = _visit(tree, root_context(vocabulary, siblings=siblings), reasons, short)
+        tree = _visit(tree, root_context(vocabulary), reasons, short)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 
 
 def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
     """Rewrites nodes from the root down, so the context of a node stays valid."""
-    before, place = len(reasons), (node, *context[:3], context.siblings)
+    before, place = len(reasons), (node, *context[:3])
     if place in short:
         return node
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
-    contexts = list(child_contexts(node, context))
+    contexts = child_contexts(node, context)
     for index, child in enumerate(node.children):
         if not child.children:
             continue  # no rule applies to a leaf
@@ -310,7 +307,7 @@ def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Plac
         if shorter_child is not child:
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
             node = node._replace(children=children)
-            contexts = list(child_contexts(node, context))
+            contexts = child_contexts(node, context)
     if len(reasons) == before:
         short.add(place)
     return node

@@ -128,7 +128,7 @@ def signature(name: str, parameters: Mapping[str, Parameter]) -> str:
 def described(meaning: str, parameters: Mapping[str, Parameter], uses: Collection[str] = ()) -> str:
     """The meaning of an action, with its arguments, their defaults, and the resources it uses."""
     lines = (f"{key} {each.meaning}, else {each.default}" for key, each in parameters.items())
-    used = [f"uses {', '.join(uses)}, which no other action may use in the same tick"] * bool(uses)
+    used = [f"uses {', '.join(uses)}"] * bool(uses)
     return "; ".join([meaning, *lines, *used])
 
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Condition, Vocabulary
-from islandgp.domain import Observer, Outcome, Scene, Schema, Thing
+from islandgp.domain import Observer, Outcome, Scene, Schema, Thing, wants_scenes
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.events import IslandEvent
@@ -138,7 +138,7 @@ class Island:
                 observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
             return component, points
 
-        fixed = self._fixed()
+        fixed = self._fixed() if wants_scenes(observer) else None
         episode = run_episode(
             tree,
             self.world,
@@ -149,7 +149,7 @@ class Island:
             watch=observer.node,
             observe=lambda island: observer.tick(
                 island.board.tolist() if sensors is None else sensors.values,
-                self._scene(island, fixed),
+                None if fixed is None else self._scene(island, fixed),
             ),
             sensors=sensors,
         )

@@ -18,6 +18,8 @@ _ASKED: Final = Condition("isHumanoidWantToClear", "is", 0)
 _FULL: Final = Condition("batteryLevel", ">=", 100)
 _NOT_FULL: Final = Condition("batteryLevel", "<", 95)
 _ARRIVES: Final = frozenset({SUCCESS, RUNNING})
+_BASE: Final = ("base",)
+_BOTH: Final = ("base", "arm")
 _LESS_ROOM: Final = {"robotCurrentExtraCapacity": -1}
 
 VOCABULARY: Final = Vocabulary(
@@ -28,6 +30,7 @@ VOCABULARY: Final = Vocabulary(
             " fails when none is in sight",
             to_start=(_GARBAGE,),
             to_succeed=(_GARBAGE,),
+            uses=_BASE,
         ),
         "PickupGarbage": Action(
             "picks up one item within reach; succeeds at once,"
@@ -36,9 +39,12 @@ VOCABULARY: Final = Vocabulary(
             to_start=(_GARBAGE, _ROOM),
             changes=_LESS_ROOM,
             after=("MoveToGarbage",),
+            uses=("arm",),
         ),
         "SeekCharger": Action(
-            "drives to the nearest charger; succeeds on arrival", statuses=_ARRIVES
+            "drives to the nearest charger; succeeds on arrival",
+            statuses=_ARRIVES,
+            uses=_BASE,
         ),
         "ExecuteCharge": Action(
             "charges; succeeds when the battery is full,"
@@ -46,6 +52,7 @@ VOCABULARY: Final = Vocabulary(
             to_start=(_NOT_FULL,),
             to_succeed=(_FULL,),
             after=("SeekCharger",),
+            uses=_BASE,
         ),
         "MoveToHumanoid": Action(
             "drives to the nearest humanoid in sight that asks for clearing and takes over its"
@@ -53,6 +60,7 @@ VOCABULARY: Final = Vocabulary(
             to_start=(_ASKED, _ROOM),
             to_succeed=(_ASKED,),
             changes=_LESS_ROOM,
+            uses=_BOTH,
         ),
         "DeliverToClearingPoint": Action(
             "drives to the nearest clearing point and unloads; succeeds when something was"
@@ -60,9 +68,12 @@ VOCABULARY: Final = Vocabulary(
             to_succeed=(_LOAD,),
             changes={"robotCurrentExtraCapacity": 1},
             after=("MoveToHumanoid", "PickupGarbage"),
+            uses=_BOTH,
         ),
         "PatrolWaypoint": Action(
-            "drives to the next patrol waypoint; succeeds on arrival", statuses=_ARRIVES
+            "drives to the next patrol waypoint; succeeds on arrival",
+            statuses=_ARRIVES,
+            uses=_BASE,
         ),
     },
     keys={

@@ -154,6 +154,8 @@ def language(vocabulary: Vocabulary) -> str:
     numbers = [n for n, key in vocabulary.keys.items() if not key.flag and not key.words]
     choices = {name: key for name, key in vocabulary.keys.items() if key.words}
     flags = [name for name, key in vocabulary.keys.items() if key.flag]
+    has_resources = any(action.uses for action in vocabulary.actions.values())
+    shared = "; two that use the same resource never run in the same tick" * has_resources
     return "\n".join(
         (
             "The grammar, in Lark's notation:",
@@ -169,7 +171,7 @@ def language(vocabulary: Vocabulary) -> str:
             f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
             *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
             "",
-            "Actions:",
+            f"Actions{shared}:",
             *(
                 f"- {signature(name, action.arguments)}:"
                 f" {described(action.meaning, action.arguments, action.uses)}"

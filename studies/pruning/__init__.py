@@ -1,0 +1,1 @@
+"""Compares best robots before and after their shortening, in unseen worlds."""
