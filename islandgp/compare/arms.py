@@ -136,7 +136,7 @@ def select_arms(texts: Sequence[str], runs: Sequence[RunEntry]) -> tuple[list[Ar
             members, levels = by_label[label]
             arm, remarks = _arm(label, label, members, keys, levels)
         else:
-            name, condition = parse_arm(text)
+            name, condition = parse_arm(text, list(by_label))
             arm, remarks = _selected(name, condition, runs)
         arms.append(arm)
         notes += remarks
@@ -148,8 +148,11 @@ def _words(label: str) -> frozenset[str]:
     return frozenset(label.lower().split())
 
 
-def parse_arm(text: str) -> tuple[str, str]:
-    """`expert=supervisor=expert` as ("expert", "supervisor=expert"). Raises StudyError."""
+def parse_arm(text: str, labels: Sequence[str] = ()) -> tuple[str, str]:
+    """`expert=supervisor=expert` as ("expert", "supervisor=expert").
+
+    Raises StudyError, with the names of the arms in `labels`, for another text.
+    """
     name, _, selection = text.partition("=")
     if len(name.strip()) > MAX_NAME:
         raise StudyError(
@@ -160,6 +163,8 @@ def parse_arm(text: str) -> tuple[str, str]:
         raise StudyError(
             f'Expected --arm NAME="KEY=VALUE ..." or an arm of a sweep, found {text!r};'
             ' for instance --arm expert="supervisor=expert".'
+            + f" The arms are {', '.join(map(repr, labels))}."
+            * bool(labels)
         )
     return name.strip(), selection.strip()
 

@@ -155,16 +155,18 @@ def examine_all(study: Comparison, plan: AnalysisPlan, measures: Sequence[Measur
         inside = [m for m in measures if m.key in keys]
         further = [m for m in measures if m.key not in keys]
         for family, group in ((name, inside), (f"{name}, further", further)):
-            found = [_compared(study, a, b, m) for a, b in pairs for m in group]
+            found = [row for a, b in pairs for row in _compared(study, a, b, group)]
             rows += adjust(found, family)
     return rows
 
 
-def _compared(study: Comparison, a: Arm, b: Arm, measure: Measure) -> Row:
-    samples = [measure.of(run) for run in a.runs], [measure.of(run) for run in b.runs]
-    shared = shared_seeds(a, b)
-    pairs = tuple([measure.of(run) for run in arm.runs if run.seed in shared] for arm in (a, b))
-    return examine(measure, (a.name, b.name), samples, study.generations, pairs=pairs)
+def _compared(study: Comparison, a: Arm, b: Arm, measures: Sequence[Measure]) -> Iterator[Row]:
+    """The row of each measure for a pair of arms."""
+    shared = set(shared_seeds(a, b))
+    for measure in measures:
+        samples = [measure.of(run) for run in a.runs], [measure.of(run) for run in b.runs]
+        pairs = [[measure.of(run) for run in arm.runs if run.seed in shared] for arm in (a, b)]
+        yield examine(measure, (a.name, b.name), samples, study.generations, pairs=pairs)
 
 
 def examine(

@@ -33,7 +33,7 @@ from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
 from islandgp.sweep.job import sweep_entry, sweep_job
 from islandgp.sweep.progress import Start, Watch
-from islandgp.sweep.summary import arm_lines, arms
+from islandgp.sweep.summary import arm_lines, arms, power_line
 
 Job = Callable[[DictConfig], Any]
 """The function that Hydra calls for each job."""
@@ -74,6 +74,8 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
             sweep.open(command, list(by_folder.values()))
             stack.callback(sweep.close)
             remove_leftovers(sweep.path, "sweep.json.*")
+            if (file := sweep.read()) is not None and (line := power_line(file)):
+                echo(line)
         try:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:

@@ -12,7 +12,7 @@ from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
-from islandgp.sweep.summary import arm_table, arms
+from islandgp.sweep.summary import arm_table, arms, power_line
 from islandgp.tracking.parent import metric_names, parent_run, send_sweep
 from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader
@@ -106,6 +106,26 @@ def test_arms_have_separate_metrics() -> None:
     assert [name[:-8] for name in names[1:3]] == ["baseline a_x_y-"] * 2
     assert len(set(names)) == 4
     assert len(names[3]) == 180
+
+
+@pytest.mark.parametrize(
+    ("seeds", "words"),
+    [
+        (1, "1 an arm, with which no paired test can show a difference (least p 1); 6 can."),
+        (5, "5 an arm, with which no paired test can show a difference (least p 0.062); 6 can."),
+        (6, "6 an arm; a paired test finds a difference of about 1.7 standard deviations"),
+        (30, "30 an arm; a paired test finds a difference of about 0.55 standard deviations"),
+    ],
+)
+def test_what_so_many_seeds_can_show(seeds: int, words: str) -> None:
+    """Of two arms, by the arm with fewer seeds; a single arm is not compared."""
+    both = [
+        SweepJob(f"{arm}{s}", f"{arm}{s}", arm, s, (f"supervisor={arm}",), 4, "")
+        for arm, n in (("expert", seeds), ("baseline", seeds + 1))
+        for s in range(n)
+    ]
+    assert power_line(SweepFile("0", 1, (), tuple(both))).startswith(f"Seeds: {words}")
+    assert power_line(SweepFile("0", 1, (), tuple(both[:seeds]))) == ""
 
 
 def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
