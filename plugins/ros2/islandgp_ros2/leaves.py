@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Mapping
-from typing import Any, Final
+from secrets import token_bytes
+from typing import Any
 
 from islandgp_ros2.keys import RosKey
 from islandgp_ros2.messages import filled, interface, must_have
 from islandgp_ros2.requests import Call, Goal, Request, Server
-from islandgp_ros2.robot_map import ActionServer, RobotMap
+from islandgp_ros2.robot_map import ActionServer, RobotMap, ServiceCall
 
 RosLeaf = Callable[..., Generator[None, None, bool]]
-
-UNKNOWN: Final = object()  # a value whose type only the messages show
+MakeRequest = Callable[[Any, tuple[str, ...]], Goal | Call]  # of a message and resources
 
 
 class RosLeaves:
@@ -60,7 +60,6 @@ class RosLeaves:
             calls: the name and the arguments of each leaf; those of other leaves are ignored.
         """
         samples = {key: self._keys[key].sample for key in self.sources}
-        samples = {key: UNKNOWN if each is None else each for key, each in samples.items()}
         for name, arguments in calls:
             if name in self._fill:
                 self._fill[name](arguments, samples)
@@ -109,25 +108,21 @@ class RosLeaves:
         entry = self._map.actions[name]
         kind = interface(entry.type)
         if isinstance(entry, ActionServer):
-            empty, part = kind.Goal, "goal"
-            server = self._server(entry.action, entry.type, kind)
-            limits = entry.timeout, entry.server_timeout
+            empty, part, request_of = kind.Goal, "goal", self._goals(name, entry, kind)
         else:
-            empty, part = kind.Request, "request"
-            client = self._node.create_client(kind, entry.service)
-            field = _result_field(kind.Response(), entry.success, name)
+            empty, part, request_of = kind.Request, "request", self._calls(name, entry, kind)
         results = [key for key in self._keys.values() if getattr(key.entry, "result", "") == name]
 
         def fill(arguments: Mapping[str, object], keys: Mapping[str, object]) -> Any:
             named = {**keys, **arguments}
-            texts = {value for value in entry.fields.values() if isinstance(value, str)}
-            values = {
-                path: named.get(value, value) if isinstance(value, str) else value
-                for path, value in entry.fields.items()
+            texts = {path: text for path, text in entry.fields.items() if isinstance(text, str)}
+            by_name = {path: named[text] for path, text in texts.items() if text in named}
+            direct = {
+                name: value for name, value in arguments.items() if name not in texts.values()
             }
-            values = {path: value for path, value in values.items() if value is not UNKNOWN}
-            direct = {field: value for field, value in arguments.items() if field not in texts}
-            return filled(empty(), {**values, **direct}, f"actions.{name}.{part}")
+            values = {**entry.fields, **by_name, **direct}
+            known = {path: value for path, value in values.items() if value is not None}
+            return filled(empty(), known, f"actions.{name}.{part}")
 
         self._fill[name] = fill
 
@@ -138,11 +133,7 @@ class RosLeaves:
                     self._log.warning(f"{name}: failed, the key {key} has no value")
                     return False
             message, uses = fill(arguments, values), self.uses.get(name, ())
-            request: Goal | Call
-            if isinstance(entry, ActionServer):
-                request = Goal(name, server, uses, limits, message)
-            else:
-                request = Call(name, entry, uses, (client, field), message)
+            request = request_of(message, uses)
             self._new.append(request)
             try:
                 while request.succeeded is None:
@@ -169,18 +160,28 @@ class RosLeaves:
             self._log.info(f"{request.name}: cancelled, its server has to confirm it")
             self.ending.append(request)
 
-    def _server(self, name: str, kind_name: str, kind: Any) -> Server:
-        """The clients of an action server, which its actions share."""
-        if (name, kind_name) not in self._servers:
-            self._servers[name, kind_name] = Server(self._node, name, kind)
-        return self._servers[name, kind_name]
+    def _goals(self, name: str, entry: ActionServer, kind: Any) -> MakeRequest:
+        """Makes goals of an action. Actions share the clients of one server."""
+        if (entry.action, entry.type) not in self._servers:
+            self._servers[entry.action, entry.type] = Server(self._node, entry.action, kind)
+        server = self._servers[entry.action, entry.type]
+        limits = entry.timeout, entry.server_timeout
+        return lambda message, uses: Goal(
+            name, entry.action, *limits, uses, server, message, id=server.prefix + token_bytes(8)
+        )
 
-
-def _result_field(response: Any, field: str | None, name: str) -> str | None:
-    """The field of a response with the result of an action. Raises ConfigError."""
-    if field is not None:
-        must_have(response, field, f"actions.{name}.success")
-    return "success" if field is None and hasattr(response, "success") else field
+    def _calls(self, name: str, entry: ServiceCall, kind: Any) -> MakeRequest:
+        """Makes calls of an action's service."""
+        response, field = kind.Response(), entry.success
+        if field is not None:
+            must_have(response, field, f"actions.{name}.success")
+        elif hasattr(response, "success"):
+            field = "success"
+        client = self._node.create_client(kind, entry.service)
+        limits = entry.timeout, entry.timeout
+        return lambda message, uses: Call(
+            name, entry.service, *limits, uses, client, message, field=field
+        )
 
 
 def _clash(request: Request, others: Iterable[Request], *, same_server: bool = False) -> str:

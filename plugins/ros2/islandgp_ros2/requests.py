@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, field
 from hashlib import sha256
 from secrets import token_bytes
 from socket import gethostname
@@ -10,62 +11,54 @@ from time import monotonic
 from typing import Any, Final
 
 from islandgp_ros2.messages import value_of
-from islandgp_ros2.robot_map import ServiceCall
 
 ANSWER_S: Final = 0.5  # most s for which other goals wait for the answer to a cancellation
 WATCH_S: Final = 0.5  # between two questions to a server with open goals
 _ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
 """Final states of goals, by action_msgs/msg/GoalStatus."""
 _ACTIVE: Final = (1, 2)  # accepted, executing
-_UNKNOWN_GOAL, _ENDED_GOAL = 2, 3  # return codes of action_msgs/srv/CancelGoal
+_UNKNOWN_GOAL, _CANCELLED_BEFORE = 2, 3
+"""Return codes of action_msgs/srv/CancelGoal; the second also if the goal has ended."""
 _QUESTIONS: Final = 4  # requests for the result of a goal after its server has changed
 
 
+@dataclass(eq=False)
 class Request:
-    """A goal or a call of one leaf of the tree."""
+    """A goal or a call of one leaf of the tree, which `send` sends."""
 
-    def __init__(
-        self, name: str, place: str, uses: tuple[str, ...], limits: tuple[float | None, float]
-    ) -> None:
-        """Starts its time; `send` sends it.
-
-        Args:
-            name: of the action in the tree.
-            place: name of the action server or service.
-            uses: resources that no other request may use at the same time.
-            limits: seconds until it fails (None: no limit), and seconds until it fails without a
-                server or without an answer of it.
-        """
-        self.name, self.place, self.uses = name, place, uses
-        self._timeout, self._server_timeout = limits
-        self._start = self.since = monotonic()
-        self.waits_for = "no server"
-        self.is_sent = False
-        self.is_cancelled = False
-        self.succeeded: bool | None = None
-        """True, False, or None while it is open."""
-        self.reason = ""  # of a failure
-        self.result: Any = None
-        self.is_settled = False
-        """True: nothing of it runs, as far as its server has confirmed."""
-        self.is_given_up = False
-        """True: its server does not answer, so it may run."""
-        self.obstacle = ""
-        """Why it may still run although it was cancelled; "": its server has not answered."""
-        self._cancelled_at = 0.0
+    name: str  # of the action in the tree
+    place: str  # name of the action server or service
+    timeout: float | None  # s until it fails
+    server_timeout: float  # s without a server, or without an answer of it, until it fails
+    uses: tuple[str, ...]  # resources that no other request may use at the same time
+    client: Any
+    message: Any
+    waits_for: str = "no server"
+    is_sent: bool = False
+    is_cancelled: bool = False
+    succeeded: bool | None = None  # None: it is open
+    reason: str = ""  # of a failure
+    result: Any = None
+    is_settled: bool = False  # True: its server has confirmed that nothing of it runs
+    is_given_up: bool = False  # True: its server does not answer, so it may run
+    obstacle: str = ""
+    """Why it may still run although it was cancelled; "": its server has not answered."""
+    start: float = field(default_factory=monotonic)
+    sent_at: float = 0.0
+    cancelled_at: float = 0.0
 
     def check_time(self) -> None:
         """Fails the request if one of its limits is reached."""
         now = monotonic()
-        if not self.is_sent and now - self.since >= self._server_timeout:
-            self.fail(f"{self.waits_for} for {self._server_timeout:g} s")
-        elif self._timeout is not None and now - self._start >= self._timeout:
-            self.fail(f"not done within {self._timeout:g} s")
+        if not self.is_sent and now - self.start >= self.server_timeout:
+            self.fail(f"{self.waits_for} for {self.server_timeout:g} s")
+        elif self.timeout is not None and now - self.start >= self.timeout:
+            self.fail(f"not done within {self.timeout:g} s")
 
     @property
     def awaits_answer(self) -> bool:
         """True until the cancellation is answered, at most ANSWER_S seconds."""
-        return not self.obstacle and monotonic() - self._cancelled_at < ANSWER_S
+        return not self.obstacle and monotonic() - self.cancelled_at < ANSWER_S
 
     def fail(self, reason: str) -> None:
         """End it for the tree; it may go on at its server."""
@@ -80,33 +73,23 @@ class Request:
         self.fail(reason)
 
 
+@dataclass(eq=False)
 class Call(Request):
     """A call of a service. It cannot be cancelled; its response is then ignored."""
 
-    def __init__(
-        self,
-        name: str,
-        entry: ServiceCall,
-        uses: tuple[str, ...],
-        client: tuple[Any, str | None],
-        message: Any,
-    ) -> None:
-        """As `Request`; `client`: of the service, and the field with the result, if any."""
-        super().__init__(name, entry.service, uses, (entry.timeout, entry.timeout))
-        self._client, self._field = client
-        self._message = message
-        self._answer: Any = None
+    field: str | None = None  # of the response with the result; None: any response is a success
+    answer: Any = None
 
     @property
     def is_ready(self) -> bool:
         """True if the service is available."""
-        return bool(self._client.service_is_ready())
+        return bool(self.client.service_is_ready())
 
     def send(self) -> None:
         """Calls the service."""
         self.is_sent = True
-        self._answer = self._client.call_async(self._message)
-        self._answer.add_done_callback(self._on_answer)
+        self.answer = self.client.call_async(self.message)
+        self.answer.add_done_callback(self._on_answer)
 
     def cancel(self) -> None:
         """Ignores the response from now on."""
@@ -116,107 +99,95 @@ class Call(Request):
 
     def give_up(self) -> None:
         """Stops waiting for the response of a cancelled call after its timeout."""
-        if monotonic() - self._start >= self._server_timeout:
+        if monotonic() - self.start >= self.server_timeout:
             self.is_given_up = True
-            self._client.remove_pending_request(self._answer)
+            self.client.remove_pending_request(self.answer)
 
     def _on_answer(self, answer: Any) -> None:
         result = answer.result()
-        succeeded = self._field is None or bool(value_of(result, self._field))
-        self._finish(succeeded=succeeded, reason=f"answered {self._field}: false", result=result)
+        succeeded = self.field is None or bool(value_of(result, self.field))
+        self._finish(succeeded=succeeded, reason=f"answered {self.field}: false", result=result)
 
 
+@dataclass(eq=False)
 class Goal(Request):
     """A goal of an action server."""
 
-    def __init__(
-        self,
-        name: str,
-        server: Server,
-        uses: tuple[str, ...],
-        limits: tuple[float | None, float],
-        message: Any,
-    ) -> None:
-        super().__init__(name, server.name, uses, limits)
-        self._server, self._message = server, message
-        self.id = server.prefix + token_bytes(8)
-        self._is_accepted = self._is_cancelling = False
-        self._sent_at = 0.0
-        self._publishers: set[bytes] = set()  # of the server's state, when the goal was sent
-        self._questions = 0
-        self._status = 0
+    id: bytes = b""
+    is_accepted: bool = False
+    is_cancelling: bool = False
+    publishers: set[bytes] = field(default_factory=set)  # of the server's state, when it was sent
+    questions: int = 0
+    status: int = 0  # that the server publishes
 
     @property
     def is_ready(self) -> bool:
         """True if the action server is available."""
-        return self._server.is_ready
+        return bool(self.client.is_ready)
 
     def send(self) -> None:
         """Sends the goal."""
-        self.is_sent, self._sent_at = True, monotonic()
-        self._publishers = self._server.publishers()
-        self._server.goals[self.id] = self
-        self._server.send(self.id, self._message, self._on_acceptance)
+        self.is_sent, self.sent_at = True, monotonic()
+        self.publishers = self.client.publishers()
+        self.client.goals[self.id] = self
+        self.client.ask("send_goal", self.id, self._on_acceptance, goal=self.message)
 
     def check_time(self) -> None:
         """As for any request; also if the server accepts nothing or does not answer."""
-        unanswered = 0.0 if self._is_accepted else monotonic() - self._sent_at
-        if self.is_sent and max(self._server.silent_s, unanswered) >= self._server_timeout:
-            self.fail(f"no answer for {self._server_timeout:g} s")
+        unanswered = 0.0 if self.is_accepted else monotonic() - self.sent_at
+        if self.is_sent and max(self.client.silent_s, unanswered) >= self.server_timeout:
+            self.fail(f"no answer for {self.server_timeout:g} s")
         super().check_time()
 
     def cancel(self) -> None:
         """Cancels the goal, after its acceptance if the server has not accepted it yet."""
-        self.is_cancelled, self._cancelled_at = True, monotonic()
+        self.is_cancelled, self.cancelled_at = True, monotonic()
         if not self.is_sent:
             self.is_settled = True
-        elif self._is_accepted:
-            self._server.cancel(self.id, self._on_cancelling)
+        elif self.is_accepted:
+            self.client.ask("cancel_goal", self.id, self._on_cancelling)
 
     def give_up(self) -> None:
         """Stops waiting for the end of a cancelled goal if its server does not answer."""
-        waited = 0.0 if self._is_accepted else monotonic() - self._cancelled_at
-        if max(self._server.silent_s, waited) >= self._server_timeout:
+        waited = 0.0 if self.is_accepted else monotonic() - self.cancelled_at
+        if max(self.client.silent_s, waited) >= self.server_timeout:
             self.is_given_up = True
-            self._server.goals.pop(self.id, None)
+            self.client.goals.pop(self.id, None)
 
     def watch(self) -> None:
         """Repeats what the server may have missed. Called every WATCH_S seconds."""
-        if self.is_cancelled and not self._is_cancelling:
-            self._server.cancel(self.id, self._on_cancelling)
-        new = self._server.publishers() - self._publishers
-        if self._is_accepted and (new or self._status in _ENDS):
-            if self._questions < _QUESTIONS:
-                self._questions += 1
-                self._server.ask_result(self.id, self._on_result)
-            elif self._status in _ENDS:  # the answers are lost
-                self._end(self._status, None)
+        if self.is_cancelled and not self.is_cancelling:
+            self.client.ask("cancel_goal", self.id, self._on_cancelling)
+        new = self.client.publishers() - self.publishers
+        if self.is_accepted and (new or self.status in _ENDS):
+            if self.questions < _QUESTIONS:
+                self.questions += 1
+                self.client.ask("get_result", self.id, self._on_result)
+            elif self.status in _ENDS:  # the answers are lost
+                self._end(self.status, None)
             else:
-                self._publishers |= new
-                self._questions = 0
-
-    def on_status(self, status: int) -> None:
-        """Handle the state that the server publishes."""
-        self._status = status
+                self.publishers |= new
+                self.questions = 0
 
     def _on_acceptance(self, answer: Any) -> None:
-        self._is_accepted = answer.accepted
+        self.is_accepted = answer.accepted
         if not answer.accepted:
             self._end(0, None, "rejected the goal")
             return
-        self._server.ask_result(self.id, self._on_result)
+        self.client.ask("get_result", self.id, self._on_result)
         if self.is_cancelled:
-            self._server.cancel(self.id, self._on_cancelling)
+            self.client.ask("cancel_goal", self.id, self._on_cancelling)
 
     def _on_cancelling(self, answer: Any) -> None:
-        if self.id in [bytes(goal.goal_id.uuid) for goal in answer.goals_canceling]:
-            if not self._is_accepted:  # the answer that accepts it is lost
-                self._server.ask_result(self.id, self._on_result)
-            self._is_accepted = self._is_cancelling = True
+        cancelling = self.id in [bytes(goal.goal_id.uuid) for goal in answer.goals_canceling]
+        if cancelling or answer.return_code == _CANCELLED_BEFORE:
+            if not self.is_accepted or not cancelling:  # an earlier answer may be lost
+                self.client.ask("get_result", self.id, self._on_result)
+            self.is_accepted = self.is_cancelling = True
             self.obstacle = "accepted the cancellation, and the goal has not ended"
-        elif answer.return_code == _UNKNOWN_GOAL and not self._is_accepted:
+        elif answer.return_code == _UNKNOWN_GOAL and not self.is_accepted:
             self.obstacle = "has neither accepted nor rejected the goal"
-        elif answer.return_code in (_UNKNOWN_GOAL, _ENDED_GOAL):
+        elif answer.return_code == _UNKNOWN_GOAL:
             self._end(0, None)
         else:
             self.obstacle = "refuses to cancel the goal"
@@ -225,11 +196,12 @@ class Goal(Request):
         if answer.status in _ENDS:
             self._end(answer.status, answer.result)
         else:
+            self.client.ask("cancel_goal", self.id)  # another server of this name may know it
             self._end(0, None, "was started again and does not know the goal")
 
     def _end(self, status: int, result: Any, reason: str = "ended the goal") -> None:
-        self._server.goals.pop(self.id, None)
-        self._server.ended.append(self.id)
+        self.client.goals.pop(self.id, None)
+        self.client.ended.append(self.id)
         reason = f"{_ENDS[status]} the goal" if status in _ENDS else reason
         self._finish(succeeded=status == 4, reason=reason, result=result)
 
@@ -247,7 +219,8 @@ class Server:
         """
         from action_msgs.srv import CancelGoal
         from rclpy.clock import Clock, ClockType
-        from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_action_status_default
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from rclpy.qos import qos_profile_action_status_default as kept
 
         self._node, self.name, self._log = node, name, node.get_logger()
         parts = {
@@ -269,16 +242,12 @@ class Server:
         self.silent_s = 0.0  # s of open goals without an answer
         self._questions: deque[Any] = deque()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        topics = f"{name}/_action"
-        node.create_subscription(
-            kind.Impl.FeedbackMessage, f"{topics}/feedback", self._hear, best_effort
-        )
-        node.create_subscription(
-            kind.Impl.GoalStatusMessage,
-            f"{topics}/status",
-            self._on_statuses,
-            qos_profile_action_status_default,
-        )
+        topics = {
+            "feedback": (kind.Impl.FeedbackMessage, self._hear, best_effort),
+            "status": (kind.Impl.GoalStatusMessage, self._on_statuses, kept),
+        }
+        for part, (message, callback, profile) in topics.items():
+            node.create_subscription(message, f"{name}/_action/{part}", callback, profile)
         node.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
@@ -291,32 +260,19 @@ class Server:
         found = self._node.get_publishers_info_by_topic(f"{self.name}/_action/status")
         return {bytes(each.endpoint_gid) for each in found}
 
-    def send(self, goal_id: bytes, message: Any, on_answer: Any) -> None:
-        """Sends a goal."""
-        request = self._clients["send_goal"].srv_type.Request(goal=message)
-        request.goal_id.uuid = list(goal_id)
-        self._call("send_goal", request, on_answer)
+    def ask(
+        self, part: str, goal_id: bytes, on_answer: Any = lambda _: None, **content: Any
+    ) -> Any:
+        """Sends a request about a goal: "send_goal", "cancel_goal" or "get_result".
 
-    def ask_result(self, goal_id: bytes, on_answer: Any) -> None:
-        """Asks for the result of a goal; answered at its end, or at once if it is unknown."""
-        request = self._clients["get_result"].srv_type.Request()
-        request.goal_id.uuid = list(goal_id)
-        self._call("get_result", request, on_answer)
-
-    def cancel(self, goal_id: bytes, on_answer: Any = None) -> Any:
-        """Asks to cancel a goal. Returns the future of the answer."""
-        request = self._clients["cancel_goal"].srv_type.Request()
-        request.goal_info.goal_id.uuid = list(goal_id)
-        return self._call("cancel_goal", request, on_answer)
-
-    def _call(self, client: str, request: Any, on_answer: Any) -> Any:
-        def answered(future: Any) -> None:
-            self._hear()
-            if on_answer is not None:
-                on_answer(future.result())
-
-        future = self._clients[client].call_async(request)
-        future.add_done_callback(answered)
+        The last is answered at the end of the goal, or at once if it is unknown.
+        """
+        request = self._clients[part].srv_type.Request(**content)
+        about = request.goal_info if part == "cancel_goal" else request
+        about.goal_id.uuid = list(goal_id)
+        future = self._clients[part].call_async(request)
+        future.add_done_callback(self._hear)
+        future.add_done_callback(lambda done: on_answer(done.result()))
         return future
 
     def _hear(self, *_: object) -> None:
@@ -327,7 +283,9 @@ class Server:
             self.silent_s = 0.0
             return
         self.silent_s += WATCH_S
-        self._questions.append(self.cancel(token_bytes(16)))  # of no goal: any server answers it
+        self._questions.append(
+            self.ask("cancel_goal", token_bytes(16))
+        )  # of no goal: any server answers it
         if len(self._questions) > 20:
             self._clients["cancel_goal"].remove_pending_request(self._questions.popleft())
         for goal in [*self.goals.values()]:
@@ -339,10 +297,9 @@ class Server:
         for each in message.status_list:
             goal_id = bytes(each.goal_info.goal_id.uuid)
             if goal_id in self.goals:
-                self.goals[goal_id].on_status(each.status)
-            elif self._is_left_over(goal_id) and each.status in _ACTIVE:
+                self.goals[goal_id].status = each.status
+            elif goal_id in self.ended or each.status not in _ACTIVE:
+                continue
+            elif goal_id.startswith(self.prefix):
                 self._log.warning(f"{self.name}: a goal left by a node of this name is cancelled")
-                self.cancel(goal_id)
-
-    def _is_left_over(self, goal_id: bytes) -> bool:
-        return goal_id.startswith(self.prefix) and goal_id not in self.ended
+                self.ask("cancel_goal", goal_id)

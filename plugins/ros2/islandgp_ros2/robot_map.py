@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import yaml
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError
 
 from islandgp.bt.core.source import shown
@@ -125,26 +125,39 @@ _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
 """The class of an entry, by its distinguishing key."""
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads YAML, of which each key of a mapping must occur once."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """The mapping of a YAML node. Raises ConfigError."""
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            mark = key.start_mark
+            if (name := str(key.value)) in lines:
+                raise ConfigError(
+                    f"{self.name}:{mark.line + 1}:{mark.column + 1}: expected each key once, found"
+                    f" {shown(name)} again, as in line {lines[name]}; rename or remove one"
+                )
+            lines[name] = mark.line + 1
+        return super().construct_mapping(node, deep)
+
+
 def read_map(file: Path) -> RobotMap:
     """The map in a YAML file. Raises ConfigError with a line for each error."""
-    import yaml
-
     text = read_text_file(file)
     if len(text) > _MAX_CHARACTERS or re.search(r"(^|[\s:,\[{-])[&*][A-Za-z0-9_]", text):
         raise ConfigError(
             f"{file}: expected a short file without anchors (&name, *name); write each entry out"
         )
-    loader = yaml.SafeLoader(text)
+    loader = _Loader(text)
+    loader.name = str(file)
     try:
-        root = loader.get_single_node()
-        plain = loader.construct_document(root) if root else None
+        plain = loader.get_single_data()
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         first = " ".join(str(error).split())[:200]
         raise ConfigError(f"{file}: expected YAML, found: {first}") from None
     finally:
         loader.dispose()
-    if repeated := [*_repeated_keys(root)]:
-        raise ConfigError("\n".join(f"{file}:{each}" for each in repeated))
     if not isinstance(plain, dict):
         raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
     faults: list[str] = []
@@ -161,30 +174,6 @@ def read_map(file: Path) -> RobotMap:
         except ValidationError as error:
             faults += _lines("", error)
     raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
-
-
-def _repeated_keys(root: Any) -> Iterator[str]:
-    """A line for each key that a mapping below a YAML node has again; YAML keeps only the last."""
-    waiting = [root]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, list | tuple):
-            waiting += reversed(node)
-            continue
-        entries = getattr(node, "value", None)
-        if not isinstance(entries, list):
-            continue
-        waiting.append(entries)
-        first: dict[tuple[str, str], int] = {}
-        for key, _ in entries if node.id == "mapping" else ():
-            line = key.start_mark.line + 1
-            if (key.tag, str(key.value)) in first:
-                yield (
-                    f"{line}:{key.start_mark.column + 1}: expected each key once, found"
-                    f" {shown(str(key.value))} again, as in line"
-                    f" {first[key.tag, str(key.value)]}; rename or remove one"
-                )
-            first.setdefault((key.tag, str(key.value)), line)
 
 
 def _entry(
