@@ -19,7 +19,7 @@ _ENDS: Final = {4: "succeeded with", 5: "cancelled", 6: "aborted"}
 _ACTIVE: Final = (1, 2)  # accepted, executing
 _UNKNOWN_GOAL, _CANCELLED_BEFORE = 2, 3
 """Return codes of action_msgs/srv/CancelGoal; the second also if the goal has ended."""
-_QUESTIONS: Final = 4  # requests for the result of a goal after its server has changed
+_QUESTIONS: Final = 10  # requests for the result of a goal after its server has changed
 
 
 @dataclass(eq=False)

@@ -392,7 +392,7 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
     "the server is suspended": (server_lost(*RUNS, STOP, KILLED), 5.5),
     "kill -9 of the server, which starts again": (
         server_lost(*RUNS, KILL, "was started again and does not know the goal", again=True),
-        2,
+        3,
     ),
     "the next goal at a server that started again": (server_returns, 4),
     # The goal goes on.
