@@ -365,22 +365,22 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
     "SIGTERM before the acceptance": (stopped(*SLOWLY, 130, by=TERM, ends="/drive ended 5"), 3),
     "--once before the acceptance": (once_ends, 3.5),
     "an error before the acceptance": (error_ends, 4),
-    "Ctrl-C; the goal is never accepted": (stopped("Never", "/drive goal 6", 4, says=LATE), 5.5),
+    "Ctrl-C; the goal is never accepted": (stopped("Never", "/drive goal 6", 4, says=LATE), 7),
     "Ctrl-C; the server refuses": (
         stopped("Stubborn", "/drive accepted 7", 4, says="/drive refuses to cancel the goal"),
-        5.5,
+        7,
     ),
     "Ctrl-C; the server goes on": (
         stopped("Deaf", "/drive accepted 8", 4, says="/drive accepted the cancellation, and the"),
-        5.5,
+        7,
     ),
     "Ctrl-C; the server is suspended": (
         stopped(*RUNS, 4, says="/drive has not answered", before=lambda s: s.send_signal(STOP)),
-        5.5,
+        7,
     ),
     "Ctrl-C; the server was killed": (
         stopped(*RUNS, 4, says="/drive has not answered", before=lambda s: s.kill()),
-        5.5,
+        7,
     ),
     # Of the server's end: s until the action fails.
     "kill -9 of the server while a goal runs": (server_lost(*RUNS, KILL, KILLED), 5.5),
