@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.export.grammar import answer_grammar, tree_grammar
 from islandgp.running.app import main
+from islandgp.supervision.llm import client
 from islandgp.supervision.llm.answers import (
     Accepted,
     DecisionAnswer,
@@ -118,6 +119,16 @@ def test_a_server_without_grammar_is_one_line(capsys: pytest.CaptureFixture[str]
         assert main([*SMALL, address, "supervisor.policy.output=grammar"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "output=grammar: expected a server that decodes by a grammar" in line
+
+
+def test_a_run_without_the_extra_ends_with_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The package and how to install it."""
+    monkeypatch.setattr(client, "find_spec", lambda name: None)  # noqa: ARG005
+    assert main([*SMALL, "supervisor.policy.base_url=http://127.0.0.1:9"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "Expected the package openai for supervisor.policy.interface=chat, found none" in line
 
 
 def test_a_key_or_an_address_is_needed(capsys: pytest.CaptureFixture[str]) -> None:

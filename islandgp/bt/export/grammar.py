@@ -72,7 +72,8 @@ def tree_grammar(
         kinds: of inner nodes that a tree may have.
         children: most children of a composite, >= 1.
         in_json: True: for texts inside a JSON string: on one line, with quotes escaped, with an
-            inner node as the root, and with thresholds within the ranges of their keys.
+            inner node as the root, with two children or more of each composite, and with thresholds
+            within the ranges of their keys.
 
     Raises:
         DomainError: the vocabulary has no action.
@@ -152,6 +153,8 @@ class _Writer:
             )
             for kind, head in heads.items() if level > 1 else ():
                 low, high = KINDS[kind].children
+                if self.in_json and high > low:
+                    low = 2  # a model would nest composites of one child
                 body = f"list{level - 1}" if high > low else f"body{low}of{level - 1}"
                 self._body(level - 1, low, min(high, children), body)
                 choices.append((*head, '" {"', "b", body, "b", '"}"'))

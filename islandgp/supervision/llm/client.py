@@ -15,6 +15,7 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from contextvars import ContextVar
 from importlib import import_module
+from importlib.util import find_spec
 from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 from urllib.parse import urlsplit
@@ -257,6 +258,12 @@ def sdk_client(
     """
     options: dict[str, Any] = {"max_retries": 0, "timeout": None}
     sdk = INTERFACES[interface].sdk
+    package = sdk.partition(":")[0]
+    if factory is None and find_spec(package) is None:
+        raise SupervisionError(
+            f"Expected the package {package} for supervisor.policy.interface={interface}, found"
+            f" none; install it by pip install 'islandgp[{interface}]'."
+        )
     if base_url is not None:
         has_path = interface == "anthropic" or urlsplit(base_url).path.strip("/")
         options["base_url"] = base_url if has_path else base_url.rstrip("/") + "/v1"
@@ -266,18 +273,11 @@ def sdk_client(
         client = imported(factory or sdk)(http_client=_http(transport), **options)
         # The SDK imports it at the first access.
         assert client.messages if interface == "anthropic" else client.chat
-    except ModuleNotFoundError as error:
-        if factory is not None or error.name != sdk.partition(":")[0]:
-            raise
-        raise SupervisionError(
-            f"Expected the package {error.name} for supervisor.policy.interface={interface}, found"
-            f" none; install it by pip install 'islandgp[{interface}]'."
-        ) from None
     except Exception as error:  # the SDK raises various types for missing settings and packages
         reason = " ".join(str(error).split()).rstrip(".")
         raise SupervisionError(
-            f"supervisor.policy.client_factory: expected {factory} to make a client of the"
-            f" Anthropic SDK, found: {reason}."
+            f"supervisor.policy.client_factory: expected {factory or sdk} to make a client of the"
+            f" SDK, found: {reason}."
         ) from None
     return client
 
