@@ -53,7 +53,7 @@ from islandgp.supervision.llm.prompts import (
 from islandgp.supervision.llm.settings import LLMSettings, TreeSize
 from islandgp.supervision.state_json import state_text
 
-MAX_CHILDREN: Final = 4  # of a composite in a tree that is decoded by a grammar
+MAX_CHILDREN: Final = 3  # of a composite in a tree that is decoded by a grammar
 NEAR: Final = 1.2  # factor on the shortest cached length, as tokens are only estimated
 _PROMPTS: Final = {
     "rate": ("mutation_rate",),
