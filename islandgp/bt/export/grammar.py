@@ -1,7 +1,10 @@
 """The language of one vocabulary as a grammar for constrained decoding, in Lark or GBNF notation.
 
 Each text of the grammar is a tree that `parse` accepts with the vocabulary: names, operators,
-words, arguments and their ranges are inserted, and the depth is limited. Each canonical text of
+words, arguments and their ranges are inserted, and the depth is limited. The number of nodes is
+limited only with the number of children, so that a text may be too long for `parse`.
+
+Each canonical text of
 such a tree (`to_text`) is a text of the grammar, up to three limits: conditions are flat (up to 16
 terms) or up to four terms and brackets with up to four terms each, texts of arguments are ASCII in
 quotes, and thresholds have magnitudes below 1,000,000.
