@@ -108,7 +108,7 @@ def run_page(
             "status": status.value,
             "state": status.value.lower(),
             "result": _unbroken(_result(view)),
-            "notes": "".join(f"<p>{_unbroken(note)}</p>" for note in _notes(view)),
+            "notes": "".join(_notes(view)),
             "open": "" if status is Status.FINISHED else "open",
             "champion": "".join(champion_section(view)),
             "training": "".join(_training(view)),
@@ -151,18 +151,18 @@ def _spent(view: RunView) -> str:
 
 
 def _notes(view: RunView) -> Iterator[str]:
-    """More sentences on the result, as on the terminal."""
-    if view.summary is None:
-        if view.history.generations:
-            yield from filter(None, (_nothing_works(view),))
-        return
-    yield from filter(None, (view.summary.get("nothing_works"),))
-    notes = (*reached(view.summary["champion"]), *constrained(view.summary))
-    yield ". ".join((*notes, f"The run had {_spent(view)}.")).removesuffix(".") + "."
+    """More sentences on the result, as on the terminal, in HTML."""
+    if view.history.generations and (warning := _nothing_works(view)):
+        yield f'<p class="warning">{_unbroken(warning)}</p>'
+    if view.summary is not None:
+        notes = (*reached(view.summary["champion"]), *constrained(view.summary))
+        yield f"<p>{_unbroken('. '.join((*notes, f'The run had {_spent(view)}.')))}</p>"
 
 
 def _nothing_works(view: RunView) -> str:
     """A sentence on what no individual has achieved so far; "" if something works."""
+    if view.summary is not None:
+        return str(view.summary.get("nothing_works", ""))
     try:
         rewards = RewardTable.model_validate(view.config["rewards"])
     except (KeyError, ValidationError):  # a domain's own rewards
@@ -337,7 +337,7 @@ def _training(view: RunView) -> Iterator[str]:
     points = [(name, in_points(value, "+")) for name, value in parts if value]
     fitness = ("fitness", in_points(best["fitness"]))
     counters = ((name, f"{value:,.4g}") for name, value in best["counters"].items())
-    yield f'<p>Individual {escape(best["id"])}, before it was shortened.</p><div class="tables">'
+    yield f'<p>Individual {escape(best["id"])}, as it was in training.</p><div class="tables">'
     yield _table("Points", [*points, fitness])
     yield _table("Counters", counters)
     yield "</div>"
