@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 import click
 
 from islandgp.errors import IslandError, in_the_way
+from islandgp.gate import cleaned
 from islandgp.installed import COMMANDS as ADDED
 from islandgp.installed import added, load_command, summary
 from islandgp.running.printing import checked_stdout, tolerant_stderr
@@ -243,7 +244,7 @@ def _main() -> None:
         with checked_stdout():
             sys.exit(islandgp.main(prog_name="islandgp", standalone_mode=False) or 0)
     except IslandError as error:
-        print(f"islandgp: {error}", file=sys.stderr)
+        print(cleaned(f"islandgp: {error}"), file=sys.stderr)
         sys.exit(2)
     except click.ClickException as error:
         print(f"islandgp: {one_line(error)}", file=sys.stderr)

@@ -14,7 +14,7 @@ IslandError            root; one message: expected, found, remedy; exit code 2 o
 |-- SupervisionError   a supervisor cannot work
 |-- RunError           a run's folder, checkpoint or record cannot be used
 |   |-- BusyError      another process is using it
-|   `-- UntrustedError a run's folder names code or a server that the user's configuration does not
+|   `-- UntrustedError it has a link, or names code or a server that only it names
 |-- TrackingError      a tracking store cannot be used
 `-- StudyError         runs cannot be compared
 """
@@ -108,7 +108,7 @@ class BusyError(RunError):
 
 
 class UntrustedError(RunError):
-    """A run's folder names code or a server that the user's own configuration does not name."""
+    """A folder has a link or a pipe, or names code or a server that only it names."""
 
 
 class TrackingError(IslandError):

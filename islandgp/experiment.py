@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,13 +27,13 @@ from islandgp.evaluation.base import in_floats
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.evolution.loop import evolve, state_of_population
+from islandgp.gate import must_be_known_code, user_folder
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import GenerationRecord, GuidanceRecord, Step
 from islandgp.results import Results, load
 from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
-from islandgp.trust import must_trust_code
 
 
 @dataclass(frozen=True)
@@ -192,14 +192,19 @@ def _seeds(worlds: Iterable[Any]) -> list[int]:
     return [int(w) for w in seeds]
 
 
+NO_CODE: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress"})
+"""Top-level keys of a configuration whose values name no code."""
+
+
 def recorded_decisions(
-    path: str | Path, *, trust: bool = False
+    path: str | Path, *, config_dir: str | Path | None = None
 ) -> Iterator[tuple[PopulationState, GuidanceRecord]]:
     """Reads the decisions of a run's supervisor from its records.
 
     Args:
         path: of the run's folder.
-        trust: True: import classes and functions that only the run's configuration names.
+        config_dir: your folder of configuration, which names the run's classes and functions; not
+            needed for those of this package and of installed distributions.
 
     Yields:
         The state of the population (Table 5) that the supervisor was asked about, and its answer,
@@ -207,12 +212,12 @@ def recorded_decisions(
 
     Raises:
         RunError: the folder has no run, or the run is damaged.
-        UntrustedError: without `trust`, the run names code that is not of this package.
+        UntrustedError: the run names other code.
     """
     (folder,) = load(path).folders
     config = folder.configuration()
-    if not trust:
-        must_trust_code(config)
+    with user_folder(None if config_dir is None else Path(config_dir)):
+        must_be_known_code({key: v for key, v in config.items() if key not in NO_CODE})
     settings = read_settings(config)
     plan = settings.plan(settings.make_domain())
     records = list(folder.generations())

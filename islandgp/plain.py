@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from typing import Any, Final, NoReturn, TypeVar, cast
 
 from pydantic import TypeAdapter, ValidationError
+
+from islandgp.gate import cleaned_values
 
 T = TypeVar("T")
 
@@ -37,20 +39,34 @@ def read_json(text: str | bytes) -> Any:
         raise ValueError("it is nested too deeply") from None
 
 
+_SIGNS: Final = (b"\\u", b"\\b", b"\\f", b"\\r", b"\x7f", b"\xc2", b"\xe2")
+"""One of these is in each JSON text with a control character or half of a surrogate pair."""
+
+
+def without_controls(text: str | bytes) -> bytes:
+    """The JSON text with `?` for each control character in its texts."""
+    raw = text.encode(errors="replace") if isinstance(text, str) else text
+    if any(sign in raw for sign in _SIGNS):
+        with suppress(ValueError, RecursionError):  # reported by the caller
+            return json.dumps(cleaned_values(json.loads(raw))).encode()
+    return raw
+
+
 def _no_number(name: str) -> NoReturn:
     raise ValueError(f"{name} is no number")
 
 
 def validate_json(kind: Any, text: str | bytes) -> Any:
-    """The plain values of a JSON text, validated with a dataclass or another type.
+    """The plain values of a JSON text, without control characters, validated with a type.
 
     Additional fields are accepted.
 
     Raises:
         ValueError: a field is missing or has another type; the message names it.
     """
-    _validated(kind, _without_halves(text))
-    return read_json(text)
+    raw = without_controls(text)
+    _validated(kind, raw)
+    return read_json(raw)
 
 
 def from_json(kind: type[T], value: Any, context: Any = None) -> T:
@@ -111,17 +127,6 @@ def from_plain(kind: type[T], plain: Any) -> T:
     """A dataclass (with nested ones) from plain values that `validate_json` has validated."""
     adapter: TypeAdapter[T] = _adapter(cast("Any", kind))
     return adapter.validate_python(plain)
-
-
-def _without_halves(text: str | bytes) -> bytes:
-    """The text with lone surrogates replaced, which pydantic rejects.
-
-    Python uses them for undecodable bytes in paths.
-    """
-    raw = text.encode() if isinstance(text, str) else text
-    if b"\\ud" not in raw.lower():
-        return raw
-    return re.sub(rb"\\u[dD][89a-fA-F]..|\\.", lambda m: b"?" if len(m[0]) > 2 else m[0], raw)
 
 
 @cache

@@ -24,7 +24,6 @@ import yaml
 from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
 from islandgp.gp.edit_fates import edit_fates
-from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import read_archive
 from islandgp.records.files import FITNESS_KEYS, values
 from islandgp.records.folder import RunFolder, run_folders
@@ -89,7 +88,7 @@ class Results:
 
     def _elites(self) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
-            if not (folder.path / ARCHIVE).exists():  # unfinished
+            if not folder.finished():
                 continue
             archive, _ = read_archive(folder.path)
             for e in archive.elites:

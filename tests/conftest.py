@@ -11,6 +11,7 @@ from typing import Final
 import hypothesis
 import pytest
 
+from islandgp.gate import set_user_folder
 from islandgp.tracking.sender import sender
 from islandgp.viewer import page_file
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
@@ -64,14 +65,18 @@ def pytest_collection_finish() -> None:
 def _no_replay(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Skips the replay of the best robot's episode, which takes longer than a small run."""
     if request.node.get_closest_marker("replay") is None:
-        monkeypatch.setattr(page_file, "champion_replay", lambda _: "")
+        monkeypatch.setattr(page_file, "champion_replay", lambda *_: "")
 
 
 @pytest.fixture(autouse=True)
 def _own_sender() -> Iterator[None]:
-    """Each test has a thread of its own for MLflow, as that of another may wait for a server."""
+    """Each test has a thread of its own for MLflow, as that of another may wait for a server.
+
+    And no folder of configuration of another test.
+    """
     yield
     sender.cache_clear()
+    set_user_folder(None)
 
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

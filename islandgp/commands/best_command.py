@@ -15,7 +15,7 @@ from typing import Any, Final
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN, write_text
-from islandgp.commands.options import with_trust_options, with_workers_option
+from islandgp.commands.options import with_config_dir_option, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
 from islandgp.compare.library import reference_trees
 from islandgp.errors import ConfigError, RunError
@@ -24,6 +24,7 @@ from islandgp.evaluation.perturbation import recorded_perturbation
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.candidates import Candidate, CandidatesByFitness
 from islandgp.evolution.validation import validate, validation_seeds
+from islandgp.gate import cleaned
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import TASK
@@ -80,7 +81,7 @@ class UnseenWorlds:
 )
 @click.option("--nodes", type=click.IntRange(1), help="Print the tree of --front of this size.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
-@with_trust_options
+@with_config_dir_option
 def command(
     run: Path,
     tier: str | None,
@@ -177,13 +178,16 @@ def _finished(path: Path) -> list[RunFolder]:
         RunError: there is none, or the fitness of two runs is not comparable.
     """
     one = RunFolder(path)
+    if one.begun():
+        one.about()  # a finished run that has lost its summary is damaged
     below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
     runs = [run for run in ([one] if one.finished() else below) if run.finished()]
     if not runs:
         raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
     if unfinished := [run.path.name for run in below if run.about() and not run.finished()]:
         click.echo(
-            f"islandgp: left out, as they are not finished: {', '.join(unfinished)}", err=True
+            cleaned(f"islandgp: left out, as they are not finished: {', '.join(unfinished)}"),
+            err=True,
         )
     first = runs[0].configuration()
     for run in runs[1:]:
@@ -303,7 +307,7 @@ def _print(rows: Sequence[Row], worlds: int) -> None:
     ]
     console = standard_output()
     columns = [
-        Column("tree", [row.name for row in rows], left=True),
+        Column("tree", [cleaned(row.name) for row in rows], left=True),
         *column("points", in_points, "mean"),
         Column("95 % interval", [f"[{in_points(row.low)}, {in_points(row.high)}]" for row in rows]),
         *(

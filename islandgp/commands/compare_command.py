@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
-from islandgp.commands.options import grouped, with_trust_options, with_workers_option
+from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
 from islandgp.compare.report import CompareOptions, build, select_study, write
 from islandgp.evaluation.processes import Processes, cores
 
@@ -76,7 +76,7 @@ OPTIONS = (
 
 @click.command(epilog=EPILOG)
 @grouped("options", CompareOptions, *OPTIONS)
-@with_trust_options
+@with_config_dir_option
 def command(options: CompareOptions) -> None:
     """Compare arms of runs by tables, figures and statistics.
 

@@ -12,7 +12,7 @@ from typing import Any, Final
 import click
 
 from islandgp.commands.files import OUTPUT, STDIN
-from islandgp.trust import EVERYTHING, trust, trust_folder, trusting
+from islandgp.gate import user_folder
 
 Command = Callable[..., None]
 Decorator = Callable[[Command], Command]
@@ -128,26 +128,16 @@ def with_episode_options(command: Command) -> Command:
     return with_domain_options(episode(command))
 
 
-def with_trust_options(command: Command) -> Command:
-    """Adds --config-dir and --trust: code and servers that are trusted during the command."""
+def with_config_dir_option(command: Command) -> Command:
+    """Adds --config-dir: the user's folder, whose domains and servers the command may use."""
 
     @wraps(command)
-    def runs(*, config_dir: Path | None, trust_all: bool, **arguments: Any) -> None:
-        with trusting():
-            if config_dir is not None:
-                trust_folder(config_dir)
-            if trust_all:
-                trust([EVERYTHING])
+    def runs(*, config_dir: Path | None, **arguments: Any) -> None:
+        with user_folder(config_dir):
             command(**arguments)
 
-    runs = click.option(
+    return click.option(
         "--config-dir",
         type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Folder with your configuration; its classes and servers are trusted.",
-    )(runs)
-    return click.option(
-        "--trust",
-        "trust_all",
-        is_flag=True,
-        help="Trust the classes and servers named in the runs. Their code is executed.",
+        help="Folder with your configuration, which names the domains and servers of the runs.",
     )(runs)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from islandgp.commands.options import with_trust_options
+from islandgp.commands.options import with_config_dir_option
+from islandgp.commands.stores import stores
 from islandgp.errors import TrackingError, brief
+from islandgp.gate import cleaned, configuration_folder
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import Place
 from islandgp.tracking.sync import sync
@@ -17,18 +20,19 @@ from islandgp.tracking.sync import sync
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--uri", help="Store to send to, instead of each run's: sqlite:///FILE or http://...")
 @click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
-@with_trust_options
+@with_config_dir_option
 def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
     """Send missing records of the runs in FOLDERS (default: runs) to their store.
 
     Each folder is a run's, a sweep's, or one above them. Records are sent only once.
     """
     place = None if uri is None else place_from(uri, experiment)
+    places = stores(configuration_folder(), Path.cwd()) if place is None else []
     roots = folders or (Path("runs"),)
     for root in roots:
         if not root.is_dir():
             raise TrackingError(f"Expected a folder of runs, found no folder {root}.")
-    failed = {path: error for root in roots for path, error in _sync(root, place).items()}
+    failed = {path: error for root in roots for path, error in _sync(root, place, places).items()}
     if failed:
         lines = "\n".join(f"  {path}: {brief(error)}" for path, error in failed.items())
         raise TrackingError(
@@ -37,11 +41,11 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
         )
 
 
-def _sync(root: Path, place: Place | None) -> dict[Path, Exception]:
+def _sync(root: Path, place: Place | None, places: Sequence[Place]) -> dict[Path, Exception]:
     """Send the runs below a folder; returns the errors of those that could not be sent."""
-    done = sync(root, place)
+    done = sync(root, place, places=places)
     for path in done.sent:
-        click.echo(f"sent       {path}")
+        click.echo(cleaned(f"sent       {path}"))
     click.echo(
         f"{root}: {len(done.sent)} sent, {len(done.known)} already there,"
         f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"

@@ -8,24 +8,26 @@ from pathlib import Path
 
 import click
 
+from islandgp.commands.options import with_config_dir_option
+from islandgp.commands.stores import stores
+from islandgp.gate import configuration_folder
 from islandgp.running.stopping import as_ctrl_c
-from islandgp.tracking.place import place_from, place_of_latest
+from islandgp.tracking.place import place_from
 from islandgp.tracking.ui import served
 
 
 @click.command()
 @click.option(
-    "--uri", help="The store: sqlite:///FILE or http://...; default: that of the last run."
+    "--uri", help="The store: sqlite:///FILE or http://...; default: that of the configuration."
 )
 @click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
-@click.option(
-    "--runs", type=click.Path(path_type=Path), default=Path("runs"), help="Folder of runs."
-)
 @click.option("--port", default=5000, help="Port of the server.")
 @click.option("--open", "open_browser", is_flag=True, help="Open the arms page in a browser.")
-def command(uri: str | None, experiment: str, runs: Path, port: int, open_browser: bool) -> None:
+@with_config_dir_option
+def command(uri: str | None, experiment: str, port: int, open_browser: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
-    place = place_from(uri, experiment) if uri else place_of_latest(runs)
+    configured = [] if uri else stores(configuration_folder(), Path.cwd())
+    place = place_from(uri, experiment) if uri else configured[0]
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
     try:
         # The server runs in another session, so signals to this command do not reach it.

@@ -8,12 +8,11 @@ from pathlib import Path
 import click
 
 from islandgp.errors import RunError
-from islandgp.gp.record import Cost
-from islandgp.records.checkpoint import read_checkpoint
+from islandgp.gate import check_folder, cleaned
+from islandgp.records.files import TimedCost
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.lines import Lines, digests, generation_lines, read_digests, wrong_record
 from islandgp.records.manifest import Damage, DamagedFile, damaged_files
-from islandgp.trust import must_have_no_links
 
 
 def verify(folder: RunFolder) -> str:
@@ -31,14 +30,14 @@ def verify(folder: RunFolder) -> str:
     _check_files(folder)
     if folder.finished():
         return f"{folder.summary()['generations']} generations, finished"
-    generations, expected = _last_record(folder)
+    generations, expected = folder.last_record()
     _check_records(folder, generations, expected)
     return f"{generations} generations, unfinished"
 
 
 def _check_files(folder: RunFolder) -> None:
     """Raises RunError if a file is a link, or is not as the run wrote it."""
-    must_have_no_links(folder.path)
+    check_folder(folder.path)
     if folder.finished() and (wrong := damaged_files(folder.path)):
         raise RunError("; ".join(f"{file}{_first_change(folder, file)}" for file in wrong))
     folder.configuration()
@@ -57,35 +56,16 @@ def _first_change(folder: RunFolder, file: DamagedFile) -> str:
     return f", {wrong_record(lines, digests[-1], sums)}" if digests else ""
 
 
-def _last_record(folder: RunFolder) -> tuple[int, str | None]:
-    """The expected number of records and the digest of the last; None if none was written.
-
-    Raises:
-        RunError: the checkpoint is damaged, or missing.
-    """
-    checkpoint = folder.path / "checkpoint.json"
-    if checkpoint.exists():
-        state, expected = read_checkpoint(checkpoint)
-        return state.generation, expected
-    n = sum(1 for _ in generation_lines(folder.path).whole())
-    if n > 1:
-        raise RunError(f"there is no {checkpoint.name} beside {n} generations")
-    return 0, None
-
-
-def _check_records(folder: RunFolder, generations: int, expected: str | None) -> None:
+def _check_records(folder: RunFolder, generations: int, expected: str) -> None:
     """Raises RunError for the first error in the records, costs and best tree."""
     path = folder.path
     lines = (records := generation_lines(path)).head(generations)
-    if expected is not None:
-        sums = path / "generations.sha256"
-        if damage := wrong_record(lines, expected, sums):
-            raise RunError(f"generations.jsonl: {damage}")
-        if read_digests(sums)[: len(lines)] != list(digests(lines)):
-            raise RunError(
-                f"{sums.name}: it differs from the records, which are as they were written"
-            )
-    costs = Lines(path / "costs.jsonl", "costs of generations", Cost)
+    sums = path / "generations.sha256"
+    if damage := wrong_record(lines, expected, sums):
+        raise RunError(f"generations.jsonl: {damage}")
+    if read_digests(sums)[: len(lines)] != list(digests(lines)):
+        raise RunError(f"{sums.name}: it differs from the records, which are as they were written")
+    costs = Lines(path / "costs.jsonl", "costs of generations", TimedCost)
     if sum(1 for _ in costs.whole()) < generations:
         raise RunError(
             "costs.jsonl: times of generations are missing; the run continues without them"
@@ -114,5 +94,5 @@ def command(folders: tuple[Path, ...]) -> None:
                 verdict = f"verified: {verify(run)}"
             except RunError as error:
                 damaged, verdict = True, f"damaged: {error}"
-            click.echo(f"{run.path}: {verdict}")
+            click.echo(cleaned(f"{run.path}: {verdict}"))
     sys.exit(1 if damaged else 0)

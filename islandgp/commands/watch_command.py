@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from islandgp.commands.options import with_trust_options
+from islandgp.commands.options import with_config_dir_option
 from islandgp.errors import RunError
+from islandgp.gate import check_folder, cleaned
 
 if TYPE_CHECKING:
     from islandgp.records.folder import RunFolder, Status
@@ -29,7 +30,7 @@ SHARE: Final = 0.1  # largest share of the time for writing them
     default=None,
     help="Open it in a browser.  [default: on a terminal]",
 )
-@with_trust_options
+@with_config_dir_option
 def command(run: Path, open_browser: bool | None) -> None:
     """Open the page of the run in the folder RUN and print its path.
 
@@ -39,10 +40,11 @@ def command(run: Path, open_browser: bool | None) -> None:
     """
     from islandgp.records.folder import Status
 
+    check_folder(run)
     folder = _run_in(run)
     status, took = _write(folder)
     page = run / "run.html"
-    click.echo(page)
+    click.echo(cleaned(str(page)))
     is_opened = sys.stdout.isatty() if open_browser is None else open_browser
     if is_opened and not webbrowser.open(page.absolute().as_uri()):
         click.echo("Found no browser to open: open the file yourself.", err=True)

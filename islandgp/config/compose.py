@@ -24,7 +24,6 @@ from islandgp.config.settings import DomainSettings, Settings, read_settings, wi
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import key_of
-from islandgp.trust import names_in, trust
 
 BASIC: Final = f"{BasicSweeper.__module__}.{BasicSweeper.__qualname__}"
 """Hydra's basic sweeper, which runs every combination."""
@@ -61,7 +60,7 @@ def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterat
     """The jobs of a command. Raises ConfigError for the first invalid one."""
     flags, source = flags_of(args, argv), ConfigSource.of(args)
     for overrides in _jobs(args, source):
-        yield _plan(_composed(overrides, source), overrides, flags, home)
+        yield _plan(composed_config(overrides, source), overrides, flags, home)
 
 
 def _swept(args: argparse.Namespace, source: ConfigSource) -> list[Override]:
@@ -75,7 +74,7 @@ def _swept(args: argparse.Namespace, source: ConfigSource) -> list[Override]:
     if not (hydra_overrides or args.config_dir or args.config_path or args.config_name):
         return overrides  # the sweeper is Hydra's default
     firsts = [_with_first_value(override) for override in overrides]
-    sweeper = _component(_composed(firsts, source).hydra, "sweeper")
+    sweeper = _component(composed_config(firsts, source).hydra, "sweeper")
     if sweeper.get("_target_") != BASIC:
         raise ConfigError(
             f"hydra/sweeper: expected Hydra's basic sweeper, found {sweeper.get('_target_')};"
@@ -134,14 +133,13 @@ def _must_be_called(choice: str, settings: Settings) -> None:
 
 def plain(config: DictConfig) -> dict[str, Any]:
     """A composed configuration as plain values. Raises ConfigError."""
-    values = {key: value for key, value in _resolved(config).items() if key != "hydra"}
+    values = {key: value for key, value in resolved(config).items() if key != "hydra"}
     return dict(with_generations(values))
 
 
 def read(config: DictConfig) -> tuple[dict[str, Any], Settings]:
     """A composed configuration as plain values and as settings. Raises ConfigError."""
     plain_config = plain(config)
-    trust(names_in(plain_config))
     return plain_config, read_settings(plain_config)
 
 
@@ -217,7 +215,7 @@ def _steps(sweep: Override, values: RangeSweep) -> int:
     return max(0, ceil(Fraction(stop) / Fraction(step) - Fraction(start) / Fraction(step)))
 
 
-def _composed(overrides: list[str], source: ConfigSource) -> DictConfig:
+def composed_config(overrides: list[str], source: ConfigSource) -> DictConfig:
     try:
         composed = source.compose(overrides)
     except USER_ERRORS as error:
@@ -253,7 +251,7 @@ def _component(hydra: DictConfig, group: str) -> dict[str, Any]:
             f"hydra.{group}: expected keys with values, found {component}; choose one by"
             f" hydra/{group}=NAME."
         )
-    return _resolved(component)
+    return resolved(component)
 
 
 def _must_have_no_callbacks(hydra: DictConfig) -> None:
@@ -294,7 +292,7 @@ def _must_leave_folders(hydra: DictConfig) -> None:
             )
 
 
-def _resolved(config: DictConfig) -> dict[str, Any]:
+def resolved(config: DictConfig) -> dict[str, Any]:
     """The plain values. Raises ConfigError if an interpolation cannot be resolved."""
     try:
         plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)

@@ -22,9 +22,9 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig
 
 from islandgp.errors import ConfigError
+from islandgp.gate import set_user_folder
 from islandgp.installed import CONF, conf_folders, hidden
 from islandgp.resources import resource
-from islandgp.trust import trust_folder
 
 COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process
 
@@ -62,7 +62,7 @@ class ConfigSource:
                 )
         if user_folder is not None and user_folder != folder:
             _must_have_own_names(user_folder, folder)
-            trust_folder(user_folder)
+            set_user_folder(user_folder)
         return cls(folder, args.config_name or "config", user_folder)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:

@@ -15,11 +15,11 @@ from islandgp.domain import Domain, Outcome
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, recorded_perturbation
 from islandgp.evaluation.worlds import staged
+from islandgp.gate import must_be_known_code
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import TimeLimit
-from islandgp.trust import must_trust_code
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +89,10 @@ class Problem:
 
         Raises:
             RunError: the configuration is damaged.
-            UntrustedError: it names a domain that the user's configuration does not name.
+            UntrustedError: it names code that the user's configuration does not name.
         """
-        must_trust_domain(config)
+        groups = ("domain", "world", "rewards", "curriculum", "perturb")
+        must_be_known_code({key: config.get(key) for key in groups})
         try:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
@@ -118,11 +119,6 @@ class Problem:
             ConfigError, pydantic.ValidationError: the domain does not accept a perturbed world.
         """
         return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
-
-
-def must_trust_domain(config: Mapping[str, Any]) -> None:
-    """Raises UntrustedError if a run's domain is not in the user's own configuration."""
-    must_trust_code({key: config.get(key) for key in ("domain", "world", "rewards", "curriculum")})
 
 
 class Evaluator(Protocol):

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from islandgp.errors import RunError, brief
+from islandgp.gate import check_folder, read_bytes
 from islandgp.gp.archive import ArchiveRecord, Elite
-from islandgp.plain import DECODE_ERRORS, from_json, read_json
+from islandgp.plain import DECODE_ERRORS, from_json, read_json, without_controls
 from islandgp.records.manifest import must_be_as_written
-from islandgp.trust import must_have_no_links
 
 NAME: Final = "archive.json"
-MAX_BYTES: Final = 2**28  # largest file; an archive of 10,000 trees with 1,000 nodes is smaller
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +66,18 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
         RunError: the file is missing, unreadable or damaged.
     """
     file = path / NAME if path.is_dir() else path
-    if path.is_dir() and (path / "summary.json").exists():
-        must_have_no_links(path)
+    if path.is_dir():
+        check_folder(path)
         must_be_as_written(path, NAME)
     try:
-        with file.open("rb") as stream:
-            data = stream.read(MAX_BYTES + 1)
+        data = read_bytes(file)
     except OSError as error:
         raise RunError(
             f"Expected the archive of a finished run in {file}, found: {error.strerror or error};"
             f" give the folder of a run that has ended, or its {NAME}."
         ) from error
     try:
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
-        archive = from_json(ArchiveFile, read_json(data))
+        archive = from_json(ArchiveFile, read_json(without_controls(data)))
         sizes = [len(edges) for edges in archive.cells.values()]
         for e in archive.elites:
             in_grid = (0 <= place < size for place, size in zip(e.cell, sizes, strict=False))

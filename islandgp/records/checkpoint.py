@@ -14,6 +14,7 @@ from pathlib import Path
 
 from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
+from islandgp.gate import opened, read_bytes
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, from_plain, read_json, to_json
 from islandgp.records.lines import Lines, dump, wrong_record
@@ -45,7 +46,7 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
         RunError: the file is damaged, or of a version that wrote other fields.
     """
     with reading("a checkpoint", path):
-        document = read_json(path.read_bytes())
+        document = read_json(read_bytes(path))
         state = document["state"]
         if hashlib.sha256(dump(state).encode()).hexdigest() != document["sha256"]:
             raise ValueError("its checksum differs")
@@ -55,8 +56,8 @@ def read_checkpoint(path: Path) -> tuple[RunState, str]:
 def generation_of(checkpoint: Path) -> int:
     """The next generation in a checkpoint file; 0 if it cannot be read."""
     try:
-        with checkpoint.open(encoding="utf-8", errors="replace") as file:
-            head = re.search(r'"generation":(\d+)', file.read(200))
+        with opened(checkpoint) as file:
+            head = re.search(rb'"generation":(\d+)', file.read(200))
     except FileNotFoundError:
         return 0
     return int(head[1]) if head else 0

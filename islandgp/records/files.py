@@ -123,6 +123,13 @@ def validation_mean(summary: Mapping[str, Any]) -> float | None:
     return None if validation is None else float(validation["mean"])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TimedCost(Cost):
+    """A line of costs.jsonl."""
+
+    at: Annotated[int, Field(ge=0)]  # ms since 1970, when it was written
+
+
 PAGE: Final = "run.html"
 LONG: Final = "best_long.bt"
 """The best robot's tree before it was shortened."""

@@ -21,17 +21,22 @@ from filelock import FileLock
 
 from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
-from islandgp.gp.record import Cost, GenerationRecord, RunState, Step, record_values
+from islandgp.gate import check_folder, cleaned_values, read_bytes, read_text
+from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
 from islandgp.plain import from_plain, read_json, validate_json
 from islandgp.records import files, lines, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.checkpoint import generation_of, save_state, sound_state
+from islandgp.records.checkpoint import (
+    generation_of,
+    read_checkpoint,
+    save_state,
+    sound_state,
+)
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
 from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import without_credentials
-from islandgp.trust import must_have_no_links
 
 
 class Status(StrEnum):
@@ -46,7 +51,7 @@ class Status(StrEnum):
 @lru_cache(maxsize=16)
 def _plain(text: str) -> Any:
     """The values of a YAML text, cached because parsing is slow; do not modify them."""
-    return yaml.load(text, Loader=_LOADER)
+    return cleaned_values(yaml.load(text, Loader=_LOADER))
 
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -60,7 +65,7 @@ class RunFolder:
         self.path = path
         self._lock = FileLock(path / ".lock")
         self._generations = generation_lines(path)
-        self._costs = Lines(path / "costs.jsonl", "costs of generations", Cost)
+        self._costs = Lines(path / "costs.jsonl", "costs of generations", files.TimedCost)
         self._sums = path / "generations.sha256"
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
@@ -79,7 +84,7 @@ class RunFolder:
             RunError: the folder cannot be written.
         """
         with usable(self.path):
-            must_have_no_links(self.path)
+            check_folder(self.path)
             busy = BusyError(
                 f"Expected to be the only process that writes to {self.path}, found another run at"
                 " work there; wait for it, or give this one another name=..."
@@ -111,7 +116,7 @@ class RunFolder:
     def error(self) -> str:
         """The text of error.txt, or ""."""
         file = self.path / "error.txt"
-        return file.read_text(encoding="utf-8", errors="replace") if file.exists() else ""
+        return read_text(file) if file.exists() else ""
 
     def reason(self) -> str:
         """The first line of the run's error message, or its traceback's last line; or ""."""
@@ -120,7 +125,7 @@ class RunFolder:
 
     def status(self) -> Status:
         """The status of the run, also if its process has died."""
-        must_have_no_links(self.path)
+        check_folder(self.path)
         if self.finished():
             return Status.FINISHED
         if locked(self.path / ".lock"):
@@ -133,7 +138,7 @@ class RunFolder:
         if not file.exists():
             return None
         with reading("the metadata of a run", file):
-            return RunMetadata(**validate_json(RunMetadata, file.read_bytes()))
+            return RunMetadata(**validate_json(RunMetadata, read_bytes(file)))
 
     def begun(self) -> bool:
         """True if the folder has a run. Raises RunError if it cannot be read."""
@@ -143,7 +148,7 @@ class RunFolder:
     def config(self) -> str | None:
         """The content of config.yaml; None if there is none."""
         file = self._as_written("config.yaml")
-        return file.read_text(encoding="utf-8") if file.exists() else None
+        return read_bytes(file).decode() if file.exists() else None
 
     def configuration(self) -> dict[str, Any]:
         """The configuration as plain values; {} if there is none. Raises RunError if damaged."""
@@ -170,11 +175,16 @@ class RunFolder:
         return (self.path / "summary.json").exists()
 
     def _as_written(self, name: str) -> Path:
-        """A file. Raises RunError for a link in the folder or a damaged file of a finished run."""
-        must_have_no_links(self.path)
-        if self.finished():
+        """A file. Raises RunError for a link in the folder or damage to a finished run."""
+        check_folder(self.path)
+        has_end = (self.path / manifest.NAME).exists() and not self._has_checkpoint()
+        if has_end or self.finished():
             manifest.must_be_as_written(self.path, name)
         return self.path / name
+
+    def _has_checkpoint(self) -> bool:
+        """True if the run has a checkpoint, which its end removes after the summary is written."""
+        return self._checkpoint.exists() or self._previous.exists()
 
     def must_be_sound(self, *, page: bool = True) -> None:
         """Raises RunError if a file of a finished run was changed or is missing.
@@ -210,8 +220,7 @@ class RunFolder:
             files.mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
             sums = list(lines.digests(self._generations.head(done)))
             self._digest = sums[-1] if sums else ""
-            if lines.read_digests(self._sums) != sums:
-                lines.write_digests(self._sums, sums)
+            lines.write_digests(self._sums, sums)
             self._stamp = stamp(self._generations.path)
             self._lineage.begin(self._generations.read())
             if state is not None and state.champion is not None:
@@ -238,7 +247,7 @@ class RunFolder:
 
     def _restore_best(self, tree: str) -> None:
         best, text = self.path / "best.bt", self.best_text(tree).encode()
-        if not best.exists() or best.read_bytes() != text:
+        if not best.exists() or read_bytes(best) != text:
             write_atomic(best, text)
 
     def _restore_long(self, summary: Mapping[str, Any]) -> None:
@@ -324,14 +333,35 @@ class RunFolder:
                 those that the run wrote.
         """
         self._as_written(self._generations.path.name)
-        expected = self.summary()["records"] if self.finished() else None
-        digest = ""
+        last, expected = self.last_record()
+        digest, i = "", -1
         for i, line in enumerate(self._generations.whole()):
-            digest = chained(digest, line)
             yield self._generations.value(line, i)
-        if expected is not None and digest != expected:
-            damage = lines.wrong_record(list(self._generations.whole()), expected, self._sums)
+            digest = chained(digest, line) if i < last else digest
+        if i + 1 < last or digest != expected:
+            head = self._generations.head(last)
+            damage = lines.wrong_record(head, expected, self._sums)
             raise damaged(self._generations.description, self._generations.path, damage)
+
+    def last_record(self) -> tuple[int, str]:
+        """The number of records that are complete, and the digest of the last one; "" for none.
+
+        Raises:
+            RunError: the summary or the newest checkpoint is damaged, or missing.
+        """
+        if self.finished():
+            summary = self.summary()
+            return int(summary["generations"]), str(summary["records"])
+        for checkpoint in (self._checkpoint, self._previous):
+            if checkpoint.exists():
+                state, expected = read_checkpoint(checkpoint)
+                return state.generation, expected
+        if (n := sum(1 for _ in self._generations.whole())) > 1:
+            raise RunError(
+                f"Expected a checkpoint beside {n} generations in {self._checkpoint}, found none;"
+                " restore it, or use resume=never for a new folder beside this one."
+            )
+        return 0, ""
 
     def generations(self) -> Iterator[GenerationRecord]:
         """`checked_records` as GenerationRecord objects. Raises RunError."""
@@ -348,7 +378,7 @@ class RunFolder:
             return dict(read_json(self._summary))
         file = self._as_written("summary.json")
         with reading("a finished run's summary", file):
-            return dict(validate_json(RunSummary, file.read_bytes()))
+            return dict(validate_json(RunSummary, read_bytes(file)))
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})

@@ -18,6 +18,7 @@ from typing import Any
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
+from islandgp.gate import MAX_BYTES, check_length, opened, read_text
 from islandgp.gp.record import GenerationRecord
 from islandgp.plain import validate_json
 
@@ -69,8 +70,9 @@ class Lines:
         """The complete lines, with their line breaks."""
         if not self.path.exists():
             return
-        with self.path.open("rb") as lines:
-            for line in lines:
+        with opened(self.path) as lines:
+            while line := lines.readline(MAX_BYTES + 1):
+                check_length(self.path, line)
                 if line.endswith(b"\n"):
                     yield line
 
@@ -125,7 +127,7 @@ def read_digests(path: Path) -> list[str]:
     if not path.exists():
         return []
     sums: list[str] = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in read_text(path).splitlines():
         index, _, digest = line.partition(" ")
         if index != str(len(sums)):
             break

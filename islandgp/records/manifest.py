@@ -16,9 +16,9 @@ from typing import Final
 
 from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
+from islandgp.gate import check_folder, opened, read_bytes
 from islandgp.plain import from_json, read_json
 from islandgp.records.files import LONG, PAGE, pretty
-from islandgp.trust import must_have_no_links
 
 NAME: Final = "manifest.json"
 
@@ -33,6 +33,7 @@ REQUIRED: Final = (
     "costs.jsonl",
     "best.bt",
     "lineage.csv",
+    "archive.json",
     "summary.json",
 )
 """Files of every finished run."""
@@ -114,7 +115,7 @@ def read_manifest(folder: Path) -> Manifest:
     if not file.exists():
         raise damaged("the checksums of a finished run", file, "missing")
     with reading("the checksums of a finished run", file):
-        return from_json(Manifest, read_json(file.read_bytes()))
+        return from_json(Manifest, read_json(read_bytes(file)))
 
 
 def damaged_files(folder: Path) -> list[DamagedFile]:
@@ -127,14 +128,12 @@ def damaged_files(folder: Path) -> list[DamagedFile]:
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
-    """Raises RunError if a file of a finished run is damaged."""
-    if damaged_file := read_manifest(folder).damage(folder / name):
-        raise refused(folder, damaged_file)
-
-
-def is_as_written(folder: Path, name: str) -> bool:
-    """True if a file exists and has not changed. Raises RunError: the manifest is damaged."""
-    return (folder / name).exists() and not read_manifest(folder).damage(folder / name)
+    """Raises RunError if a file of a finished run is damaged, or another one is missing."""
+    manifest = read_manifest(folder)
+    for other in sorted({name, *REQUIRED, *manifest.files} - RESTORABLE | {name}):
+        is_read = other == name or not (folder / other).exists()
+        if is_read and (damaged_file := manifest.damage(folder / other)):
+            raise refused(folder, damaged_file)
 
 
 def refused(folder: Path, damage: DamagedFile) -> RunError:
@@ -144,7 +143,7 @@ def refused(folder: Path, damage: DamagedFile) -> RunError:
 
 def _names(folder: Path) -> Iterator[str]:
     """The files of a folder that have an entry in a manifest."""
-    must_have_no_links(folder)
+    check_folder(folder)
     for file in sorted(folder.iterdir()):
         if not file.name.startswith(".") and file.name not in UNLISTED:
             yield file.name
@@ -157,7 +156,7 @@ def _entry(file: Path) -> ManifestEntry:
 
 @lru_cache(maxsize=4096)
 def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry:  # noqa: ARG001 -- another file has others
-    with file.open("rb") as stream:
+    with opened(file) as stream:
         return ManifestEntry(size, hashlib.file_digest(stream, "sha256").hexdigest())
 
 

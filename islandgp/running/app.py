@@ -26,6 +26,7 @@ from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError
+from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.resources import resource
@@ -69,7 +70,7 @@ def _main(arguments: Sequence[str] | None) -> int:
     except IslandError as error:
         if isinstance(error, PartError):
             traceback.print_exception(error.__cause__)
-        print(f"islandgp: {without_credentials(str(error))}", file=sys.stderr)
+        print(cleaned(f"islandgp: {without_credentials(str(error))}"), file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)

@@ -42,7 +42,6 @@ from islandgp.supervision.base import (
     SupervisorLifecycle,
 )
 from islandgp.tracking.base import Tracker
-from islandgp.trust import names_in, trust
 from islandgp.viewer.history import RunCurves, nothing_works
 from islandgp.viewer.page_file import complete_page, write_page
 
@@ -99,12 +98,11 @@ def run(
         RunError: the folder belongs to another configuration or another process.
         EvaluationError, SupervisionError: the run cannot continue; its records are kept.
     """
-    trust(names_in(config))  # the user's classes; a launcher may have started this process
     config = redacted(config)
     target = choose(RunFolder(folder), settings, config)
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
-        return _complete(target, tracker)
+        return _complete(target, tracker, settings)
     cost = LibraryCost()
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost, _warn)
@@ -113,7 +111,7 @@ def run(
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
-            return _complete(target, tracker)
+            return _complete(target, tracker, settings)
         return _evolve_tracked(
             _OpenRun(settings, plan, cost, target, supervisor, tracker, keep_display, on_generation)
         )
@@ -160,17 +158,19 @@ def _evolve_tracked(run: _OpenRun) -> RunResult:
         raise
     finally:
         try:
-            _write_page(run.target, status, curves)
+            _write_page(run.settings, run.target, status, curves)
         finally:
             where = run.tracker.finish(status)
     return _end(run.target, totals.costs, where)
 
 
-def _write_page(folder: RunFolder, status: Status, curves: RunCurves | None = None) -> None:
+def _write_page(
+    settings: Settings, folder: RunFolder, status: Status, curves: RunCurves | None = None
+) -> None:
     """Writes the page of a run at its end; an error is printed."""
     try:
         if status is Status.FINISHED:
-            complete_page(folder, curves)
+            complete_page(folder, curves, settings.problem)
         elif folder.begun():
             write_page(folder, status, curves)
     except RunError as error:
@@ -182,7 +182,7 @@ def _end(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> 
     return RunResult(text, is_mostly_fallback(target.summary()))
 
 
-def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
+def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunResult:
     """The result of a run that was finished before; the tracker sends missing records.
 
     Raises:
@@ -190,7 +190,7 @@ def _complete(target: RunFolder, tracker: Tracker) -> RunResult:
     """
     target.must_be_sound(page=False)
     target.restore()
-    _write_page(target, Status.FINISHED)
+    _write_page(settings, target, Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
     note = "This run was complete already; resume=never runs it again."

@@ -16,13 +16,13 @@ import numpy as np
 from pydantic import BaseModel
 
 from islandgp.errors import SupervisionError
+from islandgp.gate import must_be_known_code
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.message import Failure, Reply, Request
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import Adviser
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
-from islandgp.trust import must_trust_code
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -63,7 +63,7 @@ class Replay:
         transcript = Transcript(path, fixed=True)
         try:
             values = {} if transcript.start is None else transcript.start.settings
-            must_trust_code(values)
+            must_be_known_code(values)
             recorded = LLMSettings.model_validate(values)
         except ValueError as error:
             raise SupervisionError(

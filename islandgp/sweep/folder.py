@@ -16,12 +16,12 @@ from filelock import FileLock
 
 from islandgp.atomic_files import usable, write_atomic
 from islandgp.errors import RunError, brief
+from islandgp.gate import check_file, is_inside, read_bytes
 from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import key_of, short_key
-from islandgp.trust import must_be_no_link
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,12 +118,14 @@ class SweepFolder:
         """The content of sweep.json; None if there is none. Raises RunError if it is damaged."""
         path = self.path / "sweep.json"
         for file in (path, self.path / ".lock"):
-            must_be_no_link(file)
+            check_file(file)
         if not path.exists():
             return None
         try:
-            plain = validate_json(SweepFile, path.read_bytes())
+            plain = validate_json(SweepFile, read_bytes(path))
             jobs = (SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
+            if outside := [j["folder"] for j in plain["jobs"] if not is_inside(j["folder"])]:
+                raise ValueError(f"the job {outside[0]!r} is not in the sweep's folder")
             return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
         except DECODE_ERRORS as error:
             raise RunError(

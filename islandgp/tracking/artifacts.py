@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
+from islandgp.gate import check_folder, read_text
 from islandgp.records.files import LONG, PAGE, RunMetadata, fallback_words, validation_mean
 from islandgp.records.folder import RunFolder, Status
 from islandgp.text import in_points, title
@@ -38,17 +39,22 @@ class Artifact:
     content: Path | Callable[[], str]  # the path of a file, or a function that returns its text
 
 
-def artifacts(folder: RunFolder) -> Iterator[Artifact]:
-    """The files of a run that has ended, as far as they exist."""
+def artifacts(folder: RunFolder, *, has_page: bool = True) -> Iterator[Artifact]:
+    """The files of a run that has ended, as far as they exist.
+
+    `has_page`: this process has written the page; a page of others, which may hold any script, is
+    left out.
+    """
+    check_folder(folder.path)
     for name in FILES:
-        if (file := folder.path / name).exists():
+        if (file := folder.path / name).exists() and (has_page or name != PAGE):
             yield Artifact(name, file)
     if (best := folder.path / "best.bt").exists():
-        text = best.read_text(encoding="utf-8")
+        text = read_text(best)
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
     page = folder.path / PAGE
-    if page.exists() and (replay := embedded_replay(page.read_text(encoding="utf-8"))):
+    if has_page and page.exists() and (replay := embedded_replay(page.read_text("utf-8"))):
         yield Artifact("replay.html", lambda: replay)
 
 

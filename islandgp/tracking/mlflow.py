@@ -21,6 +21,9 @@ from islandgp.tracking.store import MLflowSettings, Place, Store, check_place
 from islandgp.tracking.sync import sync
 from islandgp.tracking.upload import RunUploader
 
+DEFAULT: Final = ("sqlite:///mlflow.db", "islandgp")
+"""Address and experiment in the package's configuration."""
+
 PERIOD: Final = 2.0  # least s between two batches of an unfinished run
 
 
@@ -70,7 +73,8 @@ class MLflow:
             raise TrackingError(f"Expected a run's folder, found no folder {self._path}.")
         uploader, self._uploader = self._uploader, None  # after an error, the store is opened again
         if uploader is None:
-            uploader = RunUploader(RunFolder(self._path), Store(self.place), sender().alive)
+            folder, store = RunFolder(self._path), Store(self.place)
+            uploader = RunUploader(folder, store, sender().alive, has_own_page=True)
         uploader.send(status)
         self._uploader = uploader
         return ""
@@ -82,20 +86,24 @@ class MLflow:
             lambda: self._send(status), self.patience, command, may_hang=self.place.file is None
         )
         if not reason:
-            return f"MLflow: {self.place.uri}; {program()} ui shows it"
+            ui = " ".join([program(), "ui", *store_options(self.place)])
+            return f"MLflow: {self.place.uri}; {ui} shows it"
         return f"MLflow: {self.place.uri} {_not_sent(reason, command)}"
 
 
 def sync_command(folders: Sequence[Path], places: Sequence[Place]) -> str:
     """The command that sends the missing records of folders to their stores."""
     words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
-    servers = {(place.uri, place.experiment) for place in places if place.file is None}
-    if len(servers) > 1:
-        words.append("--trust")
-    elif servers:  # `sync` contacts no server that only a run's folder names
-        ((uri, experiment),) = servers
-        words += ["--uri", shlex.quote(uri), "--experiment", shlex.quote(experiment)]
-    return " ".join(words)
+    if len({*places}) > 1:
+        return f"{' '.join(words)} --config-dir FOLDER"  # with a file tracking/NAME.yaml for each
+    return " ".join([*words, *store_options(places[0])])
+
+
+def store_options(place: Place) -> list[str]:
+    """The options by which `sync` and `ui` find a store; none for that of the package's files."""
+    if place.configured == DEFAULT and place.file == Path.cwd() / "mlflow.db":
+        return []
+    return ["--uri", shlex.quote(place.uri), "--experiment", shlex.quote(place.experiment)]
 
 
 def _not_sent(reason: str, command: str) -> str:

@@ -1,24 +1,30 @@
-"""The MLflow store of a command: by its option, or by the configuration of runs."""
+"""The MLflow stores of a command. They come from its options and the user's configuration.
+
+A run's configuration only chooses one of them, by its address and experiment.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from pydantic import ValidationError
 
-from islandgp.atomic_files import damaged
-from islandgp.errors import TrackingError
-from islandgp.records.folder import RunFolder, run_folders
+from islandgp.errors import TrackingError, UntrustedError
+from islandgp.gate import cleaned
+from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import without_credentials
-from islandgp.tracking.store import MLflowSettings, Place
-from islandgp.trust import must_trust_server
+from islandgp.tracking.store import MLflowSettings, Place, configured_name
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
 
 
 def place_from(uri: str, experiment: str) -> Place:
-    """The store of an address that a user gave. Raises TrackingError."""
+    """The store of an address that a user gave; a file has its artifacts beside it.
+
+    Raises TrackingError.
+    """
     try:
         settings = MLflowSettings(
             uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
@@ -28,46 +34,31 @@ def place_from(uri: str, experiment: str) -> Place:
             raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
             "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535,"
-            f" found {without_credentials(uri)!r}."
+            f" found {cleaned(without_credentials(uri))!r}."
         ) from None
-    return Place.of(settings, Path.cwd())
+    file = Place.of(settings, Path.cwd()).file
+    return Place.of(settings, Path.cwd() if file is None else file.parent)
 
 
-def place_of(folder: RunFolder) -> Place | None:
-    """The store named by a run's configuration; None without tracking.
+def place_of(folder: RunFolder, places: Iterable[Place]) -> Place | None:
+    """The one of the user's stores that a run's configuration names; None without tracking.
 
     Raises:
-        RunError, TrackingError: the folder is damaged.
-        UntrustedError: only the run names its server.
+        RunError: the folder is damaged.
+        UntrustedError: it names another store.
     """
-    tracking, about = folder.configuration().get("tracking"), folder.about()
-    if about is None:
-        raise damaged("a run", folder.path / "about.json", "missing")
+    tracking = folder.configuration().get("tracking")
     if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY:
         return None
-    try:
-        place = Place.of(MLflowSettings.model_validate(tracking.get("policy")), Path(about.home))
-    except ValidationError as error:
-        wrong = ".".join(map(str, ("policy", *error.errors()[0]["loc"])))
-        raise TrackingError(
-            f"Expected a store in {folder.path / 'config.yaml'}, found tracking.{wrong} damaged;"
-            " delete the run's folder, or give --uri."
-        ) from None
-    must_trust_server(place.uri)
-    return place
-
-
-def place_of_latest(runs: Path) -> Place:
-    """The store of the run that was started last. Raises TrackingError if there is none."""
-
-    def started(folder: RunFolder) -> tuple[float, Path]:
-        return (folder.path / "about.json").stat().st_mtime, folder.path
-
-    with_runs = (folder for folder in run_folders(runs) if (folder.path / "about.json").exists())
-    for folder in sorted(with_runs, key=started, reverse=True):
-        if (place := place_of(folder)) is not None:
+    params = tracking.get("policy")
+    params = params if isinstance(params, dict) else {}
+    name = configured_name(str(params.get("uri")), str(params.get("experiment")))
+    for place in places:
+        if place.configured == name:
             return place
-    raise TrackingError(
-        f"Expected a tracked run in {runs}, found none; run `python -m islandgp` here first,"
-        " or give --uri."
+    uri, experiment = name
+    raise UntrustedError(
+        f"Expected a store that your own command or configuration names, found {uri} with"
+        f" experiment {experiment}, which only the run names; give --uri and --experiment, or"
+        " --config-dir FOLDER with a file tracking/NAME.yaml."
     )

@@ -17,7 +17,7 @@ from getpass import getuser
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 from filelock import FileLock
 from pydantic import BaseModel, Field, field_validator
@@ -26,6 +26,7 @@ from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
 from islandgp.records.parameters import CREDENTIALS, ending_in_digest
 from islandgp.redaction import HIDDEN
+from islandgp.tracking.sqlite_paths import check_artifacts, check_experiment, location
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric, Run
@@ -63,8 +64,7 @@ ENVIRONMENT: Final = {
 class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of `tracking=mlflow`."""
 
-    # In a file's name ? and % would be read as parts of an address: MLflow writes elsewhere.
-    uri: str = Field(pattern=r"^(sqlite:///[^?%]+|https?://.+)$")
+    uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # name of the MLflow experiment
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
@@ -88,27 +88,43 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
 class Place:
     """The address of a store and an experiment in it, independent of the working folder."""
 
-    uri: str
+    uri: str  # of a file: sqlite:/// and its absolute path
     artifacts: str | None  # absolute folder; None: the server decides
     experiment: str
     credentials: str = field(default="", repr=False, compare=False)  # NAME:PASSWORD of the address
+    configured: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
+    """Address and experiment as in the configuration, without credentials."""
 
     @classmethod
     def of(cls, settings: MLflowSettings, home: Path) -> Place:
         """The place for these settings; relative paths are relative to `home`."""
+        configured = configured_name(settings.uri, settings.experiment)
         if not settings.uri.startswith(SQLITE):
             uri = CREDENTIALS.sub("", settings.uri).rstrip("/")
             match = CREDENTIALS.search(settings.uri)
             credentials = match[0].removesuffix("@") if match else ""
-            return cls(uri, None, settings.experiment, credentials)
-        file = (home / settings.uri.removeprefix(SQLITE)).resolve()
-        artifacts = (home / settings.artifacts).resolve()
-        return cls(f"{SQLITE}{file}", str(artifacts), settings.experiment)
+            return cls(uri, None, settings.experiment, credentials, configured)
+        file = os.path.normpath(home.resolve() / settings.uri.removeprefix(SQLITE))
+        artifacts = os.path.normpath(home.resolve() / settings.artifacts)
+        return cls(f"{SQLITE}{file}", artifacts, settings.experiment, "", configured)
 
     @property
     def file(self) -> Path | None:
         """The SQLite file; None for a server."""
         return Path(self.uri.removeprefix(SQLITE)) if self.uri.startswith(SQLITE) else None
+
+    @property
+    def address(self) -> str:
+        """The address for MLflow, which takes ? and % for parts of an address."""
+        return self.uri if self.file is None else f"{SQLITE}{quote(str(self.file), safe=UNQUOTED)}"
+
+
+UNQUOTED: Final = "".join(chr(n) for n in range(32, 127) if chr(n) not in "?%#")
+
+
+def configured_name(uri: str, experiment: str) -> tuple[str, str]:
+    """Address and experiment without credentials, to compare configurations."""
+    return CREDENTIALS.sub("", uri).rstrip("/"), experiment
 
 
 def check_place(place: Place) -> None:
@@ -156,8 +172,9 @@ class Store:
         experiment = self.client.get_experiment_by_name(name)
         if experiment is None:
             try:
-                location = self.place.artifacts
-                return str(self.client.create_experiment(name, artifact_location=location))
+                folder = self.place.artifacts
+                where = None if folder is None else location(Path(folder))
+                return str(self.client.create_experiment(name, artifact_location=where))
             except MlflowException:  # another process was faster
                 experiment = self.client.get_experiment_by_name(name)
         if experiment is None or experiment.lifecycle_stage != "active":
@@ -209,6 +226,8 @@ class Store:
             return len(run.data.metrics), len(run.data.params), run.info.run_id
 
         run, *others = sorted(runs, key=fullness, reverse=True)
+        if self.place.file is not None:
+            check_artifacts(run.info.artifact_uri)
         for other in others:
             if not other.data.metrics and not other.data.params:
                 self.client.delete_run(other.info.run_id)
@@ -275,8 +294,10 @@ def _client(place: Place) -> MlflowClient:
 
     if place.file is not None and _make(place.file):
         # Its connections may be to a file that was deleted.
-        _get_store(place.uri).engine.dispose()  # type: ignore[no-untyped-call]
-    return MlflowClient(tracking_uri=place.uri)
+        _get_store(place.address).engine.dispose()  # type: ignore[no-untyped-call]
+    if place.file is not None and place.artifacts is not None:
+        check_experiment(place.file, Path(place.artifacts), place.experiment)
+    return MlflowClient(tracking_uri=place.address)
 
 
 ACCOUNT: Final = ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD")
@@ -316,8 +337,9 @@ def _make(file: Path) -> bool:
             return True
         new = file.with_name(f".{file.stem}.new")
         new.unlink(missing_ok=True)
-        artifacts = str(file.with_name("mlartifacts"))
-        store = SqlAlchemyStore(f"{SQLITE}{new}", artifacts)  # type: ignore[no-untyped-call]
+        address = Place(f"{SQLITE}{new}", None, "").address
+        artifacts = location(file.with_name("mlartifacts"))
+        store = SqlAlchemyStore(address, artifacts)  # type: ignore[no-untyped-call]
         store.engine.dispose()
         new.replace(file)
     return True

@@ -37,24 +37,22 @@ def sync(
 
     Args:
         root: the folder.
-        place: the store to send to; None: that of each run's configuration.
-        places: stores with credentials, which the folders lack.
+        place: the store to send to; None: the one of `places` that a run's configuration names.
+        places: the user's stores.
         alive: called when records were sent, or were in the store already.
 
     Returns:
         The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
     done = Synced()
-    with_credentials = {place: place for place in places}
     stores: dict[Place, Store | IslandError | Exception] = {}
     sweeps: dict[Path, Place] = {}
     for folder in run_folders(root.resolve()):
         try:
-            where = place or place_of(folder)
+            where = place or place_of(folder, places)
             if where is None:
                 done.untracked.append(folder.path)
                 continue
-            where = with_credentials.get(where, where)
             sweeps[folder.path.parent] = where
             if folder.finished():
                 folder.must_be_sound()  # before a store is made for it

@@ -25,6 +25,8 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
+from islandgp.gate import cleaned
+from islandgp.tracking.sqlite_paths import check_addresses, location
 from islandgp.tracking.store import ARM, Place, Store
 
 RECENT: Final = 100  # runs whose milestones are read
@@ -54,7 +56,7 @@ def share_views(store: Store) -> str:
     for key, view in views.items():
         text = json.dumps(view, separators=(",", ":"))
         store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{key}", text)
-    return next((str(sweep.data.tags["sweep"]) for sweep in sweeps), "")
+    return next((cleaned(sweep.data.tags["sweep"]) for sweep in sweeps), "")
 
 
 def _milestones(store: Store) -> list[str]:
@@ -111,6 +113,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
         )
     if place.file is not None:
         _must_have_server()
+        check_addresses(place.file)
     store = _opened(place)
     sweep = share_views(store)
     if place.file is None:
@@ -158,8 +161,8 @@ def server_command(place: Place, port: int) -> list[str]:
     hosts = [f"{host}:{port}" for host in (HOST, "127.0.0.1", "localhost")]
     return [
         *(sys.executable, "-m", "mlflow", "server"),
-        *("--backend-store-uri", place.uri),
-        *("--default-artifact-root", place.artifacts or "mlartifacts"),
+        *("--backend-store-uri", place.address),
+        *("--default-artifact-root", location(Path(place.artifacts or "mlartifacts").absolute())),
         *("--host", "127.0.0.1", "--port", str(port), "--workers", "1"),
         *("--allowed-hosts", ",".join(hosts)),
         *("--cors-allowed-origins", ",".join(f"http://{host}" for host in hosts)),

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Final
 from filelock import FileLock
 
 from islandgp.errors import RunError, TrackingError
-from islandgp.evaluation.base import must_trust_domain
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
 from islandgp.scoring.constraints import recorded_constraints
@@ -27,7 +26,7 @@ from islandgp.tracking.artifacts import Artifact, artifacts, note
 from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.store import ARM, LOCK, POINTS, SENT, Store, points, run_key
-from islandgp.viewer.page_file import complete_page
+from islandgp.viewer.page_file import write_page
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric
@@ -39,7 +38,12 @@ class RunUploader:
     """Sends one run's folder to an MLflow run: metrics, parameters, tags and artifacts."""
 
     def __init__(
-        self, folder: RunFolder, store: Store, alive: Callable[[], None] = lambda: None
+        self,
+        folder: RunFolder,
+        store: Store,
+        alive: Callable[[], None] = lambda: None,
+        *,
+        has_own_page: bool = False,
     ) -> None:
         """Does not open the store.
 
@@ -47,6 +51,8 @@ class RunUploader:
             folder: of the run.
             store: to send it to.
             alive: called whenever records were sent.
+            has_own_page: True: this process has just written the page; False: it is written again
+                before it is sent.
 
         Raises:
             TrackingError: no run was started in the folder.
@@ -55,6 +61,7 @@ class RunUploader:
         if about is None:
             raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
         self.folder, self.store, self.about, self._alive = folder, store, about, alive
+        self._has_own_page = has_own_page
         self.has_sent = False  # True once anything was sent
         self._lock = FileLock(folder.path / LOCK)
         self._run = ""  # MLflow's id; "": the store has to be asked what it has
@@ -64,7 +71,7 @@ class RunUploader:
         """Sends everything missing and returns the MLflow run's id. Errors of MLflow propagate.
 
         Raises:
-            IslandError: the run is damaged, or its domain is not trusted.
+            IslandError: the run is damaged.
         """
         if status is Status.FINISHED and self.folder.finished():
             self.folder.must_be_sound()
@@ -84,7 +91,6 @@ class RunUploader:
         if run is not None and (run.info.status, run.data.tags.get(SENT)) == (status, done):
             self._run = str(run.info.run_id)
             return True
-        self._must_be_trusted()
         self._run = self._create() if run is None else str(run.info.run_id)
         self._next = self.store.last_step(self._run, MARKER_METRIC) + 1
         if not self._next:  # else parameters and configuration were sent before the first point
@@ -113,10 +119,6 @@ class RunUploader:
     def _progress(self) -> None:
         self.has_sent = True
         self._alive()
-
-    def _must_be_trusted(self) -> None:
-        if self.folder.finished():  # an episode may be run for its replay
-            must_trust_domain(self.folder.configuration())
 
     def _create(self) -> str:
         about = self.about
@@ -147,14 +149,15 @@ class RunUploader:
         return batch, step
 
     def _end(self, status: Status) -> None:
-        self._must_be_trusted()
-        if status is Status.FINISHED:
+        has_page = self._has_own_page
+        if not has_page:
             with suppress(RunError):  # the records are sent without it
-                complete_page(self.folder)
+                write_page(self.folder, status)
+                has_page = True
         client, end_time = self.store.client, self._end_time()
         # First, so that it is not RUNNING if anything below fails.
         client.set_terminated(self._run, status, end_time)
-        log_files(self.store, self._run, artifacts(self.folder))
+        log_files(self.store, self._run, artifacts(self.folder, has_page=has_page))
         self._progress()
         client.set_tag(self._run, "mlflow.note.content", note(self.folder, self.about, status))
         # Points cannot be deleted, and a stopped run may be resumed.

@@ -25,11 +25,10 @@ def first_episode(folder: RunFolder, name: str) -> tuple[int, int]:
     raise RunError(f"Expected generation {generation} in {folder.path}, found none.")
 
 
-def champion_replay(folder: RunFolder) -> str:
-    """The replay page of a finished run's best robot."""
+def champion_replay(folder: RunFolder, problem: Problem) -> str:
+    """The replay page of a finished run's best robot, in the problem of the run."""
     champion = folder.summary()["champion"]
     seed, stage = first_episode(folder, champion["record"]["id"])
-    problem = Problem.recorded(folder.configuration())
     tree = parse(champion["tree"], problem.domain.schema.vocabulary)
     episode = record(tree, problem, seed=seed, stage=stage)
     generation = champion["generation"]

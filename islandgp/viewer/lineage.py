@@ -18,6 +18,7 @@ from typing import Any, Final
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
+from islandgp.gate import opened
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import generation_lines
 from islandgp.text import in_points
@@ -129,7 +130,7 @@ class _Reader:
         """A generation's record; None if there is none."""
         if not 0 <= generation < len(self._offsets) - 1:
             return None
-        with self._lines.path.open("rb") as file:
+        with opened(self._lines.path) as file:
             file.seek(self._offsets[generation])
             return self._lines.value(file.readline(), generation)
 

@@ -3,38 +3,46 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from time import time
 
 from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
-from islandgp.errors import UntrustedError, brief
+from islandgp.errors import brief
+from islandgp.evaluation.base import Problem
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.lines import stamp
 from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.records.manifest import add_to_manifest, is_as_written
+from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.history import RunCurves
 from islandgp.viewer.run_page import run_page
 
 
-def write_page(folder: RunFolder, status: Status, curves: RunCurves | None = None) -> None:
+def write_page(
+    folder: RunFolder,
+    status: Status,
+    curves: RunCurves | None = None,
+    problem: Callable[[], Problem] | None = None,
+) -> None:
     """Writes the page of a run; that of a finished run has the replay of its best robot.
 
     Args:
         folder: of the run.
         status: of the run.
         curves: of the run, as in `run_page`.
+        problem: makes the problem of a finished run; None: from the folder's configuration and
+            the user's.
 
     Raises:
         RunError: a file of the folder is damaged, or the page cannot be written.
-        UntrustedError: the domain is not trusted.
     """
     summary = folder.path / "summary.json"
     with usable(folder.path), reading("the records of a run", folder.path):
         before, now = stamp(summary), time()
         replay = ""
         if status is Status.FINISHED:
-            replay, now = _replay(folder), summary.stat().st_mtime
+            replay, now = _replay(folder, problem), summary.stat().st_mtime
         text = run_page(folder, status, curves, replay=replay, now=int(1000 * now))
         if stamp(summary) == before:  # else the run has ended, or another one has begun
             write_atomic(folder.path / PAGE, text.encode())
@@ -42,24 +50,26 @@ def write_page(folder: RunFolder, status: Status, curves: RunCurves | None = Non
                 add_to_manifest(folder.path, PAGE)
 
 
-def complete_page(folder: RunFolder, curves: RunCurves | None = None) -> None:
-    """Writes the page of a finished run if it is missing or changed. Raises as `write_page`."""
-    if not is_as_written(folder.path, PAGE):
-        with usable(folder.path):
-            remove_leftovers(folder.path, f"{MANIFEST}.*")  # of a process that was killed here
-            remove_leftovers(folder.path, f"{PAGE}.*")
-        write_page(folder, Status.FINISHED, curves)
+def complete_page(
+    folder: RunFolder,
+    curves: RunCurves | None = None,
+    problem: Callable[[], Problem] | None = None,
+) -> None:
+    """Writes the page of a finished run, whatever is in its place. Arguments as `write_page`."""
+    with usable(folder.path):
+        remove_leftovers(folder.path, f"{MANIFEST}.*")  # of a process that was killed here
+        remove_leftovers(folder.path, f"{PAGE}.*")
+    write_page(folder, Status.FINISHED, curves, problem)
 
 
-def _replay(folder: RunFolder) -> str:
+def _replay(folder: RunFolder, problem: Callable[[], Problem] | None) -> str:
     """The replay of the best robot; "" and a message if its episode cannot be recorded.
 
     A domain of the user may raise any exception when it is observed, or no longer exist.
     """
     try:
-        return champion_replay(folder)
-    except UntrustedError:
-        raise
+        made = Problem.recorded(folder.configuration()) if problem is None else problem()
+        return champion_replay(folder, made)
     except Exception as error:
         print(f"islandgp: no replay of the best robot: {brief(error)}", file=sys.stderr)
         return ""

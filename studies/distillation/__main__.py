@@ -1,6 +1,7 @@
 """Fit a decision tree to the decisions of past runs: `python -m studies.distillation`.
 
-    python -m studies.distillation RUNS... -o FOLDER [--depth 6] [--cases 4] [--trust]
+    python -m studies.distillation RUNS... -o FOLDER [--depth 6] [--cases 4]
+        [--config-dir FOLDER]
 
 RUNS are folders with finished runs of one supervisor. States and decisions are read from the
 records. FOLDER gets policy.json and rules.txt; `supervisor=distilled` uses the policy.
@@ -28,12 +29,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the policy")
     parser.add_argument("--depth", type=int, default=6, help="maximum depth of a tree, 1 to 20")
     parser.add_argument("--cases", type=int, default=4, help="minimum number of cases of a leaf")
-    parser.add_argument("--trust", action="store_true", help="import classes that the runs name")
+    parser.add_argument("--config-dir", type=Path, help="your folder of configuration")
     options = parser.parse_args(arguments)
     if not (1 <= options.depth <= 20 and options.cases >= 1):
         parser.error("expected --depth from 1 to 20 and --cases of at least 1")
     try:
-        policy = fit(options.runs, Shape(options.depth, options.cases), trust=options.trust)
+        policy = fit(options.runs, Shape(options.depth, options.cases), options.config_dir)
         write(policy, options.out)
     except (islandgp.IslandError, OSError) as error:
         parser.exit(2, f"{parser.prog}: {error}\n")
@@ -41,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     print(f"The policy: {options.out / NAME}; in words: {options.out / 'rules.txt'}")
 
 
-def fit(paths: Sequence[Path], shape: Shape, *, trust: bool) -> Policy:
+def fit(paths: Sequence[Path], shape: Shape, config_dir: Path | None = None) -> Policy:
     """The policy of all finished runs in these folders. Raises StudyError or RunError."""
     folders = {f.path: f for path in paths for f in islandgp.load(path).folders if f.finished()}
     if not folders:
@@ -55,7 +56,9 @@ def fit(paths: Sequence[Path], shape: Shape, *, trust: bool) -> Policy:
         )
     runs = zip(folders, configurations, strict=True)
     cases = [
-        case for n, (path, config) in enumerate(runs) for case in cases_of(n, path, config, trust)
+        case
+        for n, (path, config) in enumerate(runs)
+        for case in cases_of(n, path, config, config_dir)
     ]
     if len({frozenset(case.known) for case in cases}) > 1:
         raise StudyError(
@@ -65,10 +68,12 @@ def fit(paths: Sequence[Path], shape: Shape, *, trust: bool) -> Policy:
     return distil(cases, teachers[0], shape)
 
 
-def cases_of(number: int, path: Path, config: dict[str, Any], trust: bool) -> Iterator[Case]:
+def cases_of(
+    number: int, path: Path, config: dict[str, Any], config_dir: Path | None
+) -> Iterator[Case]:
     """The decisions of a run's supervisor; those of its fallback are left out."""
     crisis = Crisis(**config["gp"]["crisis"])
-    for state, guidance in recorded_decisions(path, trust=trust):
+    for state, guidance in recorded_decisions(path, config_dir=config_dir):
         if guidance.source != "fallback":
             given = {part: not _fell_back(guidance.notes, part) for part in ("tree", "rate")}
             yield Case(

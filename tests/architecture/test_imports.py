@@ -26,7 +26,7 @@ LAYERS: list[tuple[str, ...]] = [
         "plugin",
         "redaction",
         "time_limit",
-        "trust",
+        "gate",
         "text",
         "text_files",
         "atomic_files",

@@ -19,8 +19,9 @@ from islandgp.compare.table import Table
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import StudyError
 from islandgp.evaluation.serial import Serial
-from islandgp.trust import trust, trusting
+from islandgp.gate import user_folder
 from tests.compare.fake_runs import config, fake_arm, fake_run, guidance, individual
+from tests.records.configured import naming
 from tests.samples import CLASSES
 
 TIERS = ("begun", "halfway", "nearly", "arrived")
@@ -96,12 +97,12 @@ def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> 
     assert list(report.files["runs.csv"]["first_halfway"])[:1] == [4]
 
 
-def test_unseen_worlds_need_the_domain() -> None:
+def test_unseen_worlds_need_the_domain(tmp_path: Path) -> None:
     """Where its class cannot be imported the message names it, and what to do."""
-    with trusting():
-        trust(["nowhere.maze:Maze"])
-        with pytest.raises(StudyError, match=r"domain nowhere\.maze:Maze here, .* --worlds 0"):
-            evaluate_champions(compare_arms(_arms()), Serial, worlds=1, trees={})
+    message = r"domain nowhere\.maze:Maze here, .* --worlds 0"
+    folder = naming(tmp_path, "nowhere.maze:Maze")
+    with user_folder(folder), pytest.raises(StudyError, match=message):
+        evaluate_champions(compare_arms(_arms()), Serial, worlds=1, trees={})
 
 
 def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:

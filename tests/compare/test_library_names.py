@@ -9,9 +9,10 @@ import yaml
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.compare.library import library_names
-from islandgp.trust import trust, trusting
+from islandgp.gate import user_folder
 from tests.domains.courier import SCHEMA
 from tests.domains.test_words_in_runs import CONFIG
+from tests.records.configured import naming
 
 
 def test_other_files_of_the_folder_have_no_name(tmp_path: Path) -> None:
@@ -21,8 +22,7 @@ def test_other_files_of_the_folder_have_no_name(tmp_path: Path) -> None:
     (tmp_path / "latin.bt").write_bytes("# Stra\xdfe\nDrive".encode("latin-1"))
     config: dict[str, Any] = yaml.safe_load(CONFIG)
     config["library"] = {"folder": str(tmp_path)}
-    with trusting():
-        trust(["tests.domains.courier:Courier"])
+    with user_folder(naming(tmp_path / "conf", "tests.domains.courier:Courier")):
         assert list(library_names(config).values()) == ["home"]
 
 
@@ -32,6 +32,5 @@ def test_names_of_trees_with_written_defaults(tmp_path: Path) -> None:
     config: dict[str, Any] = yaml.safe_load(CONFIG)
     config["library"] = {"folder": str(tmp_path)}
     recorded = to_text(parse("when place != road { Drive }", SCHEMA.vocabulary))
-    with trusting():
-        trust(["tests.domains.courier:Courier"])
+    with user_folder(naming(tmp_path / "conf", "tests.domains.courier:Courier")):
         assert library_names(config) == {recorded: "home"}

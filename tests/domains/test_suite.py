@@ -19,8 +19,8 @@ from islandgp.domain import Domain
 from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction
 from islandgp.evaluation.base import Problem
+from islandgp.gate import user_folder
 from islandgp.testing.domain_suite import DomainSuite, run_suite
-from islandgp.trust import trust, trusting
 from tests.composed import plain
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -55,8 +55,7 @@ def pick_place() -> Domain:
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
     config = yaml.safe_load((folder / "conf/domain/pick_place.yaml").read_text(encoding="utf-8"))
-    with trusting():
-        trust([config["domain"]["factory"]])
+    with user_folder(folder / "conf"):
         return Problem.recorded(config).domain
 
 

@@ -10,7 +10,7 @@ import pytest
 import islandgp
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits
-from islandgp.evaluation.base import Job, simulate
+from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evolution.loop import evolve
 from islandgp.experiment import Experiment
 from islandgp.gp.edits import Edit, edited
@@ -95,7 +95,8 @@ def test_supervised_runs_end_with_a_robot_that_delivers(conf: Path, supervisor: 
     results = islandgp.run(*SMALL, f"supervisor={supervisor}", config_dir=conf)
     (row,) = results.runs.to_dict("records")
     assert row["validation_mean"] > 0
-    assert "<html" in champion_replay(RunFolder(results.path / str(row["run"])))
+    folder = RunFolder(results.path / str(row["run"]))
+    assert "<html" in champion_replay(folder, Problem.recorded(folder.configuration()))
 
 
 def test_an_episode_of_a_text_is_that_of_its_tree(conf: Path) -> None:

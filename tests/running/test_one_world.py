@@ -16,7 +16,7 @@ from islandgp.running.totals import totals_of
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.samples import best_of, outcome
-from tests.tracking.folders import MILESTONES, begun, steps
+from tests.tracking.folders import MILESTONES, archive, begun, steps
 
 
 def _validated_once(path: Path, home: Path) -> RunFolder:
@@ -36,7 +36,7 @@ def _validated_once(path: Path, home: Path) -> RunFolder:
     )
     same = compared("good tree", [outcome(1.0)], [outcome(1.0)])
     best = best_of(champion, replace(validation, comparisons=(same,)))
-    folder.finish(summary(totals_of(folder), champion, best, MILESTONES))
+    folder.finish(summary(totals_of(folder), champion, best, MILESTONES), archive(steps()[-1]))
     folder.close()
     return folder
 

@@ -10,7 +10,9 @@ import yaml
 
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.validation import Validation
+from islandgp.gp.archive import archive_record
 from islandgp.gp.record import Champion, Step
+from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import summary
@@ -71,9 +73,17 @@ def closed_run(
     for step in all_steps[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(finished(folder, all_steps[-1].champion, validation))
+        folder.finish(finished(folder, all_steps[-1].champion, validation), archive(all_steps[-1]))
     folder.close()
     return folder
+
+
+def archive(last: Step) -> ArchiveFile:
+    """The archive of the last generation."""
+    plan = composed_plan(*SMALL)
+    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
+    counts = archive_record(last.archive, axes, floor=floor)
+    return ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)
 
 
 def finished(

@@ -89,8 +89,11 @@ def test_a_store_deleted_under_way_is_made_again(
     assert "Traceback" not in "".join(capfd.readouterr())
 
 
-def test_a_finished_run_is_sent_again_where_the_store_is_gone(home: Path) -> None:
+def test_a_finished_run_is_sent_again_where_the_store_is_gone(
+    home: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is not announced as being there."""
+    monkeypatch.chdir(home)
     folder = closed_run(home / "runs/a/one", home)
     for _ in range(2):
         follows = tracker(home, "sqlite:///mlflow.db", 30)
@@ -111,11 +114,11 @@ def test_sync_sends_what_runs_and_sweeps_miss(home: Path, store: Store) -> None:
     (off.path / "config.yaml").write_text(config)
     bad = closed_run(home / "runs/a/bad", home, 2)
     (bad.path / "generations.jsonl").write_text("nonsense\n")
-    report = sync(home / "runs")
+    report = sync(home / "runs", places=[place(home)])
     assert [path.name for path in report.sent] == ["one", "two"]
     assert [path.name for path in report.untracked] == ["off"]
     assert [path.name for path in report.failed] == ["bad"]
-    second = sync(home / "runs")
+    second = sync(home / "runs", places=[place(home)])
     assert [path.name for path in second.known] == ["one", "two"]
     runs = {run.info.run_name: run for run in store.client.search_runs([store.experiment])}
     assert (runs["one"].info.status, runs["two"].info.status) == ("FINISHED", "KILLED")
@@ -138,10 +141,10 @@ def test_a_damaged_folder_is_reported_and_stops_no_other(
 ) -> None:
     """Its neighbours are sent, whichever of its files cannot be read."""
     bad = closed_run(home / "runs/a/bad", home)
-    sync(home / "runs")
+    sync(home / "runs", places=[place(home)])
     (bad.path / file).write_text(text)
     closed_run(home / "runs/a/one", home)
-    report = sync(home / "runs")
+    report = sync(home / "runs", places=[place(home)])
     assert home / "runs/a/one" in report.sent
     assert [*report.failed] == [bad.path]
     assert len(store.client.search_runs([store.experiment])) == 2
@@ -151,14 +154,17 @@ def test_a_damaged_sweep_is_reported_and_stops_no_other(home: Path) -> None:
     """The runs in it, which cannot find their parent, wait as well; those of another are sent."""
     closed_run(home / "runs/a/one", home)
     (home / "runs/a/sweep.json").write_text("{}")
-    report = sync(home / "runs")
+    report = sync(home / "runs", places=[place(home)])
     assert set(report.failed) == {home / "runs/a", home / "runs/a/one"}
     closed_run(home / "runs/b/two", home)
-    assert [path.name for path in sync(home / "runs").sent] == ["two"]
+    assert [path.name for path in sync(home / "runs", places=[place(home)]).sent] == ["two"]
 
 
-def test_the_command_reports_a_damaged_folder_in_a_line(home: Path, islandgp: Cli) -> None:
+def test_the_command_reports_a_damaged_folder_in_a_line(
+    home: Path, islandgp: Cli, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With its file and the remedy, and exit code 2; the folders after it are sent."""
+    monkeypatch.chdir(home)
     bad = closed_run(home / "runs/a/bad", home)
     (bad.path / "about.json").write_text("{}")
     closed_run(home / "others/one", home)
@@ -176,10 +182,10 @@ def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store:
     folder = begun(home / "runs/a/one", home)
     folder.append(steps()[0])
     run = RunUploader(folder, store).send(Status.RUNNING)
-    sync(home / "runs")
+    sync(home / "runs", places=[place(home)])
     assert store.client.get_run(run).info.status == "RUNNING"  # somebody is at work
     folder.close()
-    sync(home / "runs")
+    sync(home / "runs", places=[place(home)])
     assert store.client.get_run(run).info.status == "KILLED"
 
 

@@ -14,10 +14,8 @@ from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.app import main
-from islandgp.tracking.place import place_of
 from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
 from islandgp.tracking.sync import sync
-from islandgp.trust import trust, trust_folder, trusting
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, start
 from tests.tracking import servers
@@ -81,9 +79,9 @@ def test_only_the_server_gets_the_password_of_a_process(source: str, tmp_path: P
     check_secret(home, output, credentials)
 
 
-@pytest.mark.parametrize("trusted", [True, False])
+@pytest.mark.parametrize("is_users", [True, False])
 def test_a_sweep_s_end_knows_what_the_folders_lack(
-    trusted: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    is_users: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The jobs' processes may have sent nothing: each request of the last one has the password.
 
@@ -91,55 +89,53 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
     """
     for name in ("USERNAME", "PASSWORD"):
         monkeypatch.setenv(f"MLFLOW_TRACKING_{name}", "")
-    folder = closed_run(tmp_path / "sweep/one", tmp_path)
     credentials: list[str] = []
     with servers.broken(credentials) as address:
-        hidden = address.replace("://", "://***@")
-        config = folder.configuration()
-        config["tracking"]["policy"]["uri"] = hidden
-        (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
-        add_to_manifest(folder.path, "config.yaml")
+        run_on(tmp_path / "sweep/one", address.replace("://", "://***@"))
         settings = MLflowSettings(
             uri=address.replace("://", f"://me:{PASSWORD}@"),
             artifacts="a",
             experiment="islandgp",
             patience=0,
         )
-        names = frozenset({address} if trusted else ())
-        places = (Place.of(settings, tmp_path),) if trusted else ()
-        with trusting():
-            trust(names)
-            sync(tmp_path, places=places)
-    assert set(credentials) == ({BASIC} if trusted else set())
-    assert [PIECE in repr(place) for place in places] == [False] * trusted
+        places = (Place.of(settings, tmp_path),) if is_users else ()
+        sync(tmp_path, places=places)
+    assert set(credentials) == ({BASIC} if is_users else set())
+    assert [PIECE in repr(place) for place in places] == [False] * is_users
 
 
-def test_a_server_that_only_a_folder_names_is_not_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Neither by `sync` nor by `ui`; the variables, the command or a file can name it."""
-    monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "me")
-    folder = closed_run(tmp_path / "one", tmp_path)
+def run_on(path: Path, address: str) -> None:
+    """A finished run whose configuration names a server."""
+    folder = closed_run(path, path.parent)
     config = folder.configuration()
+    config["tracking"]["policy"]["uri"] = address
+    (path / "config.yaml").write_text(yaml.safe_dump(config))
+    add_to_manifest(path, "config.yaml")
+
+
+@pytest.mark.parametrize("source", ["run", "variable", "file"])
+def test_a_server_that_only_a_folder_names_is_not_asked(
+    source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The variables, the command or a file of the user's can name it."""
+    monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "me")
+    monkeypatch.setenv("MLFLOW_TRACKING_PASSWORD", "b")
+    monkeypatch.chdir(tmp_path)
     credentials: list[str] = []
-    with servers.broken(credentials) as address, trusting():
-        config["tracking"]["policy"]["uri"] = address
-        (folder.path / "config.yaml").write_text(yaml.safe_dump(config))
-        add_to_manifest(folder.path, "config.yaml")
-        for arguments in (["sync", str(tmp_path)], ["ui", "--runs", str(tmp_path)]):
-            result = CliRunner().invoke(islandgp, arguments)
-            assert f"give --uri {address}" in str(result.exception)
-        assert credentials == []
-        monkeypatch.setenv("MLFLOW_TRACKING_URI", f"{address}/")
-        assert place_of(folder) is not None
-        monkeypatch.delenv("MLFLOW_TRACKING_URI")
-        file = tmp_path / "conf/tracking/mine.yaml"
-        file.parent.mkdir(parents=True)
-        file.write_text(
-            f"defaults: [mlflow]\npolicy: {{uri: '{address.replace('://', '://a:b@')}'}}"
-        )
-        trust_folder(tmp_path / "conf")
-        assert place_of(folder) is not None
+    arguments = ["sync", "runs"]
+    with servers.broken(credentials) as address:
+        run_on(tmp_path / "runs/one", address)
+        if source == "variable":
+            monkeypatch.setenv("MLFLOW_TRACKING_URI", f"{address}/")
+        elif source == "file":
+            file = tmp_path / "conf/tracking/mine.yaml"
+            file.parent.mkdir(parents=True)
+            uri = address.replace("://", "://a:b@")
+            file.write_text(f"defaults: [mlflow]\npolicy: {{uri: '{uri}'}}")
+            arguments += ["--config-dir", "conf"]
+        result = CliRunner().invoke(islandgp, arguments)
+    assert bool(credentials) == (source != "run")
+    assert ("which only the run names; give --uri" in str(result.exception)) == (source == "run")
 
 
 def test_each_store_has_its_password(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ from islandgp.evolution.validation import Validation
 from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
-from islandgp.tracking.place import place_from, place_of_latest
+from islandgp.tracking.place import place_from
 from islandgp.tracking.store import ARM, Place, Store
 from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_views
@@ -142,18 +142,6 @@ def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     with pytest.raises(TrackingError, match=r"Expected an MLflow store at http://127\.0\.0\.1:9"):
         served(Place("http://127.0.0.1:9", None, "islandgp"), 5000).__enter__()
-
-
-def test_the_last_runs_store_is_meant(tmp_path: Path) -> None:
-    """Without `--uri` the pages are those of the run that was started last."""
-    closed_run(tmp_path / "runs/a/one", tmp_path, 1)
-    assert place_of_latest(tmp_path / "runs") == place(tmp_path)
-
-
-def test_without_runs_there_is_nothing_to_show(tmp_path: Path) -> None:
-    """The message has the first step."""
-    with pytest.raises(TrackingError, match="run `python -m islandgp` here first"):
-        place_of_latest(tmp_path)
 
 
 @pytest.mark.parametrize("uri", ["mlflow.db", "ftp://x"])
@@ -309,30 +297,30 @@ def test_sync_sends_again_what_a_store_has_lost(home: Path, template: Path) -> N
     subprocess.run(command, cwd=home, env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
     for empty in (Path.unlink, lambda file: shutil.copy(template, file)):
         empty(home / "mlflow.db")
-        assert sync(home).sent == [folder.path]
+        assert sync(home, place(home)).sent == [folder.path]
         store = Store(place(home))
         (run,) = store.client.search_runs([store.experiment])
         assert run.info.status == "FINISHED"
         assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
-        assert len(sync(home).known) == 1
+        assert len(sync(home, place(home)).known) == 1
 
 
 def test_sync_completes_an_older_copy_of_a_store(home: Path) -> None:
     """Points, description and artifacts that were sent after the copy was made are sent again."""
     closed_run(home / "runs/a/one", home, 2)
-    sync(home)
+    sync(home, place(home))
     shutil.copy(home / "mlflow.db", home / "copy.db")
     closed_run(home / "runs/a/one", home)
-    sync(home)
+    sync(home, place(home))
     shutil.copy(home / "copy.db", home / "mlflow.db")
     shutil.rmtree(home / "mlartifacts")
-    assert len(sync(home).sent) == 1
+    assert len(sync(home, place(home)).sent) == 1
     store = Store(place(home))
     (run,) = store.client.search_runs([store.experiment])
     assert run.info.status == "FINISHED"
     assert [step for step, _ in history(store, run.info.run_id)] == [0, 1, 2, 3, 4]
     assert "summary.json" in {f.path for f in store.client.list_artifacts(run.info.run_id)}
-    assert len(sync(home).known) == 1
+    assert len(sync(home, place(home)).known) == 1
 
 
 def test_sync_reports_nothing_as_stored_if_the_store_is_away(
@@ -340,13 +328,13 @@ def test_sync_reports_nothing_as_stored_if_the_store_is_away(
 ) -> None:
     """What was sent to it once is `not sent`, as it cannot be checked."""
     folder = closed_run(home / "runs/a/one", home)
-    sync(home)
+    sync(home, place(home))
 
     def away(place: Place) -> Store:
         raise ConnectionError(f"{place.uri} is gone")
 
     monkeypatch.setattr("islandgp.tracking.sync.Store", away)
-    report = sync(home)
+    report = sync(home, place(home))
     assert (report.known, list(report.failed)) == ([], [folder.path])
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,6 @@ from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, IslandError
 from islandgp.testing.domain_suite import DomainSuite
-from islandgp.trust import trusting
 from tests.running.commands import in_process
 from tests.trees.shell import Cli
 
@@ -32,13 +30,6 @@ HERE = Path(__file__).parents[1]
 BY_HAND = (HERE / "by_hand.bt").read_text(encoding="utf-8")
 SMALL = ("gp.population=6", "gp.generations=2", "gp.validation=0", "world.ticks=40")
 QUICK = (*SMALL, "tracking=off", "evaluator=serial", "progress=off")
-
-
-@pytest.fixture(autouse=True)
-def _trusting() -> Iterator[None]:
-    """What a test trusts is not trusted by the next one."""
-    with trusting():
-        yield
 
 
 def settings(*overrides: str) -> Settings:

@@ -18,6 +18,7 @@ from threading import Lock
 from typing import Any, Final, TypeVar
 
 from islandgp.errors import SupervisionError
+from islandgp.gate import read_bytes
 from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -184,7 +185,7 @@ class Transcript:
         self._whole: int | None = None  # bytes of complete lines, if an incomplete one follows
         if path is None or not path.exists():
             return
-        content = path.read_bytes()
+        content = read_bytes(path)
         complete = content[: content.rfind(b"\n") + 1]
         if complete != content:
             self._whole = len(complete)
