@@ -20,6 +20,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from islandgp.config.errors import USER_ERRORS, explain, parsed, unresolved
 from islandgp.config.naming import command_line, group_of, run_folder
+from islandgp.config.reads import must_be_read
 from islandgp.config.settings import DomainSettings, Settings, read_settings, with_generations
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
@@ -53,7 +54,9 @@ def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> 
         )
     flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
     args = get_args_parser().parse_args([*flags, *overrides])
-    return next(planned(args, overrides, Path.cwd()))
+    job = next(planned(args, overrides, Path.cwd()))
+    must_be_read([job], ConfigSource.of(args))
+    return job
 
 
 def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterator[Planned]:

@@ -6,7 +6,7 @@ checks conflicts between groups. No other module uses Hydra's configuration obje
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
@@ -78,6 +78,12 @@ class SupervisorSettings(Switches, ComponentConfig, frozen=True, extra="forbid")
 
     name: str = Field(pattern=r"^[a-z][a-z0-9_]*$")  # in records, tags and folders' names
 
+    def reads(self) -> Mapping[str, Sequence[str]]:
+        """The keys that each part of the supervisor's guidance depends on; see `Supervisor`."""
+        every_part = dict.fromkeys(USES, ("supervisor.policy",))
+        parts: Mapping[str, Sequence[str]] = getattr(self.settings(), "reads", every_part)
+        return parts
+
 
 class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
     """The group `search`: the class that decides which trees are evaluated."""
@@ -88,6 +94,10 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
     ranking: Literal["evidence", "fitness"] = "evidence"
     """The candidates for the best robot: the trees with the best evidence over all generations, or
     the fittest ones of each generation and of each behaviour."""
+
+    def reads(self) -> frozenset[str]:
+        """The keys of other groups that the search reads; see `Search`."""
+        return frozenset(getattr(self.settings(), "reads", ()))
 
     @field_validator("factory")
     @classmethod

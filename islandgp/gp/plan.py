@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
@@ -25,7 +25,48 @@ from islandgp.scoring.state import Crisis, StateSettings
 MAX_GENERATIONS: Final = 100_000  # of a run
 
 
-class GP(BaseModel, frozen=True, extra="forbid"):
+RUN_READS: Final = (
+    *("gp.population", "gp.generations", "gp.episodes", "gp.validation", "gp.founders"),
+    *("gp.reseed_every", "gp.shared_seed", "gp.max_depth", "gp.max_nodes"),
+)
+"""Keys of `gp` that every run reads. A search or a supervisor declares others in `reads`."""
+
+
+class Declared(BaseModel, frozen=True, extra="forbid"):
+    """Settings of which a search or a supervisor gets the fields that it declares."""
+
+    if not TYPE_CHECKING:  # else it would hide misspelt names from type checkers
+
+        def __getattr__(self, name: str) -> Any:
+            """Raises AttributeError, as pydantic does, with a remedy for a field left out."""
+            must_be_declared(name, ())
+
+
+D = TypeVar("D", bound=Declared)
+
+
+def declared(settings: D, group: str, keys: Collection[str]) -> D:
+    """The settings of a group, with only the fields that `keys` has, in whole or in part."""
+    fields = {f: getattr(settings, f) for f in type(settings).model_fields}
+    return settings.model_construct(
+        **{f: v for f, v in fields.items() if is_read(f"{group}.{f}", keys)}
+    )
+
+
+def must_be_declared(key: str, keys: Collection[str]) -> None:
+    """Raises AttributeError for a key that a search or a supervisor does not declare."""
+    if not is_read(key, keys):
+        raise AttributeError(
+            f"expected {key} among the keys in `reads` of its Settings, found none"
+        )
+
+
+def is_read(key: str, keys: Collection[str]) -> bool:
+    """True if `keys` has this dotted key, a group that it is in, or a key below it."""
+    return any(f"{key}.".startswith(f"{k}.") or f"{k}.".startswith(f"{key}.") for k in keys)
+
+
+class GP(Declared, frozen=True, extra="forbid"):
     """Genetic programming, section 2.3."""
 
     population: int = Field(ge=4, le=10_000)
@@ -72,7 +113,7 @@ class GP(BaseModel, frozen=True, extra="forbid"):
         return Limits(self.max_depth, self.max_nodes)
 
 
-class Allocation(BaseModel, frozen=True, extra="forbid"):
+class Allocation(Declared, frozen=True, extra="forbid"):
     """Table 1. Counts are for `per` individuals and scale with the population."""
 
     per: int = Field(ge=1)

@@ -24,6 +24,7 @@ from islandgp.config.api_key import NONE, key_in, without_key
 from islandgp.config.compose import Planned, planned
 from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
+from islandgp.config.reads import must_be_read
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, IslandError, PartError
 from islandgp.gate import cleaned
@@ -125,6 +126,7 @@ def _planned(args: argparse.Namespace, argv: Sequence[str]) -> list[Planned]:
         jobs.append(job)
         if len(jobs) % 100 == 0:
             print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
+    must_be_read(jobs, ConfigSource.of(args))
     return jobs
 
 

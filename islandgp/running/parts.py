@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.node import Node, within
+from islandgp.config.reads import keys_read
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.evaluation.base import Cached, Evaluator
-from islandgp.gp.plan import Plan
+from islandgp.gp.plan import RUN_READS, Plan, declared, is_read, must_be_declared
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Supervisor
@@ -40,6 +41,16 @@ def run_context(
     cost, uses = cost or LibraryCost(), settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
+    reads = settings.supervisor.reads()
+    keys = {*RUN_READS, *(key for part in reads.values() for key in part)}
+
+    def library() -> Library:
+        """Loads the library; an empty one if it would be searched for, and is not used."""
+        must_be_declared("library", keys)
+        if settings.library.folder is None and not is_read("library", keys_read(settings)):
+            return Library({}, {}, {}, {})
+        return cost.of(make_library(settings, domain))
+
     return RunContext(
         seed=settings.seed,
         generations=settings.gp.generations,
@@ -50,9 +61,9 @@ def run_context(
         domain_in=lambda generation: problem.at(curriculum.stage(generation)),
         rewards=settings.rewards,
         classes=settings.classes,
-        library=lambda: cost.of(make_library(settings, domain)),
+        library=library,
         crisis=settings.gp.crisis,
-        gp=settings.gp,
+        gp=declared(settings.gp, "gp", keys),
         curriculum=curriculum,
         adapt_mutation=settings.supervisor.adapt_mutation and "rate" in uses,
         inject=settings.supervisor.inject and "tree" in uses,
@@ -162,9 +173,13 @@ def check_parts(settings: Settings) -> None:
 def make_search(settings: Settings, plan: Plan) -> Search:
     """Makes the configured search. Raises ConfigError, TreeError or PartError."""
     part = settings.search
+    keys = {*RUN_READS, *part.reads()}
+    gp, allocation = declared(plan.gp, "gp", keys), declared(plan.allocation, "allocation", keys)
+    plan = replace(plan, gp=gp, allocation=allocation)
 
     def library() -> Mapping[str, Node]:
         """The trees of the library's folder; {} without a folder, as a search is expensive."""
+        must_be_declared("library", keys)
         if settings.library.folder is None:
             return {}
         return make_library(settings, settings.make_domain()).trees

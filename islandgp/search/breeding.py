@@ -222,6 +222,11 @@ class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
 
     breeding: Breeding
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """See `Search`."""
+        return ("gp.trees",)
+
 
 S = TypeVar("S", bound=BreedingSettings)
 

@@ -74,6 +74,7 @@ class ComposeSettings(BaseModel, frozen=True, extra="forbid"):
 
     orders: int = Field(ge=1)  # at most
     finalists: int = Field(ge=1)  # that race to the end
+    reads: ClassVar = ("library",)
 
 
 @dataclass(frozen=True, slots=True)

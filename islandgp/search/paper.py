@@ -6,13 +6,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Final
 
+from pydantic import BaseModel
+
 from islandgp.gp.allocation import next_population, update_behaviour_archive
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, BehaviourBest, Evaluated, Individual, Origin
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.variation import mutate
 from islandgp.scoring.generation_stats import diversity
-from islandgp.search.base import NoSettings, SearchContext, SearchState
+from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
 UNMUTATED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
@@ -28,18 +30,29 @@ class Parents:
     """The best individual of each behaviour, which is resurrected if the behaviour dies out."""
 
 
+class PaperSettings(BaseModel, frozen=True, extra="forbid"):
+    """None of its own."""
+
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """See `Search`."""
+        variation = ("selection", "tournament_size", "crossover", "crossover_rate", "mutation")
+        others = ("mutation_rate", "mutate_elites", "trees")
+        return ("allocation", *(f"gp.{name}" for name in (*variation, *others)))
+
+
 class Paper:
     """Elites, behavioural elites, resurrection, random trees and tournament children (Table 1).
 
     Its settings are those of the groups `gp` and `allocation`.
     """
 
-    Settings = NoSettings
+    Settings = PaperSettings
     Memory: ClassVar[Any] = Parents
     uses: ClassVar[frozenset[str]] = frozenset({"rate", "tree", "edits"})
 
     @classmethod
-    def make(cls, settings: NoSettings, context: SearchContext) -> Paper:  # noqa: ARG003 -- the protocol's
+    def make(cls, settings: PaperSettings, context: SearchContext) -> Paper:  # noqa: ARG003 -- the protocol's
         """See `Search`."""
         return cls(context.plan)
 

@@ -83,6 +83,11 @@ class RacingSettings(BreedingSettings, frozen=True):
     It needs `gp.episodes` > 1, and has no effect otherwise.
     """
 
+    @property
+    def reads(self) -> tuple[str, ...]:
+        """See `Search`."""
+        return ("gp.trees", "library") if self.library else ("gp.trees",)
+
 
 @dataclass(frozen=True, slots=True)
 class Entry:

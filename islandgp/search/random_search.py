@@ -28,6 +28,7 @@ class RandomSearchSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of the random trees."""
 
     lists: float = Field(ge=0, le=1)  # share of priority lists; others are grown by `gp.trees`
+    reads: ClassVar = ("gp.trees",)
 
 
 class RandomSearch:

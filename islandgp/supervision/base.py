@@ -133,7 +133,10 @@ class Supervisor(Protocol):
     A supervisor that can be configured has two more class attributes: `Settings`, a pydantic
     model, and `make(settings, context)`. A third, `check(settings, context)`, is optional: it is
     called before the first run of a command and raises SupervisionError if the supervisor
-    cannot work.
+    cannot work. `Settings` may have a property `reads`: the keys that each part of the guidance
+    ("rate", "tree", "edits") depends on, e.g. `{"rate": ("supervisor.policy", "gp.state")}`.
+    Without it the supervisor gives every part, and reads `supervisor.policy` alone. The context's
+    `gp` and `library` have nothing else, except for RUN_READS.
     """
 
     name: str

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
@@ -16,6 +18,7 @@ class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
     up: float = Field(ge=1)  # factor on the rate on stagnation
     down: float = Field(gt=0, le=1)  # factor on the rate on improvement
     rates: tuple[float, float]  # lowest and highest, in [0, 1]
+    reads: ClassVar = {"rate": ("supervisor.policy", "gp.state")}
 
     @model_validator(mode="after")
     def _rates_are_rates(self) -> BaselineSettings:

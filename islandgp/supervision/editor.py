@@ -33,6 +33,7 @@ from islandgp.supervision.expert import (
     ExpertSettings,
     classify_pattern,
     classify_phase,
+    policy_keys,
     wanted_rate,
 )
 from islandgp.supervision.guard_width import place_for, same_child_guard, widened
@@ -50,6 +51,13 @@ class EditorSettings(ExpertSettings, frozen=True, extra="forbid"):
 
     sources: tuple[Literal["library", "archive"], ...] = Field(("library", "archive"), min_length=1)
     """Sources of branches, in order of priority; archive: trees that the run has evaluated."""
+
+    @property
+    def reads(self) -> dict[str, tuple[str, ...]]:
+        """See `Supervisor`."""
+        added = type(self).model_fields.keys() - ExpertSettings.model_fields.keys()
+        library = ("library",) if "library" in self.sources else ()
+        return {"rate": super().reads["rate"], "edits": (*policy_keys(added), *library)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ sign of progress than raw fitness, which single-task specialists inflate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -53,6 +53,22 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     def _check_rates(self) -> ExpertSettings:
         check_ranges("rates", self.rates)
         return self
+
+    @property
+    def reads(self) -> dict[str, tuple[str, ...]]:
+        """See `Supervisor`. All parts depend on the settings that a subclass adds."""
+        added = type(self).model_fields.keys() - ExpertSettings.model_fields.keys()
+        rate = ("rates", "multiple", "plateau", "strong", "collapse", *added)
+        tree = ("rare", "collapse", "compact", "hardest", *added)
+        return {
+            "rate": (*policy_keys(rate), "gp.state"),
+            "tree": (*policy_keys(tree), "gp.crisis", "library"),
+        }
+
+
+def policy_keys(names: Iterable[str]) -> tuple[str, ...]:
+    """The keys of a supervisor's own settings."""
+    return tuple(f"supervisor.policy.{name}" for name in names)
 
 
 def exploitation_level(state: PopulationState, settings: ExpertSettings) -> float:

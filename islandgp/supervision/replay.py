@@ -11,6 +11,7 @@ import difflib
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,7 +21,7 @@ from islandgp.gate import must_be_known_code
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.llm.message import Failure, Reply, Request
-from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.settings import READS, LLMSettings
 from islandgp.supervision.llm.supervisor import Adviser
 from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
 
@@ -29,6 +30,7 @@ class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
     """The recorded run to replay."""
 
     transcript: str | None  # a run's folder, or a transcript.jsonl
+    reads: ClassVar = dict.fromkeys(("rate", "tree", "edits"), READS)
 
     def path(self) -> Path:
         """The transcript's file. Raises SupervisionError if there is none."""

@@ -33,7 +33,7 @@ from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
 from islandgp.sweep.job import sweep_entry, sweep_job
 from islandgp.sweep.progress import Start, Watch
-from islandgp.sweep.summary import arm_lines, arms, power_line
+from islandgp.sweep.summary import arm_lines, arms, identical_arms, power_line
 
 Job = Callable[[DictConfig], Any]
 """The function that Hydra calls for each job."""
@@ -92,7 +92,10 @@ def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bo
         interrupted = True
     for sweep in entries:
         if (file := sweep.read()) is not None:
-            echo(f"\n{arm_lines(arms(sweep, file))}\n\nResults: {sweep.path}")
+            summaries = arms(sweep, file)
+            echo(f"\n{arm_lines(summaries)}\n\nResults: {sweep.path}")
+            for names in identical_arms(sweep, summaries):
+                echo(f"Identical records, run by run: {', '.join(names)}")
     if interrupted:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130

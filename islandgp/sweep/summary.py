@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from math import inf, pi, sqrt
+from pathlib import Path
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
@@ -132,6 +134,20 @@ def arm_rows(arms: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
     if not any(fallback):
         return rows
     return [(*row, cell) for row, cell in zip(rows, [FALLBACK, *fallback], strict=True)]
+
+
+def identical_arms(sweep: SweepFolder, arms: Sequence[ArmSummary]) -> list[tuple[str, ...]]:
+    """The names of arms whose finished runs have the same individuals and best trees, by group."""
+    groups: dict[Any, list[str]] = {}
+    for arm in arms:
+        runs = sorted((job.seed, _digest(sweep.run(job).path)) for job in arm.finished)
+        groups.setdefault(tuple(runs), []).append(" ".join(arm.name.split()))
+    return [tuple(names) for runs, names in groups.items() if runs and len(names) > 1]
+
+
+def _digest(run: Path) -> str:
+    contents = ((run / name).read_bytes() for name in ("lineage.csv", "best.bt"))
+    return sha256(b"\0".join(contents)).hexdigest()
 
 
 def arm_table(arms: Sequence[ArmSummary]) -> str:

@@ -282,7 +282,7 @@ class Mine(Island):
     def run_episode(self, *arguments, **options):
         return super().run_episode(*arguments, **options)
 
-words = "gp.generations=1 gp.population=4 gp.tournament_size=2 gp.validation=0 tracking=off"
+words = "gp.generations=1 gp.population=4 gp.validation=0 tracking=off"
 run = islandgp.run("domain.factory=__main__:Mine", "evaluator.policy.workers=2", *words.split())
 print(len(run.generations))
 """

@@ -49,7 +49,6 @@ OVERRIDES = (
     "evaluator.factory=myeval:Mine",
     "experiment=smoke",
     "gp.population=4",
-    "gp.tournament_size=2",
     "gp.generations=2",
     "world.episode.length=5",
     "tracking=off",

@@ -21,7 +21,6 @@ OVERRIDES = (
     "supervisor=baseline",
     "experiment=smoke",
     "gp.population=4",
-    "gp.tournament_size=2",
     "gp.generations=2",
     "world.episode.length=20",
     "tracking=off",

@@ -619,7 +619,6 @@ def test_a_sweep_over_the_options_of_a_group(tmp_path: Path) -> None:
         "experiment=smoke",
         "gp.population=4",
         "gp.generations=2",
-        "gp.tournament_size=2",
     ]
     overrides += ["world.episode.length=5", "evaluator=serial", "supervisor=glob(bas*)", "-m"]
     assert main([*overrides, "--config-dir", "conf"]) == 0
@@ -636,7 +635,7 @@ def test_the_right_ones_run(capsys: pytest.CaptureFixture[str]) -> None:
         "gp.generations=2",
         "supervisor=baseline",
     ]
-    assert main([*overrides, "gp.tournament_size=2", "world.episode.length=5"]) == 0
+    assert main([*overrides, "world.episode.length=5"]) == 0
     captured = capsys.readouterr()
     assert "Best robot" in captured.out
     assert [path.name for path in Path.cwd().iterdir()] == ["runs"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 from urllib.parse import urlsplit
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
@@ -186,6 +186,13 @@ class Fallback(ComponentConfig, frozen=True, extra="ignore"):
     needs = SUPERVISES
 
 
+READS: Final = (
+    *("supervisor.policy", "library", "gp.state", "gp.crisis"),
+    *("gp.mutation_rate", "gp.crossover_rate", "gp.mutate_elites", "curriculum"),
+)
+"""The keys that prompts and the fallback depend on."""
+
+
 class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=True):
     """Settings of the model, its requests and the checks of its answers."""
 
@@ -221,6 +228,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     prompts: str  # paper, informed, or a folder
     informed: InformedSettings = InformedSettings()  # the parts of informed prompts
     fallback: Fallback
+    reads: ClassVar = dict.fromkeys(("rate", "tree", "edits"), READS)
 
     @field_validator("api_key", mode="before")
     @classmethod
