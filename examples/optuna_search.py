@@ -44,6 +44,7 @@ def objective(trial: optuna.Trial, overrides: list[str]) -> tuple[float, ...]:
 
     try:
         results = islandgp.run(
+            "search=paper",  # which reads the keys of `space`
             *overrides,
             "name=optuna",
             *space(trial),

@@ -14,7 +14,7 @@ $RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=80
   'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single-world.robot.drain_moving=0.2"'
 $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
-$RUN "$OTHERS" supervisor=fixed library=single
+$RUN "$OTHERS" supervisor=fixed
 $RUN "$OTHERS" supervisor=baseline search=compose library=single
 "$BIN/islandgp" compare $CONF --name study7 --primary first_complete_descendant --force -o studies/editors/results \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \

@@ -78,7 +78,7 @@ def small_run(*overrides: str) -> tuple[RunContext, Keeps]:
     keeps = Keeps(make_supervisor(run_settings, None))
     evaluator = Serial(Problem(domain, run_settings.curriculum))
     list(evolve(run_settings.plan(domain), 5, keeps, evaluator))
-    return run_context(run_settings), keeps
+    return run_context(composed("supervisor=llm", *SMALL, *overrides)), keeps
 
 
 def adviser(*overrides: str, run: Sequence[str] = ()) -> Questions:
