@@ -26,5 +26,5 @@ def area(width: float,
 
 @pytest.mark.process
 def test_a_default_run_imports_a_part_of_the_package() -> None:
-    """At most 15,150 lines of code, as sweeps, studies and errors have modules of their own."""
-    assert 10_000 < of_a_default_run(PACKAGE) <= 15_150
+    """At most 15,250 lines of code, as sweeps, studies and errors have modules of their own."""
+    assert 10_000 < of_a_default_run(PACKAGE) <= 15_250
