@@ -21,7 +21,7 @@ from typing import Any
 from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
-from islandgp.bt.core.kinds import ABORTS, COUNTED, KINDS, POLICIES, REPEATS, SECONDS, TIMED
+from islandgp.bt.core.kinds import ABORTS, COUNTED, COUNTS, KINDS, POLICIES, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
 from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
 from islandgp.commands.setting import configured
@@ -97,10 +97,10 @@ def tables() -> dict[str, str]:
                 ("`abort`; the last is the default", _codes(ABORTS)),
                 (
                     "`success`, `failure` of a parallel",
-                    f"{_codes(POLICIES)}, or a whole number from {REPEATS[0]} to {REPEATS[1]}",
+                    f"{_codes(POLICIES)}, or a whole number from {COUNTS[0]} to {COUNTS[1]:,}",
                 ),
                 (_codes(TIMED), f"seconds from {SECONDS[0]:g} to {SECONDS[1]:,}"),
-                (_codes(COUNTED), f"a whole number from {REPEATS[0]} to {REPEATS[1]}"),
+                (_codes(COUNTED), f"a whole number from {COUNTS[0]} to {COUNTS[1]:,}"),
             ],
         ),
         "limits": _table(

@@ -5,9 +5,17 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.kinds import ABORTS, KINDS, POLICIES, REPEATS, TIMED
+from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
-from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, SecondsArgs, leaf
+from islandgp.bt.core.node import (
+    AlwaysArgs,
+    CountArgs,
+    GuardArgs,
+    Node,
+    ParallelArgs,
+    SecondsArgs,
+    leaf,
+)
 from islandgp.bt.export.plan import EXPORTED, NAV2
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
@@ -127,7 +135,8 @@ def nodes(
         )
 
     action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)
-    return st.recursive(action, inner, max_leaves=max_leaves)
+    always = st.builds(Node, st.just("always"), st.builds(AlwaysArgs, st.sampled_from([*ALWAYS])))
+    return st.recursive(st.one_of(action, action, action, always), inner, max_leaves=max_leaves)
 
 
 def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[GenerationStats]:

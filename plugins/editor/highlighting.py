@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import ABORTS, COUNTED, INNER, POLICIES, TIMED
+from islandgp.bt.core.kinds import ABORTS, COUNTED, KEYWORDS, POLICIES, TIMED
 
 TEXTMATE = Path(__file__).parent / "vscode" / "syntaxes" / "islandgp-bt.tmLanguage.json"
 
@@ -55,7 +55,7 @@ def textmate() -> str:
         _rule(rf"\(\s*(?!(?:not|use)\b)({_A_NAME})(?!\w|\s*[:(])", _KEY),
         _rule(rf"\b({_A_NAME})\s*:\s*({_A_NAME})", "variable.parameter", "constant.language"),
         _rule(rf"\b({_A_NAME})\s*:", "variable.parameter"),
-        {"name": "keyword.control", "match": _any_of(INNER)},
+        {"name": "keyword.control", "match": _any_of(KEYWORDS)},
         {"name": "keyword.other", "match": _any_of(["abort", "success", "failure"])},
         {"name": "keyword.operator.logical", "match": _any_of(["and", "or", "not"])},
         {"name": "constant.language", "match": _any_of([*ABORTS, *POLICIES])},

@@ -17,7 +17,7 @@ from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_
 
 NO_DECORATORS = (
     "selector", "sequence", "parallel", "reactive_selector", "reactive_sequence", "action",
-    "pipeline", "round_robin", "recovery",
+    "pipeline", "round_robin", "recovery", "always",
 )  # fmt: skip
 
 
@@ -205,6 +205,14 @@ class Reference:
     def until_failure(self, live: Live) -> int:
         status = self.run(live.children[0])
         return AGAIN if status == SUCCESS else status
+
+    def until_success(self, live: Live) -> int:
+        status = self.run(live.children[0])
+        return AGAIN if status == FAILURE else status
+
+    def always(self, live: Live) -> int:
+        (word,) = live.node.args
+        return {"success": SUCCESS, "failure": FAILURE, "running": AGAIN}[word]
 
     def pipeline(self, live: Live) -> int:
         live.at = live.at if live.running else 0

@@ -19,7 +19,7 @@ from islandgp.resources import resource
 
 OTHER_KEYWORDS = {
     "domain", "include", "constant", "subtree", "use", "and", "or", "not", "abort", "success",
-    "failure",
+    "failure", "running",
 }  # fmt: skip
 NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
@@ -31,7 +31,7 @@ def grammar_keywords() -> set[str]:
 
 
 def test_grammar_has_the_words_of_the_tables() -> None:
-    """The grammar's words are the node kinds, the abort rules, the policies, and eleven more."""
+    """The grammar's words are the node kinds, the abort rules, the policies, and twelve more."""
     kinds = set(KINDS) - {"action"}
     assert grammar_keywords() == kinds | set(ABORTS) | set(POLICIES) | OTHER_KEYWORDS
 
@@ -80,6 +80,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
     examples = {
         "action": "PatrolWaypoint",
         **{k: f"{k} 2 {{ PatrolWaypoint }}" for k in (*COUNTED, *TIMED)},
+        "always": "always success",
         "recovery": "recovery 2 { PatrolWaypoint PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }

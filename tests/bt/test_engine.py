@@ -258,6 +258,24 @@ def test_until_failure() -> None:
     ]  # fmt: skip
 
 
+def test_until_success() -> None:
+    """It repeats its child, one repetition a tick, until that succeeds."""
+    stage = Stage("until_success { A }", A="FRFS")
+    assert [stage.tick() for _ in range(4)] == [
+        ("A!", AGAIN), ("A!", RUNNING), ("A", AGAIN), ("A!", SUCCESS)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("word", "status"), [("success", SUCCESS), ("failure", FAILURE), ("running", AGAIN)]
+)
+def test_always(word: str, status: int) -> None:
+    """It has its status in each tick, also beside a child that runs."""
+    assert [Stage(f"always {word}").tick() for _ in range(2)] == [("", status)] * 2
+    stage = Stage(f"selector {{ always {word} A }}", A="R")
+    assert stage.tick() == (("A!", RUNNING) if word == "failure" else ("", status))
+
+
 def test_pipeline_repeats_earlier_children() -> None:
     """Children that ended start again before the running one is resumed."""
     stage = Stage("pipeline { A B }", A="S", B="RS")

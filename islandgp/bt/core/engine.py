@@ -17,9 +17,11 @@ from islandgp.bt.core.condition import Board, condition
 from islandgp.bt.core.kinds import KINDS, count_of, needs_each_tick
 from islandgp.bt.core.node import (
     AGAIN,
+    FAILURE,
     RUNNING,
     SUCCESS,
     ActionArgs,
+    AlwaysArgs,
     Node,
     ParallelArgs,
     SecondsArgs,
@@ -242,6 +244,12 @@ class _Compiler:
         checks_itself = node.guard.checks_itself
         return closures.guard(child, holds, checks_itself, truth, slot, span, self._report_stopped)
 
+    def _always(self, node: Node, _: Observed | None) -> Tick:
+        # AGAIN, since no action runs for whose end a simulator could wait.
+        assert isinstance(node.args, AlwaysArgs)
+        status = {"success": SUCCESS, "failure": FAILURE, "running": AGAIN}[node.args.status]
+        return lambda _fresh: status
+
     def _watched(self, tick: Tick, position: int, watch: Watch) -> Tick:
         running = self._running
 
@@ -283,9 +291,11 @@ _MAKERS: Final[dict[str, Callable[[_Compiler, Node, Observed | None], Tick]]] = 
     "repeater": _Compiler._repeater,
     "retry": _Compiler._repeater,
     "until_failure": _Compiler._repeater,
+    "until_success": _Compiler._repeater,
     "force_success": _Compiler._forced,
     "force_failure": _Compiler._forced,
     "when": _Compiler._when,
+    "always": _Compiler._always,
 }
 """The method that compiles each kind of inner node."""
 

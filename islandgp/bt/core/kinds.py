@@ -18,6 +18,7 @@ from islandgp.bt.core.node import (
     FAILURE,
     SUCCESS,
     ActionArgs,
+    AlwaysArgs,
     Args,
     CountArgs,
     GuardArgs,
@@ -143,8 +144,16 @@ ABORTS: Final = {
 """The abort rules of a `when`, with their meanings."""
 POLICIES: Final = {"one": "one child", "all": "all children"}
 """Thresholds of a parallel, with their meanings."""
+ALWAYS: Final = {
+    "success": "succeeds at once",
+    "failure": "fails at once",
+    "running": "runs until it is stopped",
+}
+"""Statuses of an `always`, with their meanings."""
+COUNTS: Final = (1, 1_000_000)
+"""Fewest and most repetitions, or children that decide."""
 REPEATS: Final = (1, 100)
-"""Fewest and most repetitions."""
+"""`COUNTS` in evolution and prompts."""
 SECONDS: Final = (0.001, 100_000)
 """Shortest and longest time, in s."""
 
@@ -168,8 +177,8 @@ KINDS: Final[dict[str, NodeKind]] = {
         children=(1, UNLIMITED),
         args=ParallelArgs,
         arguments=(
-            Argument("success", Sort.POLICY, "how many must succeed", POLICIES, REPEATS, "all"),
-            Argument("failure", Sort.POLICY, "how many must fail", POLICIES, REPEATS, "one"),
+            Argument("success", Sort.POLICY, "how many must succeed", POLICIES, COUNTS, "all"),
+            Argument("failure", Sort.POLICY, "how many must fail", POLICIES, COUNTS, "one"),
         ),
         look=Look("\N{RIGHTWARDS PAIRED ARROWS}", "bold magenta", "#f3e0ec", "#a8437e"),
         concurrent=True,
@@ -184,7 +193,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="repeats its child until it has succeeded a number of times",
         children=(1, 1),
         args=CountArgs,
-        arguments=(Argument("count", Sort.COUNT, "successes of the child", range=REPEATS),),
+        arguments=(Argument("count", Sort.COUNT, "successes of the child", range=COUNTS),),
         look=Look("\N{CLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
     ),
@@ -192,7 +201,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="repeats its child until it succeeds, or has failed a number of times",
         children=(1, 1),
         args=CountArgs,
-        arguments=(Argument("count", Sort.COUNT, "failures of the child", range=REPEATS),),
+        arguments=(Argument("count", Sort.COUNT, "failures of the child", range=COUNTS),),
         look=Look("\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#f7e3f0", "#a23f7e"),
         counts=FAILURE,
         paper=False,
@@ -280,7 +289,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         " RecoveryNode",
         children=(2, 2),
         args=CountArgs,
-        arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=REPEATS),),
+        arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=COUNTS),),
         look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
         opaque=True,
         paper=False,
@@ -290,6 +299,13 @@ KINDS: Final[dict[str, NodeKind]] = {
         children=(1, 1),
         look=Look("\N{INFINITY}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
+        paper=False,
+    ),
+    "until_success": NodeKind(
+        meaning="repeats its child until it succeeds",
+        children=(1, 1),
+        look=Look("\N{INFINITY}", "magenta", "#f7e3f0", "#a23f7e"),
+        counts=FAILURE,
         paper=False,
     ),
     "every": NodeKind(
@@ -316,6 +332,15 @@ KINDS: Final[dict[str, NodeKind]] = {
             "\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "hexagon", ("{{", "}}"), "pointed"
         ),
     ),
+    "always": NodeKind(
+        meaning="succeeds, fails or runs, and does nothing",
+        children=(0, 0),
+        args=AlwaysArgs,
+        arguments=(Argument("status", Sort.WORD, "its status", ALWAYS),),
+        look=Look("\N{BULLET}", "green", "#e3f3df", "#3f7f2f", "ellipse", ("([", "])"), "round"),
+        opaque=True,
+        paper=False,
+    ),
     "action": NodeKind(
         meaning="acts on the world",
         children=(0, 0),
@@ -325,6 +350,9 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
 }
 """By keyword; `action` is not a keyword of the language."""
+
+KEYWORDS: Final = tuple(name for name in KINDS if name != "action")
+"""The kinds of nodes with a keyword."""
 
 INNER: Final = tuple(name for name, kind in KINDS.items() if kind.children != (0, 0))
 """The kinds of nodes with children."""
@@ -337,7 +365,7 @@ RESERVED: Final = frozenset((
 ))  # fmt: skip
 """No action or key can have such a name. Other keywords are names where the grammar expects one."""
 
-CALLABLE: Final = frozenset(KINDS) - {"action", "when"}
+CALLABLE: Final = frozenset(KEYWORDS) - {"when"}
 """Keywords that are the name of an action in front of a parenthesis: `timeout()`."""
 
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)

@@ -63,7 +63,7 @@ class GuardArgs(NamedTuple):
 class CountArgs(NamedTuple):
     """Arguments of a repeater or a retry."""
 
-    times: float  # a whole number within REPEATS
+    times: float  # a whole number within COUNTS
 
 
 class SecondsArgs(NamedTuple):
@@ -95,6 +95,12 @@ class ParallelArgs(NamedTuple):
         return min(success, children), min(failure, children)
 
 
+class AlwaysArgs(NamedTuple):
+    """Arguments of an `always`."""
+
+    status: str  # success, failure or running
+
+
 class UseArgs(NamedTuple):
     """Arguments of a `use` as it is written; an expanded tree has no such node."""
 
@@ -103,7 +109,14 @@ class UseArgs(NamedTuple):
 
 
 Args: TypeAlias = (
-    tuple[()] | ActionArgs | GuardArgs | CountArgs | SecondsArgs | ParallelArgs | UseArgs
+    tuple[()]
+    | ActionArgs
+    | GuardArgs
+    | CountArgs
+    | SecondsArgs
+    | ParallelArgs
+    | AlwaysArgs
+    | UseArgs
 )
 
 

@@ -262,6 +262,8 @@ def _argument(
         return scope.seconds(kind, argument, tree)
     if argument.sort is Sort.COUNT:
         return scope.count_of(argument, tree, f"a {kind} can't repeat {{}} times")
+    if argument.default is None:
+        return str(tree)
     word = tree.children[0]
     if word.type == "NAME" and scope.word(word).number is None:
         raise scope.source.error_at(

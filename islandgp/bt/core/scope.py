@@ -131,7 +131,7 @@ class Scope:
         if count != int(count) or not low <= count <= high:
             word = self.word(token)
             raise word.error(
-                message.format(shown(word.token)), expected=f"a whole number from {low} to {high}"
+                message.format(shown(word.token)), expected=f"a whole number from {low} to {high:,}"
             )
         return count if isinstance(count, Named) else int(count)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from islandgp.bt.core.kinds import INNER
+from islandgp.bt.core.kinds import KEYWORDS
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
@@ -15,7 +15,7 @@ from islandgp.errors import TreeError, UnknownNameError
 if TYPE_CHECKING:
     from lark import Token
 
-NODE_WORDS = (*INNER, "use")
+NODE_WORDS = (*KEYWORDS, "use")
 
 FOREIGN_WORDS = {
     "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",

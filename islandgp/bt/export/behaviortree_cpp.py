@@ -19,6 +19,7 @@ from xml.sax.saxutils import quoteattr
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms, with_term
 from islandgp.bt.core.node import (
     ActionArgs,
+    AlwaysArgs,
     CountArgs,
     GuardArgs,
     Node,
@@ -287,6 +288,9 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
     if part.kind == "check" and isinstance(part.args, GuardArgs):
         code = quoteattr(_script(part.args.condition))
         yield f"{indent}<ScriptCondition code={code}{_text_of(notes)}/>"
+        return
+    if isinstance(part.args, AlwaysArgs):
+        yield f"{indent}<Always{part.args.status.capitalize()}{_text_of(notes)}/>"
         return
     tag = NODES[part.kind].tag
     yield f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}>"

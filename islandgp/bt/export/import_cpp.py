@@ -17,7 +17,7 @@ from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import ABORTS, KINDS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
-from islandgp.bt.core.node import Node, Value, commented, guarded
+from islandgp.bt.core.node import AlwaysArgs, Node, Value, commented, guarded
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, Vocabulary
@@ -37,13 +37,21 @@ from islandgp.bt.export.branching import (
     while_do_else,
 )
 from islandgp.bt.export.nav2 import GATE, GATES, RATE, ROUND
-from islandgp.bt.export.plan import CLOCK, ORDER, Loss
+from islandgp.bt.export.plan import CLOCK, ORDER
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, notes_of, tag_of
 from islandgp.bt.export.xml_values import (
+    ALWAYS,
+    COMMENTS,
     COUNTED,
+    ENDLESS,
+    MEMORY,
+    PLAIN,
+    THRESHOLDS,
     TIMED,
+    WAITS,
+    all_args,
     count_args,
     judged_args,
     parallel_args,
@@ -55,8 +63,11 @@ from islandgp.errors import TreeError
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _ATTRIBUTES: Final = {
-    "SubTree": ("_autoremap", "__autoremap"),
+    "SubTree": (),
     **{node.tag: node.attributes for node in NODES.values()},
+    "Parallel": ("success_count", "failure_count", *THRESHOLDS),
+    "ParallelAll": ("max_failures",),
+    "Sleep": ("msec",),
     **{f"Switch{n}": ("variable", *(f"case_{i + 1}" for i in range(n))) for n in range(2, 7)},
 }
 _COMPOSITES: Final = {
@@ -70,32 +81,11 @@ _SKIP_IN: Final = {
 }  # fmt: skip
 """The replacement of a skipped node by its composite's tag: the node fails or succeeds."""
 
-_PLAIN: Final = {
-    "Inverter": "inverter",
-    "ForceSuccess": "force_success",
-    "ForceFailure": "force_failure",
-    "KeepRunningUntilFailure": "until_failure",
-    "PipelineSequence": "pipeline",
-    "RoundRobin": "round_robin",
-    "SequenceWithMemory": "sequence",
-}
-"""Tags of nodes that have no arguments here."""
+_SCRIPTS: Final = ("_onSuccess", "_onFailure", "_onHalted", "_post")
+"""Attributes that write to the blackboard; others with _ in front are decoration of editors."""
 _BRANCHING: Final = ("IfThenElse", "WhileDoElse", *(f"Switch{n}" for n in range(2, 7)))
 _WRITES: Final = ("Script", "SetBlackboard", "UnsetBlackboard")
-_READ: Final = (*TAGS, *_PLAIN, *_BRANCHING)
-
-MEMORY = Loss(
-    "memory",
-    "SequenceWithMemory continues with the failed child when it starts again; a sequence starts"
-    " with its first child",
-)
-
-
-COMMENTS = Loss(
-    "comments",
-    f"there are comments and names, with which the text would have more than {MAX_CHARACTERS:,}"
-    " characters; they are left out",
-)
+_READ: Final = (*TAGS, *PLAIN, *_BRANCHING, *ALWAYS, "ParallelAll", "Sleep")
 
 
 class Imported(NamedTuple):
@@ -172,7 +162,7 @@ class _Importer(SubtreeReader):
             return self._with_memory(element, self.children(element))
         if tag in ("ReactiveSequence", "ReactiveFallback"):
             return self._reactive(element, self.children(element))
-        if tag in _PLAIN:
+        if tag in PLAIN:
             return self._plain(element, tag)
         if tag in _COMPOSITES:
             return Node(_COMPOSITES[tag], (), self.nodes_of(element))
@@ -184,22 +174,34 @@ class _Importer(SubtreeReader):
             return Node("parallel", judged_args(attributes), self.nodes_of(element))
         if tag in COUNTED:
             return self._repeat(element, tag)
+        if tag in ALWAYS:
+            return Node("always", AlwaysArgs(ALWAYS[tag]))
         if tag in TIMED:
             kind, attribute, unit = TIMED[tag]
             if unit != 1:
                 self.differs(element, CLOCK)
-            return Node(kind, seconds_args(attributes, attribute, unit), (self.child(element),))
+            args = seconds_args(attributes, attribute, unit)
+            if tag == "Sleep":
+                self.count(element, 1, 2)
+                return Node(kind, args, (Node("always", AlwaysArgs("success")),))
+            return Node(kind, args, (self.child(element),))
         if tag == "RateController":
             self.differs(element, CLOCK)
             if self.state.parents[-2:-1] != ["PipelineSequence"]:
                 self.differs(element, RATE)
             return Node("every", period_args(attributes), (self.child(element),))
+        if tag == "ParallelAll":
+            children = self.children(element)
+            policy = all_args(attributes, len(children))
+            if policy.success != "all":
+                self.differs(element, WAITS)
+            return Node("parallel", policy, tuple(map(self.node, children)))
         if tag == "Parallel":
             children = self.children(element)
             if len(children) > 1:
                 self.differs(element, JUDGED)
-            args = parallel_args(attributes, len(children))
-            return Node("parallel", args, tuple(map(self.node, children)))
+            policy = parallel_args(attributes, len(children))
+            return Node("parallel", policy, tuple(map(self.node, children)))
         if tag == "ScriptCondition":
             self.fail(
                 element,
@@ -217,13 +219,19 @@ class _Importer(SubtreeReader):
 
     def _plain(self, element: Element, tag: str) -> Node:
         """A node without arguments."""
-        kind = _PLAIN[tag]
+        kind = PLAIN[tag]
         if tag == "RoundRobin" and element.attributes.get("wrap_around") not in ("true", "1"):
             self.differs(element, ROUND)
         if tag == "SequenceWithMemory":
             self.differs(element, MEMORY)
         one = KINDS[kind].decorates
-        return Node(kind, (), (self.child(element),) if one else self.nodes_of(element))
+        children = (self.child(element),) if one else self.nodes_of(element)
+        match kind, children:  # exports have no node for these two
+            case "until_failure", (Node("always", AlwaysArgs("success")),):
+                return Node("always", AlwaysArgs("running"))
+            case "inverter", (Node("until_failure", (), (Node("inverter", (), inside),)),):
+                return Node("until_success", (), inside)
+        return Node(kind, (), children)
 
     def _leaf(self, element: Element, tag: str) -> Node:
         """A leaf; the values of its ports are arguments."""
@@ -355,6 +363,9 @@ class _Importer(SubtreeReader):
 
     def _repeat(self, element: Element, tag: str) -> Node:
         kind, attribute = COUNTED[tag]
+        if kind in ENDLESS and element.attributes.get(attribute) == "-1":
+            self.differs(element, REPEAT)
+            return Node(ENDLESS[kind], (), (self.child(element),))
         args = count_args(element.attributes, attribute, "1" if kind == "recovery" else "")
         if kind == "recovery":
             if len(element.children) != 2:
@@ -366,7 +377,11 @@ class _Importer(SubtreeReader):
 
     def check_attributes(self, element: Element, tag: str) -> None:
         for attribute, value in element.attributes.items():
-            if attribute in NOTES or (tag == "SubTree" and value[:1] + value[-1:] == "{}"):
+            if attribute in NOTES or (attribute[0] == "_" and attribute not in _SCRIPTS):
+                continue
+            if (tag == "Parallel" and attribute in THRESHOLDS) or (
+                tag == "SubTree" and value[:1] + value[-1:] == "{}"
+            ):
                 continue
             ports = self.vocabulary.action(tag).arguments
             if attribute not in ("ID", *ports, *_ATTRIBUTES.get(tag, ())):

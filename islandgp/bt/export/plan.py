@@ -22,7 +22,16 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.context import guard_chain, has_interrupting_guard
 from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
-from islandgp.bt.core.node import FAILURE, Args, Node, UseArgs, comments_of, names_of, walk
+from islandgp.bt.core.node import (
+    FAILURE,
+    AlwaysArgs,
+    Args,
+    Node,
+    UseArgs,
+    comments_of,
+    names_of,
+    walk,
+)
 from islandgp.errors import DomainError
 
 
@@ -31,7 +40,7 @@ class TargetNode(NamedTuple):
 
     Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
     inverter, repeat, retry, force_success, force_failure, delay, timeout, check (a condition),
-    action, and subtree: around the root of a named one.
+    always, action, and subtree: around the root of a named one.
     """
 
     kind: str
@@ -113,6 +122,7 @@ _KINDS: Final = {
     "timeout": ("timeout", "timeout_ticks"),
     "cooldown": ("cooldown_ticks", "cooldown_ticks"),
     "until_failure": ("keep_running", "keep_running"),
+    "always": ("always", "always"),
     "every": ("rate_controller", "rate_controller"),
     "pipeline": ("pipeline", "pipeline"),
     "round_robin": ("round_robin", "round_robin"),
@@ -120,7 +130,7 @@ _KINDS: Final = {
 }
 """The library's node and ours, by kind."""
 
-EXPORTED: Final = frozenset({*_KINDS, "selector", "sequence", "when", "action"})
+EXPORTED: Final = frozenset({*_KINDS, "selector", "sequence", "when", "action", "until_success"})
 """Kinds that can be exported; others have no equivalent in the libraries."""
 
 
@@ -144,6 +154,8 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
     kind, args = node.kind, node.args
     if node.action:
         return TargetNode("action", args)
+    if args == AlwaysArgs("running"):
+        return TargetNode("keep_running", (), (TargetNode("always", AlwaysArgs("success")),))
     if kind in ("selector", "sequence"):
         return _composite(node) if differs is None else _observing(node, differs)
     observed = observed and kind_of(node).decorates
@@ -153,6 +165,9 @@ def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
             return TargetNode("when", args, children)
         kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
         return TargetNode(kind, args, (TargetNode("check", args), *children))
+    if kind == "until_success":
+        inside = TargetNode("keep_running", (), (TargetNode("inverter", (), children),))
+        return TargetNode("inverter", (), (inside,))
     standard, custom = _KINDS[kind]
     exact = differs is not None and standard != custom and differs(node)
     return TargetNode(custom if exact else standard, args, children)

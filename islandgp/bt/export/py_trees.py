@@ -19,6 +19,7 @@ from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
+    AlwaysArgs,
     CountArgs,
     GuardArgs,
     Node,
@@ -194,6 +195,8 @@ def _opening(part: TargetNode, step_s: float | None) -> str:
         keywords = "".join(f", {name}={value!r}" for name, value in args.values)
         keywords = f", **{dict(args.values)!r}" if reserved else keywords
         return f"action({args.name!r}{keywords}"
+    if isinstance(args, AlwaysArgs):
+        return f"{args.status.capitalize()}('always {args.status}'"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child="
     if kind == "when":

@@ -218,4 +218,5 @@ def tag_of(element: Element) -> str:
 
 
 def _autoremap(element: Element) -> str:
-    return element.attributes.get("_autoremap", element.attributes.get("__autoremap", ""))
+    names = ("_autoremap", "__autoremap", "__shared_blackboard")
+    return next((element.attributes[n] for n in names if n in element.attributes), "")

@@ -9,10 +9,12 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from islandgp.bt.core.kinds import POLICIES, REPEATS, SECONDS
+from islandgp.bt.core.kinds import COUNTS, POLICIES, SECONDS
+from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import CountArgs, ParallelArgs, Policy, SecondsArgs, Value
 from islandgp.bt.core.parameters import Parameter, fits, value_range
 from islandgp.bt.core.source import shown
+from islandgp.bt.export.plan import Loss
 
 Attributes = Mapping[str, str]
 
@@ -30,24 +32,55 @@ TIMED: Final = {
     "TimeoutTicks": ("timeout", "seconds", 1),
     "Delay": ("wait", "delay_msec", 1000),
     "Timeout": ("timeout", "msec", 1000),
+    "Sleep": ("wait", "msec", 1000),
 }
 """By tag: our kind, the attribute, and the number of its units in a second."""
 
+ALWAYS: Final = {"AlwaysSuccess": "success", "AlwaysFailure": "failure"}
+"""By tag: the status of an `always`."""
+ENDLESS: Final = {"repeater": "until_failure", "retry": "until_success"}
+"""The kind of an endless repetition, by that of a counted one."""
+PLAIN: Final = {
+    "Inverter": "inverter",
+    "ForceSuccess": "force_success",
+    "ForceFailure": "force_failure",
+    "KeepRunningUntilFailure": "until_failure",
+    "PipelineSequence": "pipeline",
+    "RoundRobin": "round_robin",
+    "SequenceWithMemory": "sequence",
+}
+"""Tags of nodes that have no arguments here."""
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
+
+MEMORY = Loss(
+    "memory",
+    "SequenceWithMemory continues with the failed child when it starts again; a sequence starts"
+    " with its first child",
+)
+WAITS = Loss(
+    "waits",
+    "ParallelAll with max_failures above 1 ends when all children have ended; a parallel ends as"
+    " soon as enough of them have succeeded",
+)
+COMMENTS = Loss(
+    "comments",
+    f"there are comments and names, with which the text would have more than {MAX_CHARACTERS:,}"
+    " characters; they are left out",
+)
 
 
 def count_args(attributes: Attributes, attribute: str, default: str = "") -> CountArgs:
     """A number of repetitions."""
     count = attributes.get(attribute, default)
     if not _is_count(count):
-        fewest, most = REPEATS
-        raise ValueError(f"expected {attribute} from {fewest} to {most}, found {shown(count)}")
+        fewest, most = COUNTS
+        raise ValueError(f"expected {attribute} from {fewest} to {most:,}, found {shown(count)}")
     return CountArgs(int(count))
 
 
 def _is_count(text: str) -> bool:
-    return text.isdecimal() and len(text) < 10 and REPEATS[0] <= int(text) <= REPEATS[1]
+    return text.isdecimal() and len(text) < 10 and COUNTS[0] <= int(text) <= COUNTS[1]
 
 
 def seconds_args(attributes: Attributes, attribute: str, unit: int) -> SecondsArgs:
@@ -83,8 +116,20 @@ def judged_args(attributes: Attributes) -> ParallelArgs:
     return ParallelArgs(*policies)
 
 
+THRESHOLDS: Final = {"success_threshold": "success_count", "failure_threshold": "failure_count",
+                     "threshold": "success_count"}  # fmt: skip
+"""Attributes of a Parallel of version 3, with those of version 4."""
+
+
+def all_args(attributes: Attributes, count: int) -> ParallelArgs:
+    """The policies of a ParallelAll with `count` children, which fails after all have ended."""
+    failure = _threshold(attributes, "max_failures", "1", count)
+    return ParallelArgs("all" if failure == 1 else _policy(count - failure + 1, count), "all")
+
+
 def parallel_args(attributes: Attributes, count: int) -> ParallelArgs:
     """The policies of a Parallel with `count` children."""
+    attributes = {THRESHOLDS.get(name, name): value for name, value in attributes.items()}
     success = _threshold(attributes, "success_count", "-1", count)
     # It fails when it can no longer succeed.
     failure = min(_threshold(attributes, "failure_count", "1", count), count - success + 1)
@@ -96,7 +141,7 @@ def _threshold(attributes: Attributes, attribute: str, default: str, count: int)
     value = attributes.get(attribute, default)
     number = int(value) if re.fullmatch(r"-?[0-9]{1,4}", value) else 0
     number = max(0, count + number + 1) if number < 0 else number  # -1 is all
-    if not 1 <= number <= min(count, REPEATS[1]):
+    if not 1 <= number <= min(count, COUNTS[1]):
         raise ValueError(f"expected {attribute} 1 to {count}, or -1 for all, found {shown(value)}")
     return number
 

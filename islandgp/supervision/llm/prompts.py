@@ -140,7 +140,7 @@ def shown_grammar(*, arguments: bool) -> str:
     grammar = "\n\n".join(parts).replace("domain? include* ", "")
     names = "|".join(name for name, kind in KINDS.items() if not kind.paper)
     grammar = re.sub(
-        rf"^ *\|? *({names})\b.*\n| *\| _number\b.*\n",
+        rf"^[ !]*\|? *({names})\b.*\n| *\| _number\b.*\n",
         "",
         grammar,
         flags=re.MULTILINE | re.IGNORECASE,

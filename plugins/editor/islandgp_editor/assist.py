@@ -14,7 +14,7 @@ from typing import Final, Literal, TypeAlias
 
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import mentioned
-from islandgp.bt.core.kinds import INNER, KINDS
+from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.bt.core.parameters import Parameter, signature, value_range
@@ -25,7 +25,7 @@ from islandgp_editor.names import Word, code_words, words_of
 Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]
 
 MEANINGS: Final = {
-    **{name: KINDS[name].meaning for name in INNER},
+    **{name: KINDS[name].meaning for name in KEYWORDS},
     "use": "inserts the subtree of that name",
     "domain": "the domain whose actions and keys the tree uses",
     "include": "a file beside this one whose subtrees and constants can be used below",

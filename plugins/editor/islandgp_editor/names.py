@@ -116,8 +116,8 @@ def _body_end(tokens: Sequence[Word], at: int) -> int:
     """The index of the last word of the node that begins there."""
     if at >= len(tokens):
         return len(tokens) - 1
-    if tokens[at].text not in INNER:  # an action or a use
-        return _closing_index(tokens, at + (2 if tokens[at].text == "use" else 1)) - 1
+    if tokens[at].text not in INNER:  # a leaf or a use
+        return _closing_index(tokens, at + 1 + (tokens[at].text in ("use", "always"))) - 1
     return _closing_bracket(tokens, at, "{", "}")
 
 
