@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import click
 
-from islandgp.bt.core.includes import mentioned
+from islandgp.bt.core.inspection import mentioned
 from islandgp.commands.files import STDIN
 from islandgp.errors import IslandError
 

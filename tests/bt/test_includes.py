@@ -10,7 +10,8 @@ import pytest
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.language import parse, parse_placed, to_text
+from islandgp.bt.core.inspection import parse_placed
+from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import size
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import IslandError, LimitError, TreeError, UnknownNameError

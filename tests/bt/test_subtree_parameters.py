@@ -15,7 +15,8 @@ from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.analysis.numbers import numbers_of, with_numbers
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.language import parse, parse_placed, to_text, tree_errors
+from islandgp.bt.core.inspection import parse_placed, tree_errors
+from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import GuardArgs, Node, leaf, size, walk
 from islandgp.bt.core.parameters import one_of, real, text
 from islandgp.bt.core.printer import Named

@@ -34,8 +34,9 @@ from islandgp.bt.analysis.satisfiability import (
 )
 from islandgp.bt.core.builder import NodePlace
 from islandgp.bt.core.condition import ConditionExpr, terms
+from islandgp.bt.core.inspection import parse_placed
 from islandgp.bt.core.kinds import advance_status, kind_of
-from islandgp.bt.core.language import parse_placed, plain
+from islandgp.bt.core.language import plain
 from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.scope import NUMBER, name_places

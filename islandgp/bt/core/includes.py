@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from islandgp.bt.core.source import Source, plain, shown
 from islandgp.errors import LimitError
 
-_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
-
 MAX_FILES: Final = 50  # most included files, directly or indirectly
-MAX_READ: Final = 100_000  # most characters that `mentioned` reads of a file
 
 
 class ParsedFile(NamedTuple):
@@ -81,30 +76,6 @@ def gathered(
 
     visit(main, start, folder, ())
     return parts
-
-
-def mentioned(text: str, folder: Path) -> dict[Path, str]:
-    """The files that a text includes, directly or indirectly, with their texts.
-
-    Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,
-    which read incomplete files.
-    """
-    top = folder.resolve()
-    texts: dict[Path, str] = {}
-    waiting = [(text, top)]
-    while waiting:
-        source, beside = waiting.pop()
-        for name in _INCLUDE.findall(source):
-            with suppress(OSError, RuntimeError, ValueError):
-                path = (beside / name).resolve()
-                if path in texts or not path.is_relative_to(top) or len(texts) == MAX_FILES:
-                    continue
-                texts[path] = ""
-                if path.is_file():  # not a pipe: reading it could block
-                    with path.open(encoding="utf-8") as stream:
-                        texts[path] = stream.read(MAX_READ)
-                waiting.append((texts[path], path.parent))
-    return texts
 
 
 def _included_path(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:

@@ -10,11 +10,11 @@ import re
 from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
-from islandgp.bt.core.builder import Builder, NodePlace
+from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import ParsedFile, gathered
 from islandgp.bt.core.kinds import CALLABLE, RESERVED
@@ -24,7 +24,7 @@ from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.source import Source, shown
 from islandgp.bt.core.source import plain as plain
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import ConfigError, LimitError, OtherDomainError, TreeError
+from islandgp.errors import ConfigError, LimitError, OtherDomainError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
@@ -111,48 +111,6 @@ def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     alone = len(parts) == 1 and len(parts[0].tree.children) == 1
     _check_length(parts[-1].source, node, expanded=not alone, indents=size)
     return node
-
-
-class PlacedTree(NamedTuple):
-    """The tree that a text means, with the places of its nodes."""
-
-    node: Node
-    places: list[NodePlace]  # of each node, in document order
-    file: Any  # lark.Tree of the text
-
-
-def parse_placed(
-    text: str,
-    vocabulary: Vocabulary | None = None,
-    *,
-    name: str = "<tree>",
-    folder: Path | None = None,
-    named: bool = True,
-) -> PlacedTree:
-    """The tree of a text with the places of its nodes. Arguments and errors as in `parse`.
-
-    `named`: numbers of constants and parameters are printed by their names.
-    """
-    parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
-    built(Builder(parts[-1].source, vocabulary), parts)
-    builder = Builder(parts[-1].source, vocabulary, named=named)
-    return PlacedTree(builder.build(parts), builder.places(), parts[-1].tree)
-
-
-def tree_errors(
-    text: str, vocabulary: Vocabulary | None, *, name: str, folder: Path | None
-) -> list[TreeError]:
-    """The distinct errors in a text, in its order. Arguments as in `parse`.
-
-    All errors of names and numbers, or else the first syntax error.
-    """
-    errors: list[TreeError] = []
-    try:
-        parts = files_of(text, vocabulary, name=name, folder=folder)
-        built(Builder(parts[-1].source, vocabulary, errors=errors), parts)
-    except TreeError as error:
-        errors.append(error)
-    return list({str(error): error for error in errors}.values())
 
 
 def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:

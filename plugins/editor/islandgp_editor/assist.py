@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.includes import mentioned
+from islandgp.bt.core.inspection import mentioned
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES
