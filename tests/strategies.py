@@ -135,7 +135,7 @@ def nodes(
         )
 
     action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)
-    always = st.builds(Node, st.just("always"), st.builds(AlwaysArgs, st.sampled_from([*ALWAYS])))
+    always = st.sampled_from([*ALWAYS]).map(lambda word: Node("always", AlwaysArgs(word)))
     return st.recursive(st.one_of(action, action, action, always), inner, max_leaves=max_leaves)
 
 

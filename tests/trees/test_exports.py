@@ -351,7 +351,6 @@ WRONG_NODES = {
     f"<Sequence><ScriptCondition code='{'(' * 99}lap'/><SeekCharger/></Sequence>": "16 levels",
     "<Sequence><ScriptCondition code='lapp &lt; 1'/><SeekCharger/></Sequence>": "did you mean lap",
     "<Sequence><ScriptCondition code='lap'/><SeekCharger/></Sequence>": "lap is a number",
-    "<Repeat num_cycles='-1'><SeekCharger/></Repeat>": "num_cycles from 1 to 100",
     "<Parallel success_count='4'><SeekCharger/><SeekCharger/><SeekCharger/></Parallel>": "1 to 3",
     "<SeekCharger _skipIf='lap == 1'/>": "'_skipIf'",
     "<SubTree ID='Robot'/>": "contains itself",
