@@ -82,8 +82,8 @@ WRONG = [
     (f"when foundGarbage > 0 {{ {P} }}", 1, 6, ["can't be compared with a number"]),
     # repeaters
     ("repeater { PatrolWaypoint }", 1, 10, ["Expected a number"]),
-    ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' times", "1 to 100"]),
-    ("repeater 101 { PatrolWaypoint }", 1, 10, ["1 to 100"]),
+    ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' times", "1 to 1,000,000"]),
+    ("repeater 1000001 { PatrolWaypoint }", 1, 10, ["1 to 1,000,000"]),
     ("repeater 2.5 { PatrolWaypoint }", 1, 10, ["whole number"]),
     ("repeater -1 { PatrolWaypoint }", 1, 10, ["whole number"]),
     # subtrees

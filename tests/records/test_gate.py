@@ -38,7 +38,7 @@ COMMANDS: Final = {
     "sync": ("sync", "runs"),
     "compare": (
         *("compare", "--arm", "a=seed=0", "--arm", "b=seed=0", "--force"),
-        *("--worlds", "0", "--no-controls", "--out", "report"),
+        *("--worlds", "0", "--out", "report"),
     ),
     "estimate": ("estimate", "--record", "runs/s/one", "supervisor=llm"),
     "replay": ("replay", "runs/s/one/best.bt", "-o", "page.html"),
