@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.gate import cleaned_values
 from islandgp.plain import from_json, nan_to_none, validate_json
 
 TEXTS = st.lists(
@@ -28,10 +29,11 @@ class Named:
 
 @given(TEXTS, st.booleans())
 def test_any_text_that_json_writes_fits(text: str, as_bytes: bool) -> None:
-    """Also the path of a folder whose name is no text. Further fields are kept."""
+    """Also the path of a folder whose name is no text, cleaned. Further fields are kept."""
     values = {"name": text, "n": 1, "more": text}
     document = json.dumps(values)
-    expected = json.loads(document)  # JSON joins a first half and a second half that meet
+    # JSON joins a first half and a second half that meet; the gate replaces the others.
+    expected = cleaned_values(json.loads(document))
     assert validate_json(Named, document.encode() if as_bytes else document) == expected
 
 

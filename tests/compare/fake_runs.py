@@ -23,7 +23,8 @@ from islandgp.gp.record import (
     IndividualRecord,
     record_values,
 )
-from islandgp.records.lines import digests, generation_lines
+from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.lines import digests, generation_lines, write_digests
 from islandgp.records.manifest import write_manifest
 from islandgp.records.parameters import flatten
 from tests.composed import plain
@@ -177,7 +178,16 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
             "generations": len(run.records),
             "records": [*digests(generation_lines(folder).whole())][-1],
         }
+        sums = [*digests(generation_lines(folder).whole())]
+        write_digests(folder / "generations.sha256", sums)
         end = json.dumps(summary)
+        about = {
+            "id": folder.name, "title": folder.name, "home": "/", "command": "", "started": 1,
+            "identity": "", "tags": {"domain": "island"},
+        }  # fmt: skip
+        (folder / "about.json").write_text(json.dumps(about))
+        archive = ArchiveFile("island", {"pickups": (1.0,)}, 0.0, 0.0, 0.0, ())
+        (folder / "archive.json").write_bytes(archive.to_bytes())
         write_manifest(folder, end.encode())
         (folder / "summary.json").write_text(end)
 

@@ -386,13 +386,11 @@ def test_an_address_with_a_version_too_many(address: str) -> None:
 def test_a_server_that_speaks_only_openai_s_language(
     kind: FailureKind, message: str, remedy: bool
 ) -> None:
-    """The remedy is a proxy, and where it is described; an unknown model has another one."""
+    """The remedy is the other interface; an unknown model has another one."""
     llm, client = supervisor(lambda request, n: Failure(kind, message))  # noqa: ARG005
     with pytest.raises(SupervisionError) as excinfo:
         llm.start()
-    assert (
-        "LiteLLM's proxy in front of it, see docs/llm.md, Any model" in str(excinfo.value)
-    ) == remedy
+    assert ("only needs supervisor.policy.interface=chat" in str(excinfo.value)) == remedy
     assert ("supervisor.policy.model" in str(excinfo.value)) == (kind is FailureKind.NOT_FOUND)
     assert len(client.requests) == 1
 

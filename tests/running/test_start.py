@@ -13,6 +13,7 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import ConfigError, IslandError, TreeError
 from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import ArchiveFile
+from islandgp.records.manifest import REQUIRED, write_manifest
 from islandgp.running.start import start_digest, start_trees
 
 
@@ -57,6 +58,9 @@ def test_trees_of_an_archive_that_are_too_large_are_left_out(tmp_path: Path) -> 
     elites = tuple(Elite((k,), f"0.{k}", tree, 0, 1, 9.0, 1) for k, tree in enumerate(trees))
     archive = ArchiveFile("island", {"pickups": (1.0, 2.0)}, 0.0, 1.0, 18.0, elites)
     (tmp_path / "archive.json").write_bytes(archive.to_bytes())
+    for name in REQUIRED:
+        (tmp_path / name).touch()
+    write_manifest(tmp_path, b"")
     lines: list[str] = []
     start = partial(start_trees, str(tmp_path), VOCABULARY, most=5, warn=lines.append)
     assert start(limits=Limits(9, 1)) == (parse("PatrolWaypoint"),)

@@ -267,8 +267,6 @@ ONE_LINE = [
     (["rewards.events={}"],
      "rewards.events={}: expected keys to add or change, found none; remove keys with"
      " ~rewards.events.NAME."),
-    (["tracking=mlflow", "tracking.policy.uri=sqlite:///p%20.db"],
-     "tracking.policy.uri='sqlite:///p%20.db': string should match pattern"),
     (["--run", "-m"], "--run: expected no --multirun beside it, found both; leave one out"),
     (["world.robot.pickup_reach=20"],
      "world.robot.pickup_reach: expected at most robot.perception=15, found 20"),

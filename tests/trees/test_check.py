@@ -351,8 +351,8 @@ EARLY = "+curriculum.stages.0.world={robot: {charge_below: 80}}"
         (45, [], False),
         (60, ["--set", "world=dense"], False),
         (95, ["--set", "world=dense"], True),
-        (60, ["--set", EARLY], False),  # one stage's world is enough
-        (80, ["--set", EARLY], True),
+        (60, ["--set", "search=paper", "--set", EARLY], False),  # one stage's world is enough
+        (80, ["--set", "search=paper", "--set", EARLY], True),
     ],
 )
 def test_where_the_robot_cannot_charge_follows_the_world(

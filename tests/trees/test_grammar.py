@@ -106,6 +106,10 @@ def test_every_text_of_the_grammar_is_a_valid_tree(name: str) -> None:
     assert len(kinds) > 10
 
 
+DEEP = re.compile(r"\((?=[^()]* and )(?=[^()]* or )[^()]*\)")
+"""A condition in brackets that joins by both words: its third level."""
+
+
 @pytest.mark.parametrize("name", ["bot", "island"])
 def test_every_canonical_tree_is_a_text_of_the_grammar(name: str) -> None:
     """Those of the grammar's own texts and of evolution, in the printer's lines and indents."""
@@ -125,7 +129,8 @@ def test_every_canonical_tree_is_a_text_of_the_grammar(name: str) -> None:
         drawn = parse(random_text(grammar(name), rng), vocabulary)
         for tree in (drawn, random_tree(rng, space)):
             text = to_text(tree)
-            if not re.search(r"frame: \w", text):  # the grammar has texts in quotes only
+            # The grammar has texts in quotes only, and conditions of two levels.
+            if not re.search(r"frame: \w", text) and not DEEP.search(text):
                 assert accepts(grammar(name), text), text
 
 

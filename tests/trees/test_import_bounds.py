@@ -219,7 +219,7 @@ WRONG = {
         xml_of(f"<Sequence><ScriptCondition code='lap &lt; {'9' * 400}'/><A/></Sequence>"),
         "from -1000000 to 1000000",
     ),
-    "cycles": (xml_of(f"<Repeat num_cycles='{'9' * 5000}'><A/></Repeat>"), "from 1 to 100"),
+    "cycles": (xml_of(f"<Repeat num_cycles='{'9' * 5000}'><A/></Repeat>"), "from 1 to 1,000,000"),
     "twice": (xml_of("<A/>").replace("</root>", '<BehaviorTree ID="T0"/></root>'), "defined twice"),
     "abort": (
         xml_of("<When condition='foundGarbage' abort='all'><A/></When>"),
