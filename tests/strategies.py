@@ -99,11 +99,13 @@ def nodes(
     reactive: bool = True,
     nav2: bool = True,
     pairs: bool = False,
+    always: bool = True,
 ) -> st.SearchStrategy[Node]:
     """Valid trees of at most about `max_leaves` leaves, with every kind of node.
 
     Optional kinds: `timed`, nodes that count seconds; `reactive`, reactive composites; `nav2`,
-    Nav2's nodes and others without an exact export; `pairs`, guards that compare two keys.
+    Nav2's nodes and others without an exact export; `pairs`, guards that compare two keys;
+    `always`, leaves that always end in the same way.
     """
     guard = when_args(numbers() if thresholds is None else thresholds, pairs=pairs)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
@@ -135,8 +137,9 @@ def nodes(
         )
 
     action = st.sampled_from(list(VOCABULARY.actions)).map(leaf)
-    always = st.sampled_from([*ALWAYS]).map(lambda word: Node("always", AlwaysArgs(word)))
-    return st.recursive(st.one_of(action, action, action, always), inner, max_leaves=max_leaves)
+    ends = st.sampled_from([*ALWAYS]).map(lambda word: Node("always", AlwaysArgs(word)))
+    leaves = st.one_of(action, action, action, ends) if always else action
+    return st.recursive(leaves, inner, max_leaves=max_leaves)
 
 
 def snapshots(generation: int, population: int = 30) -> st.SearchStrategy[GenerationStats]:

@@ -162,6 +162,8 @@ def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSe
     The new action may have its preparations, as in a random branch.
     """
     leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.action]
+    if not leaves:
+        return tree
     i, old = leaves[rng.integers(len(leaves))]
     new = _random_body(rng, space, 1)
     where = rng.random()

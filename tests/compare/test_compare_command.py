@@ -31,7 +31,7 @@ SWEEP_ARMS, SMALL, THREE, CROSS = _documented("islandgp compare")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the documented sweep has run, with fewer and shorter episodes."""
     folder = tmp_path_factory.mktemp("home")
-    small = ["gp.population=6", "gp.tournament_size=2", "world.episode.length=10"]
+    small = ["gp.population=6", "world.episode.length=10"]
     small += ["gp.generations=4", *fake("Instant")]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)

@@ -9,7 +9,7 @@ from math import floor, log10, pi
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given
+from hypothesis import HealthCheck, assume, given
 from hypothesis import strategies as st
 
 from islandgp.bt.analysis.simplify import simplify
@@ -128,6 +128,7 @@ def test_wrap_puts_one_guard_above_a_node(tree: Node, seed: int) -> None:
 @given(tree=TREES, seed=SEEDS)
 def test_extend_changes_one_action(tree: Node, seed: int) -> None:
     """Another action, or a sequence of actions, is in one's place, or beside it in a sequence."""
+    assume(any(node.action for node in walk(tree)))
     new = changed("extend", tree, seed)
     restored = []
     for i, node in places(new):

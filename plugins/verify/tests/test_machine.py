@@ -90,7 +90,7 @@ def compare(tree: Node) -> tuple[int, int]:
 
 
 @examples(max_examples=80, deadline=None)
-@given(nodes(few_numbers(), max_leaves=5, max_repeats=2, nav2=False))
+@given(nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2, nav2=False))
 def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
     """In all sequences of ticks actions meet the same blackboards; no proof excludes one."""
     compare(tree)
@@ -98,7 +98,7 @@ def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
 
 @pytest.mark.slow
 @settings(max_examples=4_000, deadline=None)
-@given(nodes(few_numbers(), max_leaves=7, max_repeats=3, nav2=False))
+@given(nodes(few_numbers(), always=False, max_leaves=7, max_repeats=3, nav2=False))
 def test_all_ticks_of_many_trees_are_those_of_the_engine(tree: Node) -> None:
     """The same for more and larger trees."""
     compare(tree)
@@ -124,7 +124,7 @@ def running(machine: Machine, place: int, memory: Memory | int | None) -> set[in
 
 
 @examples(max_examples=40, deadline=None)
-@given(nodes(few_numbers(), max_leaves=5, max_repeats=2, timed=False, nav2=False))
+@given(nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2, timed=False, nav2=False))
 def test_ticks_that_reach_an_action(tree: Node) -> None:
     """`reach` gives the blackboards of such ticks, and `moves` finds these ticks.
 

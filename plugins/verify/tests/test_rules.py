@@ -66,7 +66,15 @@ def compare(tree: Node, action: str, expr: ConditionExpr) -> None:
         assert holds(expr, board)
 
 
-SMALL = nodes(few_numbers(), max_leaves=5, max_repeats=2, timed=False, reactive=False, nav2=False)
+SMALL = nodes(
+    few_numbers(),
+    always=False,
+    max_leaves=5,
+    max_repeats=2,
+    timed=False,
+    reactive=False,
+    nav2=False,
+)
 ACTIONS = st.sampled_from(list(VOCABULARY.actions))
 
 
@@ -81,7 +89,11 @@ def test_results_are_those_of_all_ticks(
 
 
 @examples(max_examples=80, deadline=None)
-@given(nodes(few_numbers(), max_leaves=5, max_repeats=2), ACTIONS, conditions(few_numbers()))
+@given(
+    nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2),
+    ACTIONS,
+    conditions(few_numbers()),
+)
 def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, expr: ConditionExpr) -> None:
     """Of a tree with a clock or a reactive composite, what is proven is not broken by any tick."""
     # These count outside of cells.
@@ -97,7 +109,15 @@ def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, expr: Condi
 @pytest.mark.slow
 @settings(max_examples=3_000, deadline=None)
 @given(
-    nodes(few_numbers(), max_leaves=7, max_repeats=3, timed=False, reactive=False, nav2=False),
+    nodes(
+        few_numbers(),
+        always=False,
+        max_leaves=7,
+        max_repeats=3,
+        timed=False,
+        reactive=False,
+        nav2=False,
+    ),
     ACTIONS,
     conditions(few_numbers()),
 )
