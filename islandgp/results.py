@@ -176,7 +176,7 @@ def _generation(
     row = {
         **plain,
         **fitness,
-        "episodes": cost.get("episodes"),
+        **{name: cost.get(name) for name in ("episodes", "library")},
         **{name: guidance.get(name) for name in fields},
         **{name: archive[name] for name in ("coverage", "qd_score")},
         **_nested(s, "tiers", "specialists", "behaviour_counts", "counters"),

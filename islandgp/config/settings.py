@@ -170,6 +170,13 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
 
+    @property
+    def library_episodes(self) -> int | None:
+        """Most episodes of the search for a library; None: no limit."""
+        return self.budget.library_episodes(
+            self.gp.population, self.gp.episodes, self.gp.validation
+        )
+
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError if it rejects them."""
         factory = self.domain.factory

@@ -194,7 +194,8 @@ class _Loop:
             episodes=done.episodes + outside,
             simulated=parts.evaluator.simulated - before,
             llm=self.queue.spent(),
-            elsewhere=outside,
+            outside_training=outside,
+            library=library - state.library,
         )
         self.guidance = guidance
         self.recent.append(done.records)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from math import inf
 from statistics import fmean
 from typing import Final
 
@@ -31,6 +32,8 @@ ROUNDS: Final = 15  # of variation, per behaviour
 CHILDREN: Final = 30  # per round
 PARENTS: Final = 40  # the best trees so far, from which parents are drawn by rank
 WORLDS: Final = 2  # per tree
+POOL_SHARE: Final = 0.4  # of limited episodes, for the trees at the start
+PRUNING_SHARE: Final = 0.2  # of a behaviour's limited episodes, to shorten its tree
 
 Score = tuple[float, int, float, int]
 
@@ -44,6 +47,7 @@ def single_behaviours(
     *,
     behaviours: Sequence[str] | None = None,
     further: Sequence[Node] = (),
+    most: float = inf,
 ) -> Iterator[tuple[str, Node | None]]:
     """Searches a compact tree for each behaviour.
 
@@ -55,6 +59,8 @@ def single_behaviours(
         stage: index of the curriculum's stage that scores the episodes.
         behaviours: behaviours to search for; None: all.
         further: further trees to start from, e.g. of another stage.
+        most: episodes at most. The first trees take up to POOL_SHARE of them, and each behaviour
+            an equal part of the rest.
 
     Yields:
         Each behaviour as soon as its search ends, with the tree; None if no tree shows it.
@@ -68,21 +74,27 @@ def single_behaviours(
     )
     space = replace(space, limits=limits)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
-    tried = _Tried(evaluator, stage, classes)
+    searched = [n for n in classes.behaviours if behaviours is None or n in behaviours]
+    tried = _Tried(evaluator, stage, classes, POOL_SHARE * most)
     tried.run([*(tree for tree in further if within(tree, limits)), *pool])
     for number, behaviour in enumerate(classes.behaviours, 1):
-        if behaviours is not None and behaviour not in behaviours:
+        if behaviour not in searched:
             continue
+        share = (1 - POOL_SHARE) * most / len(searched)
+        tried.most += (1 - PRUNING_SHARE) * share
         for r in range(ROUNDS):
             # A tree found for one behaviour may be a step towards another one.
+            if tried.is_spent():
+                break
             parents = tried.best(behaviour)[:PARENTS]
             draws = (
                 stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)
                 for i in range(CHILDREN)
             )
             tried.run([_child(rng, parents, space, mutation) for rng in draws])
-        tree = tried.pruned(tried.best(behaviour)[0], behaviour, space)
-        yield behaviour, tree if tried.score(tree, behaviour)[0] > 0 else None
+        tried.most += PRUNING_SHARE * share
+        pruned = [tried.pruned(t, behaviour, space) for t in tried.best(behaviour)[:1]]
+        yield behaviour, next((t for t in pruned if tried.score(t, behaviour)[0] > 0), None)
 
 
 def _child(
@@ -95,9 +107,10 @@ def _child(
 
 
 class _Tried:
-    """Trees with their outcomes, each evaluated once."""
+    """Trees with their outcomes, each evaluated once, in at most `most` episodes."""
 
-    def __init__(self, evaluator: Evaluator, stage: int, classes: Classes) -> None:
+    def __init__(self, evaluator: Evaluator, stage: int, classes: Classes, most: float) -> None:
+        self.most = most
         self._evaluator = evaluator
         self._stage = stage
         self._classes = classes
@@ -130,20 +143,27 @@ class _Tried:
 
     def pruned(self, tree: Node, behaviour: str, space: TreeSpace) -> Node:
         """The smallest tree, by removing single branches, whose counter is no lower."""
-        tree = simplify(tree, space.vocabulary).tree
-        self.run([tree])
+        minimum = self.score(tree, behaviour)[0]
+        smaller = [simplify(tree, space.vocabulary).tree]
         while True:
-            minimum = self.score(tree, behaviour)[0]
-            smaller = [t for t in _smaller(tree) if within(t, space.limits)]
             self.run(smaller)
-            successes = [t for t in smaller if self.score(t, behaviour)[0] >= minimum]
+            known = [t for t in smaller if t in self._outcomes]
+            successes = [t for t in known if self.score(t, behaviour)[0] >= minimum]
             if not successes:
                 return tree
             tree = min(successes, key=lambda t: (size(t), to_text(t)))
+            minimum = self.score(tree, behaviour)[0]
+            smaller = [t for t in _smaller(tree) if within(t, space.limits)]
+
+    def is_spent(self) -> bool:
+        """True if no tree can be evaluated, or none was."""
+        return not self._outcomes or self.most / WORLDS - len(self._outcomes) < 1
 
     def run(self, trees: Sequence[Node]) -> None:
-        """Evaluates the trees that were not evaluated before."""
+        """Evaluates the trees that were not evaluated before, as far as episodes are left."""
         new = [tree for tree in dict.fromkeys(trees) if tree not in self._outcomes]
+        left = self.most / WORLDS - len(self._outcomes)
+        new = new[: int(min(len(new), max(0, left)))]
         outcomes = evaluated(self._evaluator, new, self._stage, self._worlds)
         self._outcomes |= zip(new, outcomes, strict=True)
 

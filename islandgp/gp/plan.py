@@ -10,7 +10,6 @@ from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from islandgp.bt.core.node import Limits, Node
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import ConfigError
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.population import Evaluated
 from islandgp.gp.random_trees import TreeSettings, TreeSpace
@@ -172,8 +171,7 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
             ValueError: the budget is smaller than one generation and its validation.
         """
         assert self.episodes is not None
-        one = population * episodes
-        minimum = one + (max(1, round(validation * one)) if validation else 0)
+        one, minimum = population * episodes, least_episodes(population, episodes, validation)
         if self.episodes < minimum:
             raise ValueError(
                 f"budget.episodes: expected at least {minimum:,}, one generation and its"
@@ -188,16 +186,21 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
             )
         return max(1, int(self.episodes * (1 - pruning) / (1 + validation)) // one)
 
-    def check_library(self, episodes: int, gp: GP) -> None:
-        """Raise ConfigError if no generation is left after the search for a library."""
-        one = gp.population * gp.episodes
-        minimum = episodes + one + round(gp.validation * one)
-        if episodes and self.episodes is not None and self.episodes < minimum:
-            raise ConfigError(
-                f"budget.episodes: expected at least {minimum:,}, the search for the library"
-                f" ({episodes:,}), one generation and its validation, found {self.episodes:,};"
-                " raise it, or name a folder of trees in library.folder"
-            )
+    def library_episodes(self, population: int, episodes: int, validation: float) -> int | None:
+        """Most episodes of the search for a library: a quarter, and one generation is left.
+
+        None: no limit, as there is no budget. The arguments are those of `generations`.
+        """
+        if self.episodes is None:
+            return None
+        left = self.episodes - least_episodes(population, episodes, validation)
+        return min(left, self.episodes // 4)
+
+
+def least_episodes(population: int, episodes: int, validation: float) -> int:
+    """Episodes of one generation and its validation; the arguments are those of `Budget`."""
+    one = population * episodes
+    return one + (max(1, round(validation * one)) if validation else 0)
 
 
 class Stop(BaseModel, frozen=True, extra="forbid"):

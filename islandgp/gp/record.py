@@ -160,8 +160,10 @@ class Cost:
     episodes: int  # requested
     simulated: int  # run; the others were in the cache
     llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
-    elsewhere: int = 0
+    outside_training: int = 0
     """Of `episodes`, those of the supervisor, and of the search for its library."""
+    library: int = 0
+    """Of these, those of the search: all runs that use the library count the same search."""
 
 
 @dataclass(frozen=True, slots=True)

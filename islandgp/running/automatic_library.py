@@ -8,9 +8,12 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 from typing import Final
 from weakref import WeakValueDictionary
+
+from filelock import FileLock
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.bt.core.language import parse, to_text
@@ -24,7 +27,7 @@ from islandgp.plain import from_json, read_json
 from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 
-SEARCH: Final = 3
+SEARCH: Final = 4
 """Version of the search, which is part of a stored library's file name."""
 
 
@@ -47,10 +50,11 @@ def automatic_library(
         RunError: the stored file is damaged.
     """
     file = library_file(settings, domain)
-    if not file.exists():
-        library = _search(settings, domain, make_evaluator)
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(file, json.dumps(asdict(library), indent=1).encode())
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(file.with_suffix(".lock")):  # jobs of a sweep wait for the first one's search
+        if not file.exists():
+            library = _search(settings, domain, make_evaluator)
+            write_atomic(file, json.dumps(asdict(library), indent=1).encode())
     cached = kept_library(file)
     texts = cached.trees
     behaviours = settings.classes.behaviours
@@ -75,7 +79,8 @@ def library_file(settings: Settings, domain: Domain) -> Path:
             "gp": {"trees", "mutation", "max_depth", "max_nodes"},
         },
     )
-    key = json.dumps([SEARCH, shape, repr(domain.schema), domain_code(settings)])
+    most = settings.library_episodes
+    key = json.dumps([SEARCH, shape, repr(domain.schema), domain_code(settings), most])
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     return Path(settings.runs) / ".libraries" / f"{digest}.json"
 
@@ -101,10 +106,11 @@ def _search(
     behaviours = [*settings.classes.behaviours]
     space = settings.plan(domain).space
     stages = list(_stages(settings))
+    most = inf if settings.library_episodes is None else settings.library_episodes
     by_behaviour: dict[str, Node] = {}
     _say("searching for a tree of each behaviour, once")
     with closing(make_evaluator()) as evaluator:
-        for stage in stages:
+        for place, stage in enumerate(stages):
             missing = [name for name in behaviours if name not in by_behaviour]
             if not missing:
                 break
@@ -118,6 +124,7 @@ def _search(
                 stage,
                 behaviours=missing,
                 further=tuple(by_behaviour.values()),
+                most=(most - evaluator.simulated) / (len(stages) - place),
             )
             for n, (name, tree) in enumerate(search, 1):
                 if tree is not None:

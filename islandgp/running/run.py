@@ -106,7 +106,6 @@ def run(
     cost = LibraryCost()
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost, _warn)
-    plan.budget.check_library(cost.episodes, plan.gp)
     about = about_run(settings, config, target, home, command)
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)

@@ -81,7 +81,10 @@ def _cost(cost: Mapping[str, Any], section: str = "cost") -> Iterator[tuple[str,
         elif isinstance(value, (int, float)) and key != "at":
             yield f"{section}/{COSTS.get(key, key)}", value
     if section == "cost":
-        yield "cost/cache_hits", cost["episodes"] - cost.get("elsewhere", 0) - cost["simulated"]
+        yield (
+            "cost/cache_hits",
+            cost["episodes"] - cost.get("outside_training", 0) - cost["simulated"],
+        )
 
 
 def final_metrics(records: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, float]]:

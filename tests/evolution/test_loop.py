@@ -377,7 +377,8 @@ def test_every_episode_counts_in_the_budget() -> None:
     straight = steps()
     costs = [step.cost for step in straight]
     assert [cost.episodes for cost in costs] == [12 + 50 + 7, *[12 + 7] * (len(costs) - 2), 12]
-    assert [cost.elsewhere for cost in costs] == [57, *[7] * (len(costs) - 2), 0]
+    assert [cost.outside_training for cost in costs] == [57, *[7] * (len(costs) - 2), 0]
+    assert [cost.library for cost in costs] == [50, *[0] * (len(costs) - 1)]
     total = sum(cost.episodes for cost in costs)
     assert total <= 200 < total + 12 + 7
     rest = steps(straight[2].state)
