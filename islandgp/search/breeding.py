@@ -28,17 +28,22 @@ TRIES: Final = 30  # attempts to create a tree that was not evaluated before
 CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
 
 
-class Breeding(BaseModel, frozen=True, extra="forbid"):
-    """Settings of new trees."""
+class RandomTrees(BaseModel, frozen=True, extra="forbid"):
+    """Settings of random trees; `gp.trees` has those of the paper's."""
 
     lists: float = Field(ge=0, le=1)
     """Share of priority lists among random trees; the others are the paper's random trees."""
+    simplify: bool  # parts of new trees that provably have no effect are removed
+
+
+class Breeding(RandomTrees, frozen=True, extra="forbid"):
+    """Settings of new trees."""
+
     crossover_rate: float = Field(ge=0, le=1)  # share of children with two parents
     crossovers: dict[str, float]  # weight of each of CROSSOVERS, or of a "module:function"
     mutation: MutationSettings
     further: float = Field(ge=0, lt=1)
     """Probability of another mutation of the same child, after each mutation."""
-    simplify: bool  # parts of new trees that provably have no effect are removed
 
     @model_validator(mode="after")
     def _check_crossovers(self) -> Breeding:
@@ -49,6 +54,7 @@ class Breeding(BaseModel, frozen=True, extra="forbid"):
         return self
 
 
+MAX_DIGESTS: Final = 3000  # most digests of evaluated trees kept by a search, the latest ones
 MAX_KEPT: Final = 4096  # a grid of thousands of trees asks for each in each generation
 _kept: OrderedDict[int, tuple[Node, str]] = OrderedDict()
 """The last trees with their digests, by `id`, which no other object has as long as they are kept.
@@ -68,15 +74,15 @@ def digest(tree: Node) -> str:
     return text_digest
 
 
-def new_tree(rng: np.random.Generator, space: TreeSpace, breeding: Breeding) -> Node:
-    """A random tree: a priority list with probability `breeding.lists`, else as in the paper.
+def new_tree(rng: np.random.Generator, space: TreeSpace, settings: RandomTrees) -> Node:
+    """A random tree: a priority list with probability `settings.lists`, else as in the paper.
 
     After TRIES trees that exceed the limits it is one as in the paper, without simplification.
     """
     for _ in range(TRIES):
-        lists = rng.random() < breeding.lists
+        lists = rng.random() < settings.lists
         tree = random_list(rng, space) if lists else random_tree(rng, space)
-        if breeding.simplify:
+        if settings.simplify:
             tree = simplify(tree, space.vocabulary).tree
         if within(tree, space.limits):
             return tree
@@ -155,7 +161,11 @@ class GenerationPlan:
 
 
 def new_generation(
-    plan: Plan, streams: Streams, state: SearchState, contents: GenerationPlan, breeding: Breeding
+    plan: Plan,
+    streams: Streams,
+    state: SearchState,
+    contents: GenerationPlan,
+    settings: RandomTrees,
 ) -> Iterator[Individual]:
     """Yields the individuals of a generation, `gp.population` of them, in slot order.
 
@@ -167,7 +177,7 @@ def new_generation(
         streams: the run's random streams; those of new slots are consumed.
         state: has the generation's index and the supervisor's advice for it.
         contents: the contents of the generation.
-        breeding: the settings of children and random trees.
+        settings: of random trees, and of children (a Breeding) if `contents` has parents.
     """
     g, n = state.generation, plan.gp.population
     advice = state.advice or Advice(rate=0.0)
@@ -187,7 +197,7 @@ def new_generation(
     for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
         yield _new_individual(
-            rng, f"{g}.{slot}", contents.pick, plan.space, breeding, known_digests
+            rng, f"{g}.{slot}", contents.pick, plan.space, settings, known_digests
         )
 
 
@@ -196,7 +206,7 @@ def _new_individual(
     name: str,
     pick: Pick | None,
     space: TreeSpace,
-    breeding: Breeding,
+    settings: RandomTrees,
     known_digests: set[str],
 ) -> Individual:
     """A child of the parents that `pick` draws, or a random tree.
@@ -207,9 +217,10 @@ def _new_individual(
     """
     for _ in range(TRIES):
         if pick is None:
-            i = Individual(name, new_tree(rng, space, breeding), Origin.RANDOM)
+            i = Individual(name, new_tree(rng, space, settings), Origin.RANDOM)
         else:
-            i = Individual(name, *new_child(rng, *pick(rng), space, breeding))
+            assert isinstance(settings, Breeding)
+            i = Individual(name, *new_child(rng, *pick(rng), space, settings))
         key = digest(i.tree)
         if key not in known_digests:
             break

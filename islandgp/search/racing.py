@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import sqrt
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, FiniteFloat
@@ -36,6 +36,7 @@ from islandgp.gp.selection import by_rank
 from islandgp.scoring.constraints import NO_COUNTERS, Merit, limited, merit, running_mean, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import (
+    MAX_DIGESTS,
     BreedingSearch,
     BreedingSettings,
     GenerationPlan,
@@ -111,9 +112,6 @@ class RacingMemory:
     began: int = 0  # generation in which this population began
     champions: tuple[Entry, ...] = ()  # the best trees of earlier restarts
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
-
-
-MAX_DIGESTS: Final = 3000  # most digests kept, the latest ones
 
 
 class Racing(BreedingSearch[RacingSettings]):

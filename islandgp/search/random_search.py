@@ -1,41 +1,48 @@
 """The control without inheritance: each individual is a new random tree.
 
-The difference of a search to this control is the effect of selection and variation. Random search
-is the usual baseline of genetic programming, e.g. in Langdon and Poli 2002, Foundations of Genetic
-Programming.
+The trees are those that the other searches begin with, and none is evaluated twice. So the
+difference of a search to this control is the effect of selection and variation. Random search is
+the usual baseline of genetic programming, e.g. in Langdon and Poli 2002, Foundations of Genetic
+Programming. `search=random_paper` draws the paper's random trees.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from types import NoneType
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-import numpy as np
-from pydantic import BaseModel, Field
-
-from islandgp.bt.core.node import Node, within
-from islandgp.gp.branches import random_list
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, Evaluated, Individual, Origin
-from islandgp.gp.random_trees import random_tree
+from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.search.base import SearchContext, SearchState
-from islandgp.search.breeding import TRIES
-from islandgp.seeding import Stream, Streams
+from islandgp.search.breeding import (
+    MAX_DIGESTS,
+    GenerationPlan,
+    RandomTrees,
+    digest,
+    new_generation,
+)
+from islandgp.seeding import Streams
 
 
-class RandomSearchSettings(BaseModel, frozen=True, extra="forbid"):
+class RandomSearchSettings(RandomTrees, frozen=True, extra="forbid"):
     """Settings of the random trees."""
 
-    lists: float = Field(ge=0, le=1)  # share of priority lists; others are grown by `gp.trees`
     reads: ClassVar = ("gp.trees",)
 
 
+@dataclass(frozen=True, slots=True)
+class RandomMemory:
+    """The trees evaluated so far."""
+
+    tried: tuple[str, ...] = ()  # digests
+
+
 class RandomSearch:
-    """Evaluates new random trees in each generation; has no memory."""
+    """Evaluates new random trees in each generation."""
 
     Settings = RandomSearchSettings
-    Memory: ClassVar[Any] = NoneType
+    Memory: ClassVar[Any] = RandomMemory
     uses: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
@@ -52,33 +59,25 @@ class RandomSearch:
         return SearchState(0)
 
     def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`. The first population is that of `search=paper`."""
+        """See `Search`."""
         return tuple(self.ask_each(state, streams))
 
     def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """See `StreamingSearch`."""
-        g, n = state.generation, self.plan.gp.population
-        founders = self.plan.founders[:n] if g == 0 else ()
-        for slot, tree in enumerate(founders):
-            yield Individual(f"{g}.{slot}", tree, Origin.INJECTED)
-        purpose = Stream.DIVERSITY if g else Stream.INITIAL  # the streams of `search=paper`
-        for slot in range(len(founders), n):
-            tree = self._tree(streams(purpose, generation=g, slot=slot))
-            yield Individual(f"{g}.{slot}", tree, Origin.RANDOM)
-
-    def _tree(self, rng: np.random.Generator) -> Node:
-        if self.settings.lists and rng.random() < self.settings.lists:
-            for _ in range(TRIES):
-                tree = random_list(rng, self.plan.space)
-                if within(tree, self.plan.gp.limits):
-                    return tree
-        return random_tree(rng, self.plan.space)
+        """See `StreamingSearch`; the founders, if there are any, come first."""
+        if state.memory is None:
+            contents = GenerationPlan(initial_trees=self.plan.founders)
+        else:
+            contents = GenerationPlan(known_digests=state.memory.tried)
+        unadvised = replace(state, advice=None)
+        return new_generation(self.plan, streams, unadvised, contents, self.settings)
 
     def tell(
         self,
         state: SearchState,
-        evaluated: Sequence[Evaluated],  # noqa: ARG002 -- the protocol's
+        evaluated: Sequence[Evaluated],
         advice: Advice,  # noqa: ARG002 -- the protocol's
     ) -> SearchState:
-        """See `Search`. Outcomes and advice have no effect."""
-        return SearchState(state.generation + 1)
+        """See `Search`. Fitness and advice have no effect."""
+        before = () if state.memory is None else state.memory.tried
+        tried = dict.fromkeys((*before, *(digest(e.individual.tree) for e in evaluated)))
+        return SearchState(state.generation + 1, RandomMemory(tuple(tried)[-MAX_DIGESTS:]))

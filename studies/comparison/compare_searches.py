@@ -49,7 +49,7 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
     "racing": ("search=racing", "supervisor=baseline", "search.policy.library=0"),
     **{
         name: (f"search={name}", "supervisor=baseline")
-        for name in ("paper", *OTHER_SEARCHES, "random")
+        for name in ("paper", *OTHER_SEARCHES, "random", "random_paper")
     },
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
@@ -67,7 +67,10 @@ CONTROLS: Final = ("paper, last stage", "racing, paper's operators")
 """Arms that run only on the island."""
 
 PAIRS: Final = (
-    *(("racing", other) for other in ("random", "paper", *OTHER_SEARCHES, *CONTROLS)),
+    *(
+        ("racing", other)
+        for other in ("random", "random_paper", "paper", *OTHER_SEARCHES, *CONTROLS)
+    ),
     ("racing, expert", "compose"),
     ("racing, expert", "racing, library"),
     ("racing, library", "compose"),

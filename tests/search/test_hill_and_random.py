@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.gp.random_trees import random_tree
-from islandgp.seeding import Stream, Streams
+from islandgp.seeding import Streams
 from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
 
@@ -49,27 +47,25 @@ def test_no_child_equals_its_parent_where_others_can_be() -> None:
         assert set(texts.values()) == {1}
 
 
-def test_random_search_draws_the_paper_s_first_population() -> None:
-    """From the same streams, so that both start alike; later ones are as its random slots."""
+def test_random_search_differs_from_racing_by_inheritance_alone() -> None:
+    """Racing's first population is the same, and neither evaluates a tree of its own again."""
     search, plan = search_and_plan("random")
-    paper, _ = search_and_plan("paper")
+    racing, _ = search_and_plan("racing", "search.policy.library=0")
     streams = Streams(5)
     first = search.ask(search.start(), streams)
-    assert [i.tree for i in first] == [i.tree for i in paper.ask(paper.start(), streams)]
-    later = search.ask(replace(search.start(), generation=3), streams)
-    expected = [
-        random_tree(streams(Stream.DIVERSITY, generation=3, slot=slot), plan.space)
-        for slot in range(12)
-    ]
-    assert [i.tree for i in later] == expected
-    assert {(i.origin, i.parents, i.mutation) for i in later} == {("random", (), "")}
+    assert first == racing.ask(racing.start(), streams)
+    populations, _ = generations(search, plan, 7)
+    individuals = [e.individual for population in populations for e in population]
+    assert len({i.tree for i in individuals}) == len(individuals)
+    assert {(i.origin, i.parents, i.mutation) for i in individuals} == {("random", (), "")}
 
 
 @pytest.mark.parametrize(("share", "least", "most"), [(0, 0, 0), (0.5, 30, 90), (1, 120, 120)])
 def test_random_priority_lists(share: float, least: int, most: int) -> None:
     """A share of them: selectors of guarded branches with an action behind them."""
     search, _ = search_and_plan(
-        "random", f"search.policy.lists={share}", "gp.population=120", "gp.trees.kinds.selector=0"
+        "random_paper",
+        *(f"search.policy.lists={share}", "gp.population=120", "gp.trees.kinds.selector=0"),
     )
     trees = [i.tree for i in search.ask(search.start(), Streams(1))]
     assert least <= sum(tree.kind == "selector" for tree in trees) <= most

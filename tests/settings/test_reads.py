@@ -192,7 +192,7 @@ class Curious(RandomSearch):
 
 def test_a_search_cannot_read_what_it_does_not_declare() -> None:
     """The plan that it gets has no other keys of `gp`, and none of `allocation`."""
-    config = plain("search=random", "~search.policy.lists")
+    config = plain("search=random", "~search.policy.lists", "~search.policy.simplify")
     config["search"]["factory"] = f"{__name__}:Curious"
     settings = read_settings(config)
     search: Any = make_search(settings, settings.plan(settings.make_domain()))
