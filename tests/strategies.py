@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import strategies as st
 
 from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, POLICIES, REPEATS, TIMED
+from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, NAV2, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import (
     AlwaysArgs,
@@ -16,14 +16,13 @@ from islandgp.bt.core.node import (
     SecondsArgs,
     leaf,
 )
-from islandgp.bt.export.plan import EXPORTED, NAV2
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from tests.samples import CLASSES, state
 
 _KEYS = VOCABULARY.keys
-_EXACT = EXPORTED - NAV2  # kinds with an exact export
+_EXACT = frozenset(KINDS) - NAV2  # kinds with an exact export
 _PLAIN = [name for name, kind in KINDS.items() if not kind.arguments]
 TURNS = ["inverter", *(name for name in _PLAIN if KINDS[name].decorates)]
 COMPOSITES = [name for name in _PLAIN if not KINDS[name].decorates]

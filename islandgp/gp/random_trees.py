@@ -13,7 +13,8 @@ from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.analysis.conflicts import without_conflicts
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
-from islandgp.bt.core.kinds import ABORTS, INNER, KINDS, Argument, Sort
+from islandgp.bt.core.kind import Argument, Sort
+from islandgp.bt.core.kinds import ABORTS, INNER, KINDS
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary

@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.engine import ABORTED
-from islandgp.bt.core.kinds import count_of
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, guard_of
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, count_of, guard_of
 
 NO_DECORATORS = (
     "selector", "sequence", "parallel", "reactive_selector", "reactive_sequence", "action",

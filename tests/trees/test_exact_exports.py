@@ -12,12 +12,12 @@ from hypothesis import HealthCheck, Phase, assume, example, given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.format import format_text
+from islandgp.bt.core.kinds import NAV2
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, CountArgs, Node, leaf, walk
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.plan import NAV2
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
 from tests.bt.stage import short_tree

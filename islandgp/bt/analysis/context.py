@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
 from islandgp.bt.core.condition import combine, opposite, terms
-from islandgp.bt.core.kinds import advance_status, count_of, kind_of
+from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     RUNNING,
@@ -32,6 +32,7 @@ from islandgp.bt.core.node import (
     ParallelArgs,
     commented,
     comments_of,
+    count_of,
     guard_of,
 )
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
@@ -221,10 +222,16 @@ def conditions_when_evaluated(guard: GuardArgs, context: NodeContext) -> Conditi
     return context.always if guard.checks_itself else context.at_start
 
 
+def leaf_statuses(node: Node, vocabulary: Vocabulary) -> frozenset[int]:
+    """The statuses that a leaf can return."""
+    statuses = kind_of(node).statuses
+    return statuses(node.args) if statuses else vocabulary.action(node.action).statuses
+
+
 def ends_at_once(node: Node, context: NodeContext) -> bool:
     """True if a node always ends in the tick in which it starts; False if it is not known."""
-    if node.action:
-        return RUNNING not in context.vocabulary.action(node.action).statuses
+    if not node.children:
+        return RUNNING not in leaf_statuses(node, context.vocabulary)
     kind = kind_of(node)
     if kind.opaque or kind.delayed or (kind.counts is not None and count_of(node) > 1):
         return False
@@ -238,8 +245,8 @@ def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | Non
     Returns:
         The conditions besides those of `context`, perhaps not all; None if the node never ends so.
     """
-    if node.action:
-        return () if status in context.vocabulary.action(node.action).statuses else None
+    if not node.children:
+        return () if status in leaf_statuses(node, context.vocabulary) else None
     kind = kind_of(node)
     if kind.opaque:
         return ()

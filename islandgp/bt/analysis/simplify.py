@@ -25,7 +25,8 @@ from islandgp.bt.analysis.context import (
 )
 from islandgp.bt.analysis.outcomes import child_may_end, dead_end, idle
 from islandgp.bt.analysis.satisfiability import Conditions, implies, shortened, without_decimals
-from islandgp.bt.core.kinds import KINDS, REPEATS, NodeKind, advance_status, count_of, kind_of
+from islandgp.bt.core.kind import NodeKind
+from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     SUCCESS,
@@ -33,6 +34,7 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
+    count_of,
     guard_of,
 )
 from islandgp.bt.core.printer import condition_text, head

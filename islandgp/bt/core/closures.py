@@ -1,15 +1,27 @@
 """The tick function of each kind of node: a closure that holds the node's memory.
 
-`engine` compiles a tree with these functions and those of `nav2_closures`, one for each node kind,
-as `docs/semantics.md` specifies them.
+The entry of a kind in `kinds` names one of these functions, or one of `nav2_closures`, and `engine`
+calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
+from islandgp.bt.core.condition import ConditionExpr
+from islandgp.bt.core.node import (
+    AGAIN,
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    ActionArgs,
+    AlwaysArgs,
+    Node,
+    ParallelArgs,
+    count_of,
+    guard_of,
+)
 
 Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
 ReportStopped: TypeAlias = Callable[[int, int], None]
@@ -18,188 +30,6 @@ ReportStopped: TypeAlias = Callable[[int, int], None]
 Positions are in document order. It calls the watch but not the nodes: the next call of an aborted
 action has `fresh=True`.
 """
-
-
-def composite(branches: list[Tick], advance_status: int) -> Tick:
-    """A selector (`advance_status` FAILURE) or a sequence (SUCCESS) without observed guards."""
-    count = len(branches)
-    current = 0
-
-    def tick(fresh: bool) -> int:
-        nonlocal current
-        at = 0 if fresh else current
-        status = branches[at](fresh)
-        while status == advance_status:
-            at += 1
-            if at == count:
-                return status
-            status = branches[at](True)
-        current = at
-        return status
-
-    return tick
-
-
-def reactive_composite(
-    branches: list[Tick], advance_status: int, positions: list[int], report_stopped: ReportStopped
-) -> Tick:
-    """A selector or sequence that begins with its first child in each tick."""
-    current = 0  # the child that ran in the tick before
-
-    def tick(fresh: bool) -> int:
-        nonlocal current
-        running = -1 if fresh else current
-        for at, branch in enumerate(branches):
-            status = branch(at != running)
-            if status != advance_status:
-                if running > at:
-                    report_stopped(positions[running], positions[running + 1])
-                current = at
-                # The children before it start again in the next tick.
-                return AGAIN if status == RUNNING and at else status
-        return advance_status
-
-    return tick
-
-
-def parallel(
-    branches: list[Tick],
-    success: int,
-    failure: int,
-    positions: list[int],
-    report_stopped: ReportStopped,
-) -> Tick:
-    """Ticks all children; succeeds after `success` successes, fails after `failure` failures."""
-    count = len(branches)
-    statuses = [RUNNING] * count
-
-    def tick(fresh: bool) -> int:
-        succeeded = failed = 0
-        running = RUNNING
-        for at, branch in enumerate(branches):
-            status = statuses[at]
-            if fresh or status >= RUNNING:
-                status = statuses[at] = branch(fresh)
-            if status == SUCCESS:
-                succeeded += 1
-            elif status == FAILURE:
-                failed += 1
-            elif status == AGAIN:
-                running = AGAIN
-        if failed < failure and succeeded < success and succeeded + failed < count:
-            return running
-        for at, status in enumerate(statuses):
-            if status >= RUNNING:
-                report_stopped(positions[at], positions[at + 1])
-        return SUCCESS if failed < failure and succeeded >= success else FAILURE
-
-    return tick
-
-
-def inverter(child: Tick) -> Tick:
-    """Swaps success and failure."""
-
-    def tick(fresh: bool) -> int:
-        status = child(fresh)
-        return status if status >= RUNNING else SUCCESS - status
-
-    return tick
-
-
-def forced(child: Tick, end: int) -> Tick:
-    """Ends with one status however the child ends."""
-
-    def tick(fresh: bool) -> int:
-        status = child(fresh)
-        return status if status >= RUNNING else end
-
-    return tick
-
-
-def repeater(child: Tick, count: float, counted: int) -> Tick:
-    """Repeats its child, once a tick, until it has ended `count` times with status `counted`."""
-    remaining = 0.0  # ends with this status until the repeater ends
-    due = False  # True: the next tick starts a repetition
-
-    def tick(fresh: bool) -> int:
-        nonlocal remaining, due
-        if fresh:
-            remaining = count
-        status = child(fresh or due)
-        due = False
-        if status == counted:
-            remaining -= 1
-            due = remaining > 0
-        return AGAIN if due else status
-
-    return tick
-
-
-def wait(child: Tick, ticks: int) -> Tick:
-    """Starts its child `ticks` ticks after its own start."""
-    remaining = 0
-
-    def tick(fresh: bool) -> int:
-        nonlocal remaining
-        remaining = ticks if fresh else remaining - 1
-        return AGAIN if remaining > 0 else child(remaining == 0)
-
-    return tick
-
-
-def timeout(child: Tick, ticks: int, span: tuple[int, int], report_stopped: ReportStopped) -> Tick:
-    """Fails `ticks` ticks after its start if its child still runs; `span` as in `guard`."""
-    remaining = 0
-
-    def tick(fresh: bool) -> int:
-        nonlocal remaining
-        remaining = ticks if fresh else remaining - 1
-        if remaining == 0:
-            report_stopped(*span)
-            return FAILURE
-        status = child(fresh)
-        return AGAIN if status == RUNNING else status
-
-    return tick
-
-
-def cooldown(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
-    """Fails for `ticks` ticks after its child has ended; `now` returns the number of the tick."""
-    ready = 0  # the first tick in which the child may start
-
-    def tick(fresh: bool) -> int:
-        nonlocal ready
-        if fresh and now() < ready:
-            return FAILURE
-        status = child(fresh)
-        if status < RUNNING:
-            ready = now() + ticks
-        return status
-
-    return tick
-
-
-def every(child: Tick, ticks: int, now: Callable[[], int]) -> Tick:
-    """Starts its child again at least `ticks` ticks after its success; `now` as in `cooldown`."""
-    due = 0  # the first tick in which the child may start
-    before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
-    started = False  # True: the child is running
-
-    def tick(fresh: bool) -> int:
-        nonlocal due, before, started
-        if fresh:
-            started = False
-            due = due if before == SUCCESS else 0
-        if not started and now() < due:
-            before = RUNNING
-            return AGAIN
-        before = child(not started)
-        started = before >= RUNNING
-        if before == SUCCESS:
-            due = now() + ticks
-        return before
-
-    return tick
 
 
 class ObservedGuard(NamedTuple):
@@ -228,7 +58,80 @@ class Observed:
         return slot
 
 
-def observing_composite(
+class Compiler(Protocol):
+    """Compiles the children of a node; see `engine`."""
+
+    now: int  # number of the tick
+    report_stopped: ReportStopped
+
+    def stop_midtick(self, first: int, end: int) -> None:
+        """As `report_stopped`, of a subtree that has been ticked in this tick."""
+
+    def child(self, node: Node, observed: Observed | None) -> tuple[Tick, tuple[int, int]]:
+        """The closure of the only child, and its position with that after its last node."""
+
+    def children(
+        self, node: Node, observed: Observed | None = None
+    ) -> tuple[list[Tick], list[int]]:
+        """The closures of children, and their positions with that after the last one.
+
+        `observed` collects their observed guards; None: their guards are not observed.
+        """
+
+    def action(self, args: ActionArgs) -> Tick:
+        """The function of an action."""
+
+    def ticks(self, node: Node) -> int:
+        """The seconds of a node as a number of ticks."""
+
+    def holds(self, expr: ConditionExpr) -> Callable[[], bool]:
+        """The function that evaluates a condition."""
+
+
+Maker: TypeAlias = Callable[[Compiler, Node, Observed | None], Tick]
+"""Makes the tick function of a node.
+
+`Observed` collects the observed guards of the nearest composite above. It is None if the composite
+observes no guard of this branch.
+"""
+
+
+def ordered(advance_status: int) -> Maker:
+    """A selector (`advance_status` FAILURE) or a sequence (SUCCESS)."""
+
+    def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+        observed = Observed()
+        branches, positions = compiler.children(node, observed)
+        if not observed.guards:
+            return _composite(branches, advance_status)
+        return _observing_composite(
+            branches, advance_status, observed, positions, compiler.report_stopped
+        )
+
+    return make
+
+
+def _composite(branches: list[Tick], advance_status: int) -> Tick:
+    """A composite without observed guards."""
+    count = len(branches)
+    current = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        at = 0 if fresh else current
+        status = branches[at](fresh)
+        while status == advance_status:
+            at += 1
+            if at == count:
+                return status
+            status = branches[at](True)
+        current = at
+        return status
+
+    return tick
+
+
+def _observing_composite(
     branches: list[Tick],
     advance_status: int,
     observed: Observed,
@@ -292,27 +195,186 @@ def observing_composite(
     return tick
 
 
-def guard(
-    child: Tick,
-    holds: Callable[[], bool],
-    checks_itself: bool,
-    truth: list[bool | None],
-    slot: int,
-    span: tuple[int, int],
-    report_stopped: ReportStopped,
-) -> Tick:
-    """A `when`.
+def reactive(advance_status: int) -> Maker:
+    """A selector or sequence that begins with its first child in each tick."""
 
-    Args:
-        child: the guarded node.
-        holds: the condition.
-        checks_itself: True with `abort self` or `both`: the child is stopped when the condition
-            becomes false.
-        truth: the last known values of the conditions that its composite observes.
-        slot: index of this condition in `truth`.
-        span: position of the first node of the child, and that after its last.
-        report_stopped: called with the positions of the child that is stopped.
-    """
+    def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+        branches, positions = compiler.children(node)
+        report_stopped = compiler.report_stopped
+        current = 0  # the child that ran in the tick before
+
+        def tick(fresh: bool) -> int:
+            nonlocal current
+            running = -1 if fresh else current
+            for at, branch in enumerate(branches):
+                status = branch(at != running)
+                if status != advance_status:
+                    if running > at:
+                        report_stopped(positions[running], positions[running + 1])
+                    current = at
+                    # The children before it start again in the next tick.
+                    return AGAIN if status == RUNNING and at else status
+            return advance_status
+
+        return tick
+
+    return make
+
+
+def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Ticks all children; succeeds after enough successes, fails after enough failures."""
+    assert isinstance(node.args, ParallelArgs)
+    branches, positions = compiler.children(node)
+    success, failure = node.args.needed(len(branches))
+    stop = compiler.stop_midtick
+    count = len(branches)
+    statuses = [RUNNING] * count
+
+    def tick(fresh: bool) -> int:
+        succeeded = failed = 0
+        running = RUNNING
+        for at, branch in enumerate(branches):
+            status = statuses[at]
+            if fresh or status >= RUNNING:
+                status = statuses[at] = branch(fresh)
+            if status == SUCCESS:
+                succeeded += 1
+            elif status == FAILURE:
+                failed += 1
+            elif status == AGAIN:
+                running = AGAIN
+        if failed < failure and succeeded < success and succeeded + failed < count:
+            return running
+        for at, status in enumerate(statuses):
+            if status >= RUNNING:
+                stop(positions[at], positions[at + 1])
+        return SUCCESS if failed < failure and succeeded >= success else FAILURE
+
+    return tick
+
+
+def inverter(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Swaps success and failure."""
+    child, _ = compiler.child(node, observed)
+
+    def tick(fresh: bool) -> int:
+        status = child(fresh)
+        return status if status >= RUNNING else SUCCESS - status
+
+    return tick
+
+
+def forced(end: int) -> Maker:
+    """Ends with one status however the child ends."""
+
+    def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+        child, _ = compiler.child(node, observed)
+
+        def tick(fresh: bool) -> int:
+            status = child(fresh)
+            return status if status >= RUNNING else end
+
+        return tick
+
+    return make
+
+
+def repeating(counted: int) -> Maker:
+    """Repeats its child, once a tick, until enough ends with the status `counted`."""
+
+    def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+        (child, _), count = compiler.child(node, observed), count_of(node)
+        remaining = 0.0  # ends with this status until the repeater ends
+        due = False  # True: the next tick starts a repetition
+
+        def tick(fresh: bool) -> int:
+            nonlocal remaining, due
+            if fresh:
+                remaining = count
+            status = child(fresh or due)
+            due = False
+            if status == counted:
+                remaining -= 1
+                due = remaining > 0
+            return AGAIN if due else status
+
+        return tick
+
+    return make
+
+
+def wait(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Starts its child some ticks after its own start."""
+    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    remaining = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal remaining
+        remaining = ticks if fresh else remaining - 1
+        return AGAIN if remaining > 0 else child(remaining == 0)
+
+    return tick
+
+
+def timeout(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Fails some ticks after its start if its child still runs."""
+    (child, span), ticks = compiler.child(node, observed), compiler.ticks(node)
+    report_stopped = compiler.report_stopped
+    remaining = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal remaining
+        remaining = ticks if fresh else remaining - 1
+        if remaining == 0:
+            report_stopped(*span)
+            return FAILURE
+        status = child(fresh)
+        return AGAIN if status == RUNNING else status
+
+    return tick
+
+
+def cooldown(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Fails for some ticks after its child has ended."""
+    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    ready = 0  # the first tick in which the child may start
+
+    def tick(fresh: bool) -> int:
+        nonlocal ready
+        if fresh and compiler.now < ready:
+            return FAILURE
+        status = child(fresh)
+        if status < RUNNING:
+            ready = compiler.now + ticks
+        return status
+
+    return tick
+
+
+def action(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Acts on the world: a function of the domain."""
+    assert isinstance(node.args, ActionArgs)
+    return compiler.action(node.args)
+
+
+def always(_: Compiler, node: Node, __: Observed | None) -> Tick:
+    """Has one status."""
+    # AGAIN, since no action runs for whose end a simulator could wait.
+    assert isinstance(node.args, AlwaysArgs)
+    status = AGAIN if node.args.ends == RUNNING else node.args.ends
+    return lambda _fresh: status
+
+
+def when(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Runs its child while a condition holds."""
+    guard = guard_of(node)
+    holds, checks_itself = compiler.holds(guard.condition), guard.checks_itself
+    truth: list[bool | None] = [None]  # the last known value; here no composite observes it
+    slot = 0
+    if observed is not None and guard.interrupts:
+        truth, slot = observed.truth, observed.add(holds)
+    child, span = compiler.child(node, observed)
+    report_stopped = compiler.report_stopped
 
     def tick(fresh: bool) -> int:
         if fresh:

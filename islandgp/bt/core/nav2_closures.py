@@ -1,17 +1,19 @@
-"""The tick functions of the control nodes of Nav2: pipeline, round robin and recovery."""
+"""The tick functions of the control nodes of Nav2, as those of `closures`."""
 
 from __future__ import annotations
 
-from islandgp.bt.core.closures import ReportStopped, Tick
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS
+from islandgp.bt.core.closures import Compiler, Observed, Tick
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, count_of
 
 
-def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportStopped) -> Tick:
+def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """A sequence that begins with its first child in each tick.
 
     The next child starts after a success. It is also ticked while the child before it is running,
     if it or a later one has run since the pipeline started.
     """
+    branches, positions = compiler.children(node)
+    stop = compiler.stop_midtick
     running = [False] * len(branches)
     furthest = 0
 
@@ -32,14 +34,15 @@ def pipeline(branches: list[Tick], positions: list[int], report_stopped: ReportS
                 return AGAIN if at else status
         for at, still_running in enumerate(running):
             if still_running:
-                report_stopped(positions[at], positions[at + 1])
+                stop(positions[at], positions[at + 1])
         return status
 
     return tick
 
 
-def round_robin(branches: list[Tick]) -> Tick:
+def round_robin(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Tries its children in turn; begins after the child that succeeded last."""
+    branches, _positions = compiler.children(node)
     current = failed = 0
     running = False  # True at a start: the node was aborted
 
@@ -65,9 +68,10 @@ def round_robin(branches: list[Tick]) -> Tick:
     return tick
 
 
-def recovery(child: Tick, remedy: Tick, count: float) -> Tick:
-    """Runs the remedy after a failure of the child and then the child again, `count` times."""
-    remaining = count
+def recovery(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Runs the second child after a failure of the first, and then the first again."""
+    (child, remedy), _positions = compiler.children(node)
+    remaining = count = count_of(node)
     recovering = False
 
     def tick(fresh: bool) -> int:
@@ -85,5 +89,29 @@ def recovery(child: Tick, remedy: Tick, count: float) -> Tick:
                 if status != FAILURE or remaining == 0:
                     return status
             recovering, fresh = not recovering, True
+
+    return tick
+
+
+def every(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Starts its child again some ticks after its success."""
+    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    due = 0  # the first tick in which the child may start
+    before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
+    started = False  # True: the child is running
+
+    def tick(fresh: bool) -> int:
+        nonlocal due, before, started
+        if fresh:
+            started = False
+            due = due if before == SUCCESS else 0
+        if not started and compiler.now < due:
+            before = RUNNING
+            return AGAIN
+        before = child(not started)
+        started = before >= RUNNING
+        if before == SUCCESS:
+            due = compiler.now + ticks
+        return before
 
     return tick

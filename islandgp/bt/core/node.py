@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil
+from math import ceil, inf
 from typing import Final, NamedTuple, SupportsFloat, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, terms
@@ -100,6 +100,11 @@ class AlwaysArgs(NamedTuple):
 
     status: str  # success, failure or running
 
+    @property
+    def ends(self) -> int:
+        """The status as a number."""
+        return ("failure", "success", "running").index(self.status)
+
 
 class UseArgs(NamedTuple):
     """Arguments of a `use` as it is written; an expanded tree has no such node."""
@@ -142,6 +147,11 @@ def guard_of(node: Node) -> GuardArgs:
     """The arguments of a node that is a `when`."""
     assert node.guard is not None
     return node.guard
+
+
+def count_of(node: Node) -> float:
+    """The count of a node whose kind counts; infinite without an argument."""
+    return int(node.args.times) if isinstance(node.args, CountArgs) else inf
 
 
 def leaf(name: str) -> Node:

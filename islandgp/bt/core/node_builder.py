@@ -6,7 +6,8 @@ from collections.abc import Collection, Sequence
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.kinds import KINDS, Argument, Sort
+from islandgp.bt.core.kind import Argument, Sort
+from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import Quoted, head, number_text

@@ -11,7 +11,8 @@ from functools import lru_cache
 from typing import Any, Self
 
 from islandgp.bt.core.condition import Compound, ConditionExpr
-from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED, Argument, Sort
+from islandgp.bt.core.kind import Argument, Sort
+from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED
 from islandgp.bt.core.node import (
     ActionArgs,
     Node,

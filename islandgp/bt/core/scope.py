@@ -17,7 +17,8 @@ from itertools import chain, repeat
 from textwrap import shorten
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.kinds import COUNTED, TIMED, Argument
+from islandgp.bt.core.kind import Argument
+from islandgp.bt.core.kinds import COUNTED, TIMED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import Named
 from islandgp.bt.core.source import Source, closest, shown

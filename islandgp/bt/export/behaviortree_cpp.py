@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 from xml.sax.saxutils import quoteattr
 
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms, with_term
+from islandgp.bt.core.kinds import KINDS, NAV2, TARGETS
 from islandgp.bt.core.node import (
     ActionArgs,
     AlwaysArgs,
@@ -32,10 +33,10 @@ from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Vocabulary
 from islandgp.bt.export.plan import (
+    CHECK,
     CLOCK,
-    CUSTOM_NODES,
-    NAV2,
     PLUGINS,
+    SUBTREE,
     Loss,
     TargetNode,
     check_kinds,
@@ -53,54 +54,14 @@ REST: Final = "rest"  # the name of a node that holds the later branches of the 
 HEADER: Final = "islandgp_nodes.hpp"
 
 
-class NodeType(NamedTuple):
-    """A node type of BehaviorTree.CPP."""
-
-    tag: str
-    attributes: tuple[str, ...] = ()  # names of our arguments there, in our order
-    ours: str = ""  # its category in Groot, Control or Decorator, if it is in our header; else ""
-
-
-NODES: Final[dict[str, NodeType]] = {
-    "fallback": NodeType("Fallback"),
-    "sequence": NodeType("Sequence"),
-    "reactive_fallback": NodeType("ReactiveFallback"),
-    "reactive_sequence": NodeType("ReactiveSequence"),
-    "parallel": NodeType("Parallel", ("success_count", "failure_count")),
-    "inverter": NodeType("Inverter"),
-    "repeat": NodeType("Repeat", ("num_cycles",)),
-    "retry": NodeType("RetryUntilSuccessful", ("num_attempts",)),
-    "force_success": NodeType("ForceSuccess"),
-    "force_failure": NodeType("ForceFailure"),
-    "delay": NodeType("Delay", ("delay_msec",)),
-    "timeout": NodeType("Timeout", ("msec",)),
-    "keep_running": NodeType("KeepRunningUntilFailure"),
-    "rate_controller": NodeType("RateController", ("hz",)),
-    "pipeline": NodeType("PipelineSequence"),
-    "round_robin": NodeType("RoundRobin", ("wrap_around",)),
-    "recovery": NodeType("RecoveryNode", ("number_of_retries",)),
-    "check": NodeType("ScriptCondition", ("code",)),
-    "when": NodeType("When", ("condition", "abort"), "Decorator"),
-    "interruptible_fallback": NodeType("InterruptibleFallback", (), "Control"),
-    "interruptible_sequence": NodeType("InterruptibleSequence", (), "Control"),
-    "judged_parallel": NodeType("JudgedParallel", ("success", "failure"), "Control"),
-    "repeat_per_tick": NodeType("RepeatPerTick", ("num_cycles",), "Decorator"),
-    "retry_per_tick": NodeType("RetryPerTick", ("num_attempts",), "Decorator"),
-    "wait_ticks": NodeType("WaitTicks", ("ticks", "seconds"), "Decorator"),
-    "timeout_ticks": NodeType("TimeoutTicks", ("ticks", "seconds"), "Decorator"),
-}
-"""Node types by the kinds of `plan`."""
-
 NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 """Attributes without an effect on the tree; they become comments, `# name: ...`."""
 _NOTE: Final = re.compile(rf"({'|'.join(NOTES)}): (.*)")
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
 
-TAGS: Final = {node.tag: kind for kind, node in NODES.items()}
-
 BUILT_IN: Final = frozenset((
-    *TAGS, "Action", "Condition", "Control", "Decorator", "SubTree",
+    *TARGETS, CHECK.tag, "Action", "Condition", "Control", "Decorator", "SubTree",
     "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "EntryUpdated",
     "IfThenElse", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector",
     "ParallelAll", "Precondition", "RetryUntilSuccesful", "RunOnce", "Script",
@@ -190,14 +151,14 @@ def to_xml(
         )
     _check_ports(actions, vocabulary)
     planned = _with_ports(plan(tree, None if plain else differs), vocabulary)
-    custom_kinds = {part.kind for part in parts(planned)} & CUSTOM_NODES
+    ours = sorted({part.target for part in parts(planned) if part.target.category})
     identity = TREE_ID if TREE_ID not in actions else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
     shared = not any(key.startswith("_") for key in keys_in(tree))
     reserved = {*BUILT_IN, *actions, *vocabulary.actions, identity}
     root, subtrees = separated(planned, reserved, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
-    if custom_kinds:
+    if ours:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
     for name, part in {identity: root, **subtrees}.items():
         lines += [
@@ -212,7 +173,7 @@ def to_xml(
         tag = "Condition" if action.condition else "Action"
         ports = [_port(port, each) for port, each in action.arguments.items()]
         lines += _model(tag, name, ports, _comment(_with_uses(action)))
-    for tag, names, category in (NODES[kind] for kind in sorted(custom_kinds)):
+    for tag, names, _, category in ours:
         lines += _model(category, tag, [f'<input_port name="{name}"/>' for name in names])
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -231,7 +192,7 @@ def _check_ports(actions: Iterable[str], vocabulary: Vocabulary) -> None:
 
 def needs_header(tree: Node) -> bool:
     """True if the tree's file, unless it is plain, has nodes of our header."""
-    return any(part.kind in CUSTOM_NODES for part in parts(plan(tree, differs)))
+    return any(part.target.category for part in parts(plan(tree, differs)))
 
 
 def header() -> str:
@@ -273,7 +234,7 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         match = _NOTE.fullmatch(text)
         if match and match[1] not in notes:
             notes[match[1]] = match[2]
-        elif match and part.children and part.children[0].kind == "check":
+        elif match and part.children and part.children[0].target == CHECK:
             condition_notes.append(text)
         else:
             yield f"{indent}<!-- {_comment(text)} -->"
@@ -282,20 +243,20 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         ports = {name: _value_text(value) for name, value in part.args.values}
         yield f"{indent}<{part.args.name}{_text_of({**notes, **ports})}/>"
         return
-    if part.kind == "subtree":
+    if part.target == SUBTREE:
         yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_text_of(notes)}/>'
         return
-    if part.kind == "check" and isinstance(part.args, GuardArgs):
+    if part.target == CHECK and isinstance(part.args, GuardArgs):
         code = quoteattr(_script(part.args.condition))
         yield f"{indent}<ScriptCondition code={code}{_text_of(notes)}/>"
         return
     if isinstance(part.args, AlwaysArgs):
         yield f"{indent}<Always{part.args.status.capitalize()}{_text_of(notes)}/>"
         return
-    tag = NODES[part.kind].tag
+    tag = part.target.tag
     yield f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}>"
     for child in part.children:
-        condition = child._replace(comments=(*condition_notes,)) if child.kind == "check" else child
+        condition = child._replace(comments=(*condition_notes,)) if child.target == CHECK else child
         yield from _lines(condition, indent + "  ", step_s)
     yield f"{indent}</{tag}>"
 
@@ -319,17 +280,17 @@ def _attributes(part: TargetNode, step_s: float | None) -> dict[str, str]:
     """The attributes of a node with children, other than notes."""
     if part.rest:
         return {"name": REST}
-    names, args = NODES[part.kind].attributes, part.args
+    names, args = part.target.ports, part.args
     values: Iterable[object] = args
-    if part.kind == "parallel" and isinstance(args, ParallelArgs):
+    if isinstance(args, ParallelArgs) and part.target == KINDS["parallel"].stock:
         succeeds, fails = args.needed(len(part.children))
         if args.success == "all":
             # The library's Parallel also fails once success is impossible, for any failure_count.
             succeeds, fails = -1, min(fails, len(part.children) - succeeds + 1)
         values = succeeds, fails
-    elif part.kind == "round_robin":
+    elif part.target == KINDS["round_robin"].stock:
         values = ("true",)
-    elif part.kind == "rate_controller" and isinstance(args, SecondsArgs):
+    elif isinstance(args, SecondsArgs) and part.target == KINDS["every"].stock:
         values = (float(f"{1 / args.seconds:.12g}"),)
     elif isinstance(args, SecondsArgs) and names[0] != "ticks":
         values = (max(1, round(args.seconds * 1000)),)

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, Final
 
-from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED, Argument, Sort
+from islandgp.bt.core.kind import Argument, Sort
+from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED
 from islandgp.bt.core.node_builder import MAX_TERMS
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.vocabulary import Key, Vocabulary

@@ -15,13 +15,13 @@ from typing import Final, NamedTuple, NoReturn
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.core.condition import ConditionExpr, terms
-from islandgp.bt.core.kinds import ABORTS, KINDS
+from islandgp.bt.core.kinds import ABORTS, KINDS, TARGETS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
 from islandgp.bt.core.node import AlwaysArgs, Node, Value, commented, guarded
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, Vocabulary
-from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NODES, NOTES, REPEAT, REST, TAGS
+from islandgp.bt.export.behaviortree_cpp import EQUAL, JUDGED, NOTES, REPEAT, REST
 from islandgp.bt.export.branching import (
     ASKED,
     SKIPPED,
@@ -37,7 +37,7 @@ from islandgp.bt.export.branching import (
     while_do_else,
 )
 from islandgp.bt.export.nav2 import GATE, GATES, RATE, ROUND
-from islandgp.bt.export.plan import CLOCK, ORDER
+from islandgp.bt.export.plan import CHECK, CLOCK, ORDER
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, notes_of, tag_of
@@ -64,7 +64,7 @@ from islandgp.errors import TreeError
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _ATTRIBUTES: Final = {
     "SubTree": (),
-    **{node.tag: node.attributes for node in NODES.values()},
+    **{target.tag: target.ports for target in (CHECK, *(t for _, t in TARGETS.values()))},
     "Parallel": ("success_count", "failure_count", *THRESHOLDS),
     "ParallelAll": ("max_failures",),
     "Sleep": ("msec",),
@@ -72,7 +72,7 @@ _ATTRIBUTES: Final = {
 }
 _COMPOSITES: Final = {
     tag: "selector" if tag.endswith("Fallback") else "sequence"
-    for tag in TAGS
+    for tag in TARGETS
     if tag.endswith(("Fallback", "Sequence")) and tag != "PipelineSequence"
 }
 _SKIP_IN: Final = {
@@ -85,7 +85,7 @@ _SCRIPTS: Final = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 """Attributes that write to the blackboard; others with _ in front are decoration of editors."""
 _BRANCHING: Final = ("IfThenElse", "WhileDoElse", *(f"Switch{n}" for n in range(2, 7)))
 _WRITES: Final = ("Script", "SetBlackboard", "UnsetBlackboard")
-_READ: Final = (*TAGS, *PLAIN, *_BRANCHING, *ALWAYS, "ParallelAll", "Sleep")
+_READ: Final = (*TARGETS, CHECK.tag, *PLAIN, *_BRANCHING, *ALWAYS, "ParallelAll", "Sleep")
 
 
 class Imported(NamedTuple):

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.context import guard_chain, has_interrupting_guard
-from islandgp.bt.core.kinds import KINDS, TIMED, count_of, kind_of
+from islandgp.bt.core.kind import Target
+from islandgp.bt.core.kinds import KINDS, NAV2, TIMED, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     AlwaysArgs,
@@ -29,6 +30,7 @@ from islandgp.bt.core.node import (
     Node,
     UseArgs,
     comments_of,
+    count_of,
     names_of,
     walk,
 )
@@ -36,14 +38,9 @@ from islandgp.errors import DomainError
 
 
 class TargetNode(NamedTuple):
-    """A node of the other libraries, by a name that is common to both.
+    """A node of the other libraries."""
 
-    Kinds: fallback, sequence (with memory), reactive_fallback, reactive_sequence, parallel,
-    inverter, repeat, retry, force_success, force_failure, delay, timeout, check (a condition),
-    always, action, and subtree: around the root of a named one.
-    """
-
-    kind: str
+    target: Target
     args: Args = ()  # of the node of ours that it comes from
     children: tuple[TargetNode, ...] = ()
     rest: bool = False  # holds the branches behind reactive ones; no node of ours
@@ -90,9 +87,6 @@ CLOCK = Loss(
 )
 
 
-NAV2: Final = frozenset({"every", "pipeline", "round_robin", "recovery"})
-"""Kinds with an equivalent in Nav2 only."""
-
 PLUGINS = Loss(
     "nav2",
     "PipelineSequence, RoundRobin, RecoveryNode and RateController are nodes of Nav2, which the"
@@ -100,38 +94,17 @@ PLUGINS = Loss(
     " as Nav2's actions do and a StatefulActionNode does not",
 )
 
-CUSTOM_NODES: Final = frozenset({
-    "when", "interruptible_fallback", "interruptible_sequence", "judged_parallel",
-    "repeat_per_tick", "retry_per_tick", "wait_ticks", "timeout_ticks", "cooldown_ticks",
-})  # fmt: skip
-"""Kinds of our own nodes, in addition to the kinds of `TargetNode`."""
-
 Differs: TypeAlias = Callable[[Node], bool]
 """True if a library's node for a parallel, a repetition, a time or a `when` differs in meaning."""
 
-_KINDS: Final = {
-    "inverter": ("inverter", "inverter"),
-    "repeater": ("repeat", "repeat_per_tick"),
-    "retry": ("retry", "retry_per_tick"),
-    "force_success": ("force_success", "force_success"),
-    "force_failure": ("force_failure", "force_failure"),
-    "parallel": ("parallel", "judged_parallel"),
-    "reactive_selector": ("reactive_fallback", "reactive_fallback"),
-    "reactive_sequence": ("reactive_sequence", "reactive_sequence"),
-    "wait": ("delay", "wait_ticks"),
-    "timeout": ("timeout", "timeout_ticks"),
-    "cooldown": ("cooldown_ticks", "cooldown_ticks"),
-    "until_failure": ("keep_running", "keep_running"),
-    "always": ("always", "always"),
-    "every": ("rate_controller", "rate_controller"),
-    "pipeline": ("pipeline", "pipeline"),
-    "round_robin": ("round_robin", "round_robin"),
-    "recovery": ("recovery", "recovery"),
-}
-"""The library's node and ours, by kind."""
-
-EXPORTED: Final = frozenset({*_KINDS, "selector", "sequence", "when", "action", "until_success"})
-"""Kinds that can be exported; others have no equivalent in the libraries."""
+CHECK: Final = Target("ScriptCondition", ("code",))
+"""A condition alone."""
+SUBTREE: Final = Target("SubTree")
+"""Around the root of a named subtree, or its use."""
+LEAF: Final = Target("Action")
+"""An action; the tag in a file is its name."""
+ALWAYS: Final = Target("Always")
+"""An `always`; the tag in a file ends with its status."""
 
 
 def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) -> TargetNode:
@@ -145,58 +118,69 @@ def plan(node: Node, differs: Differs | None = None, *, observed: bool = False) 
     *above, node_comments = comments_of(node)
     part = _part(node, differs, observed)._replace(comments=node_comments)
     for name, comments in zip(reversed(names_of(node)), reversed(above), strict=True):
-        part = TargetNode("subtree", UseArgs(name), (part,), comments=comments)
+        part = TargetNode(SUBTREE, UseArgs(name), (part,), comments=comments)
     return part
 
 
 def _part(node: Node, differs: Differs | None, observed: bool) -> TargetNode:
     """`plan` of a node without the names of subtrees."""
-    kind, args = node.kind, node.args
+    kind, args = kind_of(node), node.args
     if node.action:
-        return TargetNode("action", args)
-    if args == AlwaysArgs("running"):
-        return TargetNode("keep_running", (), (TargetNode("always", AlwaysArgs("success")),))
-    if kind in ("selector", "sequence"):
+        return TargetNode(LEAF, args)
+    if isinstance(args, AlwaysArgs):
+        if args.status != "running":
+            return TargetNode(ALWAYS, args)
+        return TargetNode(_stock("until_failure"), (), (TargetNode(ALWAYS, AlwaysArgs("success")),))
+    if kind.remembers_branch:
         return _composite(node) if differs is None else _observing(node, differs)
-    observed = observed and kind_of(node).decorates
+    observed = observed and kind.decorates
     children = tuple(plan(child, differs, observed=observed) for child in node.children)
     if node.guard:
-        if differs is not None and (observed or has_interrupting_guard(node) or differs(node)):
-            return TargetNode("when", args, children)
-        kind = "reactive_sequence" if node.guard.checks_itself else "sequence"
-        return TargetNode(kind, args, (TargetNode("check", args), *children))
-    if kind == "until_success":
-        inside = TargetNode("keep_running", (), (TargetNode("inverter", (), children),))
-        return TargetNode("inverter", (), (inside,))
-    standard, custom = _KINDS[kind]
-    exact = differs is not None and standard != custom and differs(node)
-    return TargetNode(custom if exact else standard, args, children)
+        exact = differs is not None and (observed or has_interrupting_guard(node) or differs(node))
+        if exact and kind.ours:
+            return TargetNode(kind.ours, args, children)
+        stock = _stock("reactive_sequence" if node.guard.checks_itself else "sequence")
+        return TargetNode(stock, args, (TargetNode(CHECK, args), *children))
+    if node.kind == "until_success":
+        inverted = (TargetNode(_stock("inverter"), (), children),)
+        inside = TargetNode(_stock("until_failure"), (), inverted)
+        return TargetNode(_stock("inverter"), (), (inside,))
+    exact = kind.ours is not None and differs is not None and differs(node)
+    target = kind.ours if exact else kind.stock
+    assert target is not None  # as check_kinds says
+    return TargetNode(target, args, children)
+
+
+def _stock(kind: str) -> Target:
+    """The libraries' node of a kind that has one."""
+    target = KINDS[kind].stock
+    assert target is not None
+    return target
 
 
 def _composite(node: Node) -> TargetNode:
     """Groups of reactive and of plain branches, each nested in the previous group."""
-    plain = "fallback" if node.kind == "selector" else "sequence"
     branches = [(plan(b), _reacts(b, node.kind)) for b in node.children[:-1]]
     run: list[TargetNode] = [plan(node.children[-1])]
     reactive = False  # whether `run` is a run of reactive branches and its last child
     for part, reacts in reversed(branches):
         if reacts != reactive and len(run) > 1:
-            run = [TargetNode(_kind(plain, reactive), (), tuple(run), rest=True)]
+            run = [TargetNode(_ordered(node.kind, reactive), (), tuple(run), rest=True)]
         reactive = reacts
         run.insert(0, part)
-    return TargetNode(_kind(plain, reactive), (), tuple(run))
+    return TargetNode(_ordered(node.kind, reactive), (), tuple(run))
 
 
 def _observing(node: Node, differs: Differs) -> TargetNode:
     """A selector or sequence: ours where it observes guards of a branch."""
-    plain = "fallback" if node.kind == "selector" else "sequence"
     *earlier, last = node.children
     observes = [has_interrupting_guard(branch) for branch in earlier]
     children = [
         plan(branch, differs, observed=o) for branch, o in zip(earlier, observes, strict=True)
     ]
-    kind = f"interruptible_{plain}" if any(observes) else plain
-    return TargetNode(kind, (), (*children, plan(last, differs)))
+    target = kind_of(node).ours if any(observes) else kind_of(node).stock
+    assert target is not None  # every selector and sequence has both
+    return TargetNode(target, (), (*children, plan(last, differs)))
 
 
 def separated(
@@ -219,7 +203,7 @@ def separated(
         if not part.children:
             return part
         children = tuple(map(visit, part.children))
-        if part.kind != "subtree":
+        if part.target != SUBTREE:
             return part._replace(children=children)
         if not keep:
             return children[0]
@@ -228,7 +212,7 @@ def separated(
             names[name, children[0]] = fresh_name(name, taken)
             taken.add(names[name, children[0]])
         use = UseArgs(names[name, children[0]])
-        return TargetNode("subtree", use, comments=part.comments)
+        return TargetNode(SUBTREE, use, comments=part.comments)
 
     root = visit(plan_root)
     return root, {name: body for (_, body), name in names.items()}
@@ -247,11 +231,11 @@ def check_kinds(
     """
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
-    if missing := kinds.intersection(rejected_kinds) | (kinds - EXPORTED):
+    if missing := kinds.intersection(rejected_kinds):
         other = "as JSON (--to json)"
-        if kinds <= EXPORTED - NAV2:
+        if not kinds & NAV2:
             other = "as Python (--to pytrees, without --plain)"
-        elif kinds <= EXPORTED - {"cooldown"}:
+        elif "cooldown" not in kinds:
             other = "as plain XML (--to btcpp --plain)"
         raise DomainError(
             f"Expected a tree without {min(missing)}, for which the library has no node; export it"
@@ -293,8 +277,8 @@ def guard_losses(tree: Node) -> set[Loss]:
     return differences
 
 
-def _kind(plain: str, reactive: bool) -> str:
-    return f"reactive_{plain}" if reactive else plain
+def _ordered(kind: str, reactive: bool) -> Target:
+    return _stock(f"reactive_{kind}" if reactive else kind)
 
 
 def _reacts(branch: Node, composite: str) -> bool:

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
+from islandgp.bt.core.kind import Target
+from islandgp.bt.core.kinds import KINDS, NAV2
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -33,9 +35,9 @@ from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.export.plan import (
+    CHECK,
     CLOCK,
-    CUSTOM_NODES,
-    NAV2,
+    SUBTREE,
     Loss,
     TargetNode,
     check_kinds,
@@ -93,9 +95,9 @@ def to_python(
     rejected_kinds = {"cooldown", *NAV2} if plain else NAV2
     check_kinds(tree, plain=plain, step_s=step_s, rejected_kinds=rejected_kinds)
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
-    if any(part.kind == "cooldown_ticks" for part in parts(planned)):
-        planned = TargetNode("tick_counter", (), (planned,))
-    has_own_nodes = any(part.kind in CUSTOM_NODES for part in parts(planned))
+    if any(part.target == KINDS["cooldown"].ours for part in parts(planned)):
+        planned = TargetNode(_COUNTER, (), (planned,))
+    has_own_nodes = any(part.target.category for part in parts(planned))
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     descriptions = {
         name: f"{key.meaning}; {key.kind}" if key.words else key.meaning
@@ -144,7 +146,7 @@ def _node_source() -> str:
 
 
 def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
-    if part.kind == "check":
+    if part.target == CHECK:
         yield f"{indent}{_check(_guard(part).condition)},"
         return
     opening = _opening(part, step_s)
@@ -158,37 +160,16 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
 
 
 def _is_guard(part: TargetNode) -> bool:
-    return part.kind == "reactive_sequence" and part.children[0].kind == "check"
+    return part.target.tag == "ReactiveSequence" and part.children[0].target == CHECK
 
 
-_CLOCKS: Final = {
-    "delay": ("wait", "Sequence({name!r}, memory=True, children=[Timer('timer', {seconds}),"),
-    "timeout": ("timeout", "Timeout({name!r}, duration={seconds}, child="),
-    "wait_ticks": ("wait", "WaitTicks({name!r}, ticks={ticks}, child="),
-    "timeout_ticks": ("timeout", "TimeoutTicks({name!r}, ticks={ticks}, child="),
-    "cooldown_ticks": ("cooldown", "CooldownTicks({name!r}, ticks={ticks}, child="),
-}
-"""Our kind of nodes that measure time, and the text before their children."""
-_OPENINGS: Final = {
-    "interruptible_fallback": "InterruptibleSelector('selector', children=[",
-    "interruptible_sequence": "InterruptibleSequence('sequence', children=[",
-    "fallback": "Selector('selector', memory=True, children=[",
-    "reactive_fallback": "Selector('selector', memory=False, children=[",
-    "sequence": "Sequence('sequence', memory=True, children=[",
-    "reactive_sequence": "Sequence('sequence', memory=False, children=[",
-    "tick_counter": "TickCounter('ticks', child=",
-    "inverter": "Inverter('inverter', child=",
-    "keep_running": "SuccessIsRunning('until_failure', child=",
-    "force_success": "FailureIsSuccess('force_success', child=",
-    "force_failure": "SuccessIsFailure('force_failure', child=",
-}
-"""The text before the children of nodes without arguments."""
+_COUNTER: Final = Target("TickCounter", (), "TickCounter('ticks', child=")
 
 
 def _opening(part: TargetNode, step_s: float | None) -> str:
     """The Python text before a node's children."""
-    kind, args = part.kind, part.args
-    if kind == "subtree":
+    args = part.args
+    if part.target == SUBTREE:
         return f"{subtree_of(part)}(action"
     if isinstance(args, ActionArgs):
         reserved = any(keyword.iskeyword(name) for name, _ in args.values)
@@ -199,25 +180,22 @@ def _opening(part: TargetNode, step_s: float | None) -> str:
         return f"{args.status.capitalize()}('always {args.status}'"
     if _is_guard(part):
         return f"EternalGuard({_condition(part)}, child="
-    if kind == "when":
-        return f"When({_condition(part)}, abort={_guard(part).abort!r}, child="
-    if kind == "judged_parallel" and isinstance(args, ParallelArgs):
-        return f"JudgedParallel('parallel', {args.success!r}, {args.failure!r}, children=["
+    values: dict[str, object] = {}
+    if isinstance(args, GuardArgs):
+        values = {"condition": _condition(part), "abort": args.abort}
     if isinstance(args, ParallelArgs):
-        one = args.success in ("one", 1)
-        policy = "SuccessOnOne()" if one else "SuccessOnAll(synchronise=True)"
-        name = head(Node("parallel", args))
-        return f"Parallel({name!r}, ParallelPolicy.{policy}, children=["
+        policy = (
+            "SuccessOnOne()" if args.success in ("one", 1) else "SuccessOnAll(synchronise=True)"
+        )
+        values = {**args._asdict(), "name": head(Node("parallel", args)), "policy": policy}
     if isinstance(args, SecondsArgs):
-        our_kind, opening = _CLOCKS[kind]
-        name, seconds = head(Node(our_kind, args)), number_text(args.seconds)
+        ours = next(n for n, k in KINDS.items() if part.target in (k.stock, k.ours))
         ticks = None if step_s is None else args.ticks(step_s)
-        return opening.format(name=name, seconds=seconds, ticks=ticks)
+        seconds = number_text(args.seconds)
+        values = {"name": head(Node(ours, args)), "seconds": seconds, "ticks": ticks}
     if isinstance(args, CountArgs):
-        if kind == "retry":
-            return f"Retry('retry', num_failures={args.times:.0f}, child="
-        return f"Repeat('repeater', num_success={args.times:.0f}, child="
-    return _OPENINGS[kind]
+        values = {"count": f"{args.times:.0f}"}
+    return part.target.python.format(**values)
 
 
 def _guard(part: TargetNode) -> GuardArgs:

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from islandgp.bt.core.kinds import KINDS, NodeKind, kind_of
+from islandgp.bt.core.kind import NodeKind
+from islandgp.bt.core.kinds import KINDS, kind_of
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.printer import head
 

@@ -9,7 +9,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from islandgp.bt.core.kinds import COUNTS, POLICIES, SECONDS
+from islandgp.bt.core import kinds
+from islandgp.bt.core.kinds import COUNTS, KINDS, POLICIES, SECONDS, TARGETS
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import CountArgs, ParallelArgs, Policy, SecondsArgs, Value
 from islandgp.bt.core.parameters import Parameter, fits, value_range
@@ -18,21 +19,16 @@ from islandgp.bt.export.plan import Loss
 
 Attributes = Mapping[str, str]
 
-COUNTED: Final = {
-    "Repeat": ("repeater", "num_cycles"),
-    "RepeatPerTick": ("repeater", "num_cycles"),
-    "RetryUntilSuccessful": ("retry", "num_attempts"),
-    "RetryPerTick": ("retry", "num_attempts"),
-    "RecoveryNode": ("recovery", "number_of_retries"),
-}
+COUNTED: Final = {tag: (n, t.ports[0]) for tag, (n, t) in TARGETS.items() if n in kinds.COUNTED}
 """By tag: our kind, and the attribute with the count."""
 
 TIMED: Final = {
-    "WaitTicks": ("wait", "seconds", 1),
-    "TimeoutTicks": ("timeout", "seconds", 1),
-    "Delay": ("wait", "delay_msec", 1000),
-    "Timeout": ("timeout", "msec", 1000),
     "Sleep": ("wait", "msec", 1000),
+    **{
+        tag: (name, target.ports[-1], 1 if target.category else 1000)
+        for tag, (name, target) in TARGETS.items()
+        if name in kinds.TIMED and name != "every"
+    },
 }
 """By tag: our kind, the attribute, and the number of its units in a second."""
 
@@ -41,13 +37,12 @@ ALWAYS: Final = {"AlwaysSuccess": "success", "AlwaysFailure": "failure"}
 ENDLESS: Final = {"repeater": "until_failure", "retry": "until_success"}
 """The kind of an endless repetition, by that of a counted one."""
 PLAIN: Final = {
-    "Inverter": "inverter",
-    "ForceSuccess": "force_success",
-    "ForceFailure": "force_failure",
-    "KeepRunningUntilFailure": "until_failure",
-    "PipelineSequence": "pipeline",
-    "RoundRobin": "round_robin",
     "SequenceWithMemory": "sequence",
+    **{
+        tag: name
+        for tag, (name, _) in TARGETS.items()
+        if not KINDS[name].arguments and KINDS[name].advance_status is None
+    },
 }
 """Tags of nodes that have no arguments here."""
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")

@@ -10,8 +10,8 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from islandgp.bt.core.kinds import advance_status, count_of, kind_of
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs
+from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, count_of
 from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards
 from islandgp_verify.machine import Machine
@@ -170,7 +170,7 @@ class _Finder:
         machine, node = self._machine, self._machine.nodes[place]
         children = machine.children[place]
         kind = kind_of(node)
-        if node.action:
+        if not children:
             return machine.fresh(place)
         if kind.opaque:
             return ANY_BOARD, ANY_BOARD, ANY_BOARD

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Final, NamedTuple, TypeAlias
 
+from islandgp.bt.analysis.context import leaf_statuses
 from islandgp.bt.core.condition import opposite
-from islandgp.bt.core.kinds import advance_status, count_of, kind_of
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs
+from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs, count_of
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
 from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
@@ -101,9 +102,9 @@ class Machine:
         }
         """The observed guards of each composite, each with its branch."""
         self.statuses = {
-            place: vocabulary.action(node.action).statuses or STATUSES
+            place: leaf_statuses(node, vocabulary) or STATUSES
             for place, node in enumerate(self.nodes)
-            if node.action
+            if not node.children
         }
         self.fresh: Callable[[int], Outcomes] = cache(partial(self._outcomes, memory=None))
         """The outcomes of a node that starts."""
@@ -197,7 +198,7 @@ class Machine:
     def _outcomes(self, place: int, memory: Memory | None) -> Outcomes:
         node, children = self.nodes[place], self.children[place]
         kind = kind_of(node)
-        if node.action:
+        if not children:
             statuses = self.statuses[place]
             return int(FAILURE in statuses), int(SUCCESS in statuses), int(RUNNING in statuses)
         if node.guard:

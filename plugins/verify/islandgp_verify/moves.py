@@ -96,8 +96,8 @@ class _Tick:
                 goal = Goal(goal.statuses)
         node = self._machine.nodes[place]
         kind = kind_of(node)
-        if node.action:
-            return self._action(place, goal.statuses)
+        if not node.children:
+            return self._leaf(place, goal.statuses)
         if node.guard:
             return self._guard(place, memory, goal)
         if kind.counts is not None:
@@ -108,11 +108,13 @@ class _Tick:
             return self._parallel(place, memory, goal)
         return self._composite(place, memory, goal)
 
-    def _action(self, place: int, statuses: Sequence[int]) -> Iterator[Move]:
+    def _leaf(self, place: int, statuses: Sequence[int]) -> Iterator[Move]:
+        is_action = bool(self._machine.nodes[place].action)
         for status in statuses:
             if status in self._machine.statuses[place]:
                 self._machine.spend()
-                yield Move(status, _RUNS if status == RUNNING else None, ((place, status),))
+                calls = ((place, status),) if is_action else ()
+                yield Move(status, _RUNS if status == RUNNING else None, calls)
 
     def _turned(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
         ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
