@@ -21,6 +21,7 @@ from typing import Any
 from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
+from islandgp.bt.core.kind import NodeKind, Sort
 from islandgp.bt.core.kinds import ABORTS, COUNTED, COUNTS, KINDS, POLICIES, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
 from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
@@ -46,16 +47,7 @@ COST = ROOT / "docs" / "llm" / "cost.md"
 STATE = ROOT / "docs" / "llm" / "state.md"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-_EXAMPLES = {
-    "parallel": "`parallel success one failure all { ... }`",
-    "inverter": "`inverter { x }`",
-    "repeater": "`repeater 3 { x }`",
-    "retry": "`retry 3 { x }`",
-    **{kind: f"`{kind} 2.5 {{ x }}`" for kind in TIMED},
-    "recovery": "`recovery 3 { x y }`",
-    "when": "`when KEY < 25 abort lower { x }`",
-    "action": "the name of an action",
-}
+_SORTS = {Sort.CONDITION: "KEY < 25", Sort.COUNT: "3", Sort.SECONDS: "2.5"}
 _CHILDREN = {(0, 0): "none", (1, 1): "one", (2, 2): "two"}
 
 
@@ -66,7 +58,7 @@ def tables() -> dict[str, str]:
             ("node", "sign", "children", "what it does"),
             [
                 (
-                    _EXAMPLES.get(name, f"`{name} {{ ... }}`"),
+                    _example(name, kind),
                     kind.look.sign,
                     _CHILDREN.get(kind.children, "one or more"),
                     kind.meaning,
@@ -128,6 +120,18 @@ def tables() -> dict[str, str]:
             ],
         ),
     }
+
+
+def _example(name: str, kind: NodeKind) -> str:
+    """A node of a kind as text."""
+    if name == "action":
+        return "the name of an action"
+    words = [name]
+    for argument in kind.arguments:
+        value = _SORTS.get(argument.sort) or next(iter(argument.words))
+        words.append(value if argument.default is None else f"{argument.name} {value}")
+    children = {(0, 0): "", (1, 1): " { x }", (2, 2): " { x y }"}
+    return f"`{' '.join(words)}{children.get(kind.children, ' { ... }')}`"
 
 
 def field_table() -> dict[str, str]:

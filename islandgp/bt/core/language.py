@@ -17,7 +17,7 @@ from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import ParsedFile, gathered
-from islandgp.bt.core.kinds import CALLABLE, RESERVED
+from islandgp.bt.core.kinds import CALLABLE, KINDS, RESERVED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
@@ -242,4 +242,18 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
         "start": ["start", "library", "disjunction"],
     }
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
-    return Lark(grammar, **options)
+    return Lark("\n".join([grammar, *_kind_rules()]), **options)
+
+
+def _kind_rules() -> Iterator[str]:
+    """The rules of the kinds that are not in the file: keyword, arguments and children."""
+    children = {(0, 0): "", (1, 1): "_child", (2, 2): '"{" _node _node "}"'}
+    for name, kind in KINDS.items():
+        if not kind.paper:
+            arguments = [" | ".join(map(str.upper, a.words)) or "_number" for a in kind.arguments]
+            parts = [name.upper(), *map("({})".format, arguments)]
+            parts.append(children.get(kind.children, "_children"))
+            yield f"%extend _node: {name}"
+            yield f"{name}: {' '.join(parts)}"
+            words = {word for argument in kind.arguments for word in argument.words}
+            yield from (f'{word.upper()}: "{word}"' for word in sorted({name, *words}))
