@@ -72,6 +72,7 @@ COMMANDS: Final = {
     ),
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
     "sync": CommandInfo("send missing records to the tracking server", "runs/default"),
+    "new": CommandInfo("make a folder with a robot of your own that runs at once", "my_robot"),
     "examples": CommandInfo("list the example trees, or print one", "all_rounder"),
     "completion": CommandInfo(
         "print the shell code for completion of commands and overrides", "bash"

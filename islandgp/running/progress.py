@@ -38,7 +38,8 @@ MIN_ROWS: Final = 3  # least number of generations in the live table
 def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
     """Names and widths of all columns; with the mutation rate if `rate` is True."""
     *first, mutation, time_left = COLUMNS.items()
-    milestone_columns = ((name, max(4, len(name))) for name in milestones)
+    names = [f"{name} tier" if name in COLUMNS else name for name in milestones]
+    milestone_columns = ((name, max(4, len(name))) for name in names)
     return dict([*first, *milestone_columns, *[mutation] * rate, time_left])
 
 

@@ -21,6 +21,11 @@ from tests.tracking.folders import steps
 MILESTONES = CLASSES.milestones
 
 
+def test_a_tier_may_have_a_columns_name() -> None:
+    """Tiers called `working` or `best` have columns of their own beside those of all runs."""
+    assert len(columns(("working", "best"))) == len(columns(())) + 2
+
+
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [
