@@ -17,12 +17,8 @@ import click
 from islandgp.errors import ConfigError, IslandError
 from islandgp.resources import resource
 
-KINDS: Final = {
-    "simulator": ("simulator",),
-    "gymnasium": ("environment",),
-    "ros2": ("simulator", "ros2"),
-}
-"""The folders of templates for each kind; files of later ones replace those of earlier ones."""
+TEMPLATES: Final = resource("examples/templates")
+"""A folder for each kind; one without a configuration extends the simulator."""
 
 EPISODES: Final = 20  # random ones, which give the ranges of keys without bounds
 MAX_STEPS: Final = 500  # of each
@@ -32,10 +28,10 @@ MAX_STEPS: Final = 500  # of each
 @click.argument("name")
 @click.option(
     "--kind",
-    type=click.Choice(list(KINDS)),
+    type=click.Choice(sorted(path.name for path in TEMPLATES.iterdir() if path.is_dir())),
     default="simulator",
     show_default=True,
-    help="A simulator in Python, a Gymnasium environment, or a simulator of a ROS 2 robot.",
+    help="A simulator in Python, a Gymnasium environment, or a simulator with a map for a robot.",
 )
 @click.option(
     "--environment", metavar="ID", help="Gymnasium environment; default: CartPole-v1.", default=None
@@ -54,8 +50,9 @@ def command(name: str, kind: str, environment: str | None) -> None:
         words |= _of_environment(environment or "CartPole-v1")
     made = Path(mkdtemp(prefix=f".{name}-", dir=folder.absolute().parent))
     try:
-        for template in KINDS[kind]:
-            copytree(resource(f"examples/templates/{template}"), made, dirs_exist_ok=True)
+        if not (TEMPLATES / kind / "conf").exists():
+            copytree(TEMPLATES / "simulator", made, dirs_exist_ok=True)
+        copytree(TEMPLATES / kind, made, dirs_exist_ok=True)
         for path in [p for p in sorted(made.rglob("*")) if p.is_file()]:
             text = path.read_text(encoding="utf-8")
             for word, replacement in words.items():
