@@ -65,7 +65,7 @@ NAMES_ONLY = ("", "evolution", "bt", "gp")  # packages whose __init__ holds noth
 MAY_IMPORT: dict[str, tuple[str, ...]] = {
     # library: the modules that may
     "pymunk": ("domains.island",),
-    "gymnasium": ("domains.gymnasium",),
+    "gymnasium": ("domains.gymnasium", "commands.new_command"),
     "hydra": ("config", "running", "sweep", "experiment", "commands"),
     "omegaconf": ("config", "running", "sweep", "commands"),
     "mlflow": ("tracking",),
