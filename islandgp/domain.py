@@ -249,6 +249,16 @@ def wants_scenes(observer: Observer) -> bool:
     return bool(getattr(observer, "scenes", True))
 
 
+def prepare(domain: Domain) -> None:
+    """Calls the domain's optional method `prepare`.
+
+    Args:
+        domain: that is to run an episode.
+    """
+    if (own := getattr(domain, "prepare", None)) is not None:
+        own()
+
+
 class Domain(Protocol):
     """A robot's world. Domains can be pickled and are sent to each worker once.
 
@@ -262,6 +272,8 @@ class Domain(Protocol):
     - `vocabulary_in(worlds)`, a class method, returns the vocabulary with the conditions
       (`to_start`, `to_succeed`) that hold in all of these worlds, if they depend on the settings.
       `check` bases its warnings on it.
+    - `prepare()` loads and compiles what episodes need. It is called before each episode, outside
+      the time limit of the episode.
     - `about(seed=None)` returns sentences for prompts: the length of an episode and a description
       of the world, for one seed or for the settings in general.
     """

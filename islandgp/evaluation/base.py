@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol, Self, runtime_checkable
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import Domain, Outcome
+from islandgp.domain import Domain, Outcome, prepare
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, recorded_perturbation
 from islandgp.evaluation.worlds import staged
@@ -209,6 +209,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     weights = problem.curriculum.multipliers(job.stage)
     try:
         tree = job.node or _tree(job.tree, problem.domain.schema.vocabulary)
+        prepare(problem.domain)
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
             outcome = domain.run_episode(tree, job.seed, weights)

@@ -23,7 +23,7 @@ import yaml
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import STATUS_NAMES, Limits, Node, ParallelArgs, leaf, sequence
-from islandgp.domain import Domain, Observer, Outcome
+from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
@@ -235,6 +235,7 @@ class DomainSuite:
         observer: Observer | None = None,
     ) -> Outcome:
         """An episode within the time limit."""
+        prepare(domain)
         with TimeLimit(self.episode_timeout):
             outcome = domain.run_episode(tree, seed, weights or {}, observer)
         assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"

@@ -42,6 +42,13 @@ TUCK = "        self.arm_tucked = True\n        return True"
 
 MEASURES = "    def measures(self):\n        return {}\n\n    def step(self):"
 
+PREPARE = """from time import sleep
+
+class PickPlace(Stepped):
+    def prepare(self):
+        sleep(0.3)
+"""
+
 Broken = Callable[[str, str], ModuleType]
 
 
@@ -294,6 +301,12 @@ def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
     setting = replace(setting, domain=Thinking(island.world, island.rewards))
     with pytest.raises(EvaluationError, match=r"the action Think still running after 0\.2 s"):
         simulate(setting, Job("Think", 0, 3), 0.2)
+
+
+def test_preparing_is_not_limited(broken: Broken) -> None:
+    """A domain may compile before an episode, outside of the episode's time limit."""
+    setting = problem(broken("class PickPlace(Stepped):", PREPARE))
+    assert simulate(setting, Job("Localise", 0, 3), 0.2).seconds > 0
 
 
 def test_other_code_that_does_not_return_is_named(broken: Broken) -> None:

@@ -97,6 +97,12 @@ class Island:
             f" {episode.negative:g} s of negative fitness, and when the battery is empty."
         )
 
+    def prepare(self) -> None:
+        """See `Domain`. Compiles the engine, or loads its machine code."""
+        from islandgp.domains.island.episode import compile_engine  # numba takes half a second
+
+        compile_engine(self.world, self.actions is not ACTIONS)
+
     def run_episode(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:

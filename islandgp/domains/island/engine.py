@@ -10,7 +10,6 @@ cannot be written.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -280,7 +279,7 @@ def _cached(function: Any) -> Any:
         return njit(function, error_model="numpy")
 
 
-def _entries(version: int) -> tuple[Callable[..., Any], ...]:
+def _entries(version: int) -> tuple[Any, ...]:
     """The functions for Python. numba's key of a cached function has the value of `version`."""
 
     @_cached

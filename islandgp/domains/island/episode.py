@@ -20,6 +20,23 @@ from islandgp.leaves import status_of
 from islandgp.sensors import Sensors
 
 
+def compile_engine(world: IslandWorld, drives: bool) -> None:
+    """Compiles the functions that an episode calls, or loads their machine code.
+
+    Args:
+        world: any settings.
+        drives: True: also what `State.drive` calls, which only a user's actions do.
+    """
+    functions = [engine.proceed, engine.act, *([engine.drive] if drives else [])]
+    if all(function.signatures for function in functions):
+        return
+    island = State(world, 0, lambda _event, _amount: ("", 0.0))
+    engine.proceed(island.record, FAILURE)
+    island.perform(0, True)
+    if drives:
+        island.drive(0, 0, 1)
+
+
 def run_episode(
     tree: Node,
     world: IslandWorld,
