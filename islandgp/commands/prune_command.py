@@ -93,7 +93,7 @@ def _report(result: PruneResult) -> None:
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False, markup=False)
-    if len(result.front[-1].outcomes) and not any(o.fitness for o in result.front[-1].outcomes):
+    if result.earns_nothing:
         console.print("The tree earns 0 points in every world, so there is nothing to compare.")
         return
     columns = [
@@ -102,28 +102,21 @@ def _report(result: PruneResult) -> None:
         Column("change", ["simplified", *(step.change for step in result.steps[1:])], left=True),
     ]
     print_table(console, columns)
-    worlds = len(result.front[-1].outcomes)
+    if result.front:
+        console.print("\nShorter trees in fresh worlds; differences are to the original:")
+        intervals = [interval(tried.differences) for tried in result.front]
+        cells = [_signed([each[end] for each in intervals]) for end in range(3)]
+        texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]
+        chosen = ["chosen" if tried.tree == result.best else "" for tried in result.front]
+        table = [
+            Column("nodes", [str(size(tried.tree)) for tried in result.front]),
+            Column("difference (95 %)", texts, left=True),
+            Column("worlds", [str(len(tried.differences)) for tried in result.front]),
+            Column("", chosen, left=True),
+        ]
+        print_table(console, table)
     console.print(
-        f"\nThe trees on the way in {worlds} fresh worlds; differences are to the original"
-        " (95 % intervals):"
-    )
-    original = [o.fitness for o in result.front[-1].outcomes]
-    rows = []
-    for tried in result.front[:-1]:
-        pairs = [o.fitness - a for o, a in zip(tried.outcomes, original, strict=True)]
-        rows.append(interval(pairs))
-    cells = [_signed([row[end] for row in rows]) for end in range(3)]
-    texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]
-    trees = [tried.tree for tried in result.front]
-    chosen = ["chosen" if tree is result.best else "" for tree in trees]
-    table = [
-        Column("nodes", [str(size(tree)) for tree in trees]),
-        Column("difference", [*texts, "the original"], left=True),
-        Column("", chosen, left=True),
-    ]
-    print_table(console, table)
-    console.print(
-        f"{size(result.front[-1].tree)} nodes before, {size(result.best)} after;"
+        f"{size(result.original)} nodes before, {size(result.best)} after;"
         f" {result.episodes:,} episodes"
     )
 

@@ -33,7 +33,8 @@ DIGITS: Final = (1, 2)  # significant digits of rounded numbers, the fewest firs
 NEEDED: Final = 0.1  # a form that loses this share of the fitness is tried once only
 LOST_SHARE: Final = 0.05  # of the worlds in which a tier or behaviour may be lost
 FRONT: Final = 8  # most trees of a front that are confirmed
-SEARCH_SHARE: Final = 0.7  # of the episodes; the others confirm the front
+SEARCH_SHARE: Final = 0.6  # of the episodes that are left; others confirm the front
+CONFIRM_SHARE: Final = 0.25  # of all episodes, to confirm a front
 FORMS_TO_AFFORD: Final = 16  # forms that can be compared in all worlds, at least
 
 Evaluate: TypeAlias = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
@@ -43,7 +44,7 @@ Evaluate: TypeAlias = Callable[[Sequence[Node], Sequence[int]], list[list[Outcom
 class Pruning(BaseModel, frozen=True, extra="forbid"):
     """Settings of the shortening of a run's best robot."""
 
-    tolerance: float = Field(0.005, ge=0, le=0.5)
+    tolerance: float = Field(0.01, ge=0, le=0.5)
     """Largest loss of mean fitness, as a share of the mean size of the tree's fitness."""
     episodes: int = Field(1500, ge=0, le=1_000_000)  # at most; 0: the tree stays as it is
     budget_share: float = Field(0.15, ge=0, le=0.5)  # of `budget.episodes`, at most
@@ -142,7 +143,7 @@ _Change: TypeAlias = tuple[tuple[str, ...], str, int]
 
 
 @dataclass
-class _Bench:
+class Bench:
     """Evaluates trees in a sequence of worlds, each once, and counts the episodes."""
 
     standard: Standard  # the original's outcomes in all worlds
@@ -170,50 +171,27 @@ class _Bench:
         return self.spent + trees * FIRST + len(self.worlds) <= self.episodes
 
 
-def shorten(
-    tree: Node,
-    vocabulary: Vocabulary,
-    evaluate: Evaluate,
-    worlds: Sequence[int],
-    keep: Keep,
-    *,
-    episodes: int,
-) -> tuple[list[Shortened], int]:
-    """Shortens a tree step by step.
-
-    Args:
-        tree: the original.
-        vocabulary: of its domain.
-        evaluate: runs episodes.
-        worlds: at least FIRST seeds, in which forms are compared with the original.
-        keep: what a form must keep.
-        episodes: at most.
+def shorten(tree: Node, bench: Bench, vocabulary: Vocabulary) -> list[Shortened]:
+    """Shortens a tree step by step, while the bench has episodes.
 
     Returns:
-        The trees from the original, simplified, to the shortest, and the episodes spent. Each tree
-        is shorter than the one before, or has a plainer condition.
+        The trees from `tree` to the shortest. Each is shorter than the one before, or has a plainer
+        condition.
     """
-    simple = simplify(tree, vocabulary).tree
-    front = [Shortened(simple, "", 0.0)]
-    bench = _Bench(Standard((), keep), evaluate, worlds, episodes)
-    if not bench.affords(1):
-        return front, 0
-    original = bench.outcomes([simple], len(worlds))[0]
-    if not any(outcome.fitness for outcome in original):
-        return front, bench.spent  # every tree that earns nothing would be as good
-    bench.standard, bench.last = Standard(original, keep), original
+    front = [Shortened(tree, "", 0.0)]
+    bench.last = bench.outcomes([tree], len(bench.worlds))[0]
     while _pass(front, shorter_forms, bench, vocabulary):
         pass  # a change may allow others that were rejected before
     for digits in DIGITS:
         while _pass(front, partial(rounded_forms, digits=digits), bench, vocabulary):
             pass
-    return front, bench.spent
+    return front
 
 
 def _pass(
     front: list[Shortened],
     forms: Callable[[Node], list[ShorterForm]],
-    bench: _Bench,
+    bench: Bench,
     vocabulary: Vocabulary,
 ) -> bool:
     """Tries each form of the last tree once, and adds those that keep the standard to the front.
@@ -246,7 +224,7 @@ def _numbered(forms: Iterable[ShorterForm]) -> Iterator[tuple[_Change, ShorterFo
 
 
 def _first_kept(
-    candidates: Sequence[tuple[_Change, ShorterForm]], bench: _Bench, rejected: set[_Change]
+    candidates: Sequence[tuple[_Change, ShorterForm]], bench: Bench, rejected: set[_Change]
 ) -> ShorterForm | None:
     """The first form that keeps the standard; None: there is none, or no budget.
 
@@ -269,7 +247,7 @@ def _first_kept(
     return None
 
 
-def _kept_outcomes(tree: Node, bench: _Bench) -> Sequence[Outcome] | None:
+def _kept_outcomes(tree: Node, bench: Bench) -> Sequence[Outcome] | None:
     """The outcomes of a tree in all worlds if it keeps the standard, else None.
 
     A tree that loses clearly in few worlds is not tried in more; nor is one whose outcomes equal
@@ -306,54 +284,57 @@ class Confirmed:
     """A tree of the front in fresh worlds."""
 
     tree: Node
-    outcomes: tuple[Outcome, ...]  # by world
+    differences: tuple[float, ...]  # points by world, to the original in the same world
     kept: bool  # True: it keeps the standard of the original
 
 
 def confirm(
     original: Node,
-    front: Sequence[Shortened],
+    trees: Sequence[Node],
     evaluate: Evaluate,
     worlds: Sequence[int],
     keep: Keep,
 ) -> list[Confirmed]:
-    """Evaluates the trees of a front and the original in fresh worlds.
+    """Compares shorter trees with the original in fresh worlds.
 
     Args:
         original: the long tree.
-        front: from `shorten`, thinned.
+        trees: from `shorten`.
         evaluate: runs episodes.
-        worlds: at least one seed, none of those in which the front was made.
+        worlds: at least one seed, none of those in which the trees were made.
         keep: what a shorter tree must keep.
 
     Returns:
-        The trees of the front, the shortest first, and the original last. A tree is kept unless
-        its loss exceeds the tolerance by a standard error (the one-standard-error rule of
-        Breiman et al. 1984, Classification and Regression Trees, 3.4.3), or it loses a tier, a
-        behaviour or a constraint.
+        An entry for each tree. A tree is kept unless its loss exceeds the tolerance by a standard
+        error (the one-standard-error rule of Breiman et al. 1984, Classification and Regression
+        Trees, 3.4.3), or it loses a tier, a behaviour or a constraint.
     """
-    trees = [step.tree for step in front]
-    *outcomes, reference = evaluate([*trees, original], worlds)
+    reference, *outcomes = evaluate([original, *trees], worlds)
     standard = Standard(reference, keep)
-    judged = [
-        Confirmed(tree, tuple(own), not standard.is_hopeless(own) and standard.is_feasible(own))
+    return [
+        Confirmed(
+            tree,
+            tuple(standard.differences(own)),
+            not standard.is_hopeless(own) and standard.is_feasible(own),
+        )
         for tree, own in zip(trees, outcomes, strict=True)
     ]
-    return [*judged, Confirmed(original, tuple(reference), True)]
 
 
 @dataclass(frozen=True, slots=True)
 class PruneResult:
     """The result of `prune`."""
 
-    steps: tuple[Shortened, ...]  # from the original to the shortest tree
-    front: tuple[Confirmed, ...]  # the shortest first; the original last
+    original: Node
+    steps: tuple[Shortened, ...]  # from the simplified original to the best tree
+    front: tuple[Confirmed, ...]  # the trees tried in fresh worlds, the shortest first
     episodes: int  # that were spent
+    earns_nothing: bool  # True: the original has 0 points in all worlds, as many other trees do
 
     @property
     def best(self) -> Node:
         """The shortest tree that keeps the standard in fresh worlds."""
-        return next(confirmed.tree for confirmed in self.front if confirmed.kept)
+        return self.steps[-1].tree
 
 
 def prune(
@@ -368,25 +349,52 @@ def prune(
 ) -> PruneResult:
     """Shortens a tree and confirms the result in fresh worlds.
 
+    A form that holds by luck in the worlds of a search spoils the trees after it. So further
+    searches, in other worlds, start with the shortest tree that was confirmed.
+
     Args:
         tree: the original.
         vocabulary: of its domain.
         evaluate: runs episodes.
         worlds: returns that number of fresh world seeds at each call.
         keep: what a shorter tree must keep.
-        episodes: at most, of which SEARCH_SHARE are for `shorten`.
+        episodes: at most.
         most_worlds: in which a shorter form is compared.
 
     Returns:
-        The steps and the front. With too few episodes for a comparison, both are the original.
+        The steps and the front. With too few episodes for a search, the original is the only step.
     """
-    search = int(SEARCH_SHARE * episodes)
-    count = min(most_worlds, search // FORMS_TO_AFFORD)
-    if count < FIRST:
-        return PruneResult((Shortened(tree, "", 0.0),), (Confirmed(tree, (), True),), 0)
-    steps, spent = shorten(tree, vocabulary, evaluate, worlds(count), keep, episodes=search)
-    left = episodes - search
-    front = thinned(steps, max(1, min(FRONT, left // (3 * FIRST) - 1)))
-    fresh = worlds(max(1, left // (len(front) + 1)))
-    front_in_fresh = confirm(tree, front, evaluate, fresh, keep)
-    return PruneResult(tuple(steps), tuple(front_in_fresh), spent + len(fresh) * (len(front) + 1))
+    simple = simplify(tree, vocabulary).tree
+    steps, front, spent, earns_nothing = [Shortened(simple, "", 0.0)], list[Confirmed](), 0, False
+    while not earns_nothing:
+        search = int(SEARCH_SHARE * (episodes - spent))
+        count = min(most_worlds, search // FORMS_TO_AFFORD)
+        if count < FIRST:
+            break
+        seeds = worlds(count)
+        (reference,) = evaluate([simple], seeds)
+        earns_nothing = not any(outcome.fitness for outcome in reference)
+        bench = Bench(
+            Standard(reference, keep), evaluate, seeds, search, count, {simple: reference}
+        )
+        new = [] if earns_nothing else shorten(steps[-1].tree, bench, vocabulary)
+        spent += bench.spent
+        trees = [step.tree for step in thinned(new[1:], FRONT)]
+        if not trees:
+            break
+        left = min(episodes - spent, int(CONFIRM_SHARE * episodes))
+        fresh = worlds(max(1, left // (len(trees) + 1)))
+        confirmed = confirm(simple, trees, evaluate, fresh, keep)
+        spent += len(fresh) * (len(trees) + 1)
+        front += confirmed
+        kept = [each.tree for each in confirmed if each.kept]
+        if kept:
+            steps += new[1 : [step.tree for step in new].index(kept[0]) + 1]
+    by_size = {size(each.tree): each for each in sorted(front, key=lambda each: each.kept)}
+    return PruneResult(
+        tree,
+        tuple(steps if front else [Shortened(tree, "", 0.0)]),
+        tuple(by_size[nodes] for nodes in sorted(by_size)),
+        spent,
+        earns_nothing,
+    )

@@ -22,9 +22,9 @@ from islandgp.evolution.explain import Usage, explained, usage, with_losses
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
+    Comparison,
     FrontTree,
     Validation,
-    compared,
     entrants,
     fresh_worlds,
     judged,
@@ -32,6 +32,7 @@ from islandgp.evolution.validation import (
     validation_seeds,
 )
 from islandgp.gp.evidence import SHRINKAGE
+from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.running.totals import RunTotals
 from islandgp.supervision.library import library_folder, read_tree
@@ -187,23 +188,16 @@ def _usages(
 
 
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
-    """The front as plain values; () if the tree was not shortened."""
-    *shorter, original = pruned.front
-    if not shorter:
+    """The front with the original as plain values; () if no shorter tree was tried."""
+    if not pruned.front:
         return ()
-    best = pruned.best
-    trees = [
-        FrontTree(
-            size(tried.tree),
-            to_text(tried.tree),
-            compared("the longest tree", tried.outcomes, original.outcomes),
-            tried.tree is best,
-        )
-        for tried in shorter
+    entries = [
+        *((c.tree, Comparison("the longest tree", *interval(c.differences))) for c in pruned.front),
+        (pruned.original, None),
     ]
-    return (
-        *trees,
-        FrontTree(size(original.tree), to_text(original.tree), None, best is original.tree),
+    return tuple(
+        FrontTree(size(tree), to_text(tree), difference, tree == pruned.best)
+        for tree, difference in entries
     )
 
 

@@ -1,19 +1,25 @@
-"""Makes runs and writes the table: python -m studies.pruning [--seeds 20] [--first 9100]."""
+"""Makes runs and writes the table: python -m studies.pruning [--seeds 20] [--first 9200].
+
+Runs that are in results/robots.jsonl are not repeated.
+"""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from math import sqrt
 from pathlib import Path
 from statistics import fmean, stdev
+from typing import Any
 
 import islandgp
+from islandgp.bt.analysis.lint import warnings
+from islandgp.bt.core.node import size
 from islandgp.scoring.classes import tiers
+from islandgp.scoring.constraints import mean_violation
 
-HERE = Path(__file__).parent
+RESULTS = Path(__file__).parent / "results"
 UNSEEN = range(500_000, 500_200)  # world seeds
 
 ARMS = {
@@ -38,60 +44,53 @@ ARMS = {
 """Overrides and configuration folder of each world."""
 
 
-@dataclass(frozen=True, slots=True)
-class Robot:
-    """A best robot before and after its shortening."""
+def robot(overrides: Sequence[str], config_dir: str | None, seed: int) -> dict[str, Any]:
+    """The best robot of a run, before and after its shortening.
 
-    nodes: tuple[int, int]
-    difference: float  # share of the mean size of the fitness before
-    lost_tiers: float  # largest loss of a tier's share of the worlds
-
-
-def robots(
-    overrides: Sequence[str], config_dir: str | None, seeds: Sequence[int]
-) -> Iterator[Robot]:
-    """The best robots of runs with these seeds."""
-    for seed in seeds:
-        experiment = islandgp.compose(
-            *overrides, f"seed={seed}", "name=pruning", "tracking=off", "progress=off",
-            config_dir=config_dir,
-        )  # fmt: skip
+    Returns:
+        `nodes` before and after; `difference` in unseen worlds, as a share of the mean size of the
+        fitness before; `lost`, the largest loss of a tier's share of these worlds; `violation`, how
+        much more constraints are violated; `warnings` of `check`.
+    """
+    experiment = islandgp.compose(
+        *overrides, f"seed={seed}", "name=pruning", "tracking=off", "progress=off",
+        config_dir=config_dir,
+    )  # fmt: skip
+    if not (experiment.folder / "summary.json").exists():
         experiment.run()
-        champion = json.loads((experiment.folder / "summary.json").read_text())["champion"]
-        trees = [experiment.parse(champion["record"]["tree"]), experiment.parse(champion["tree"])]
-        before, after = (experiment.evaluate(tree, UNSEEN) for tree in trees)
-        size = fmean(abs(o.fitness) for o in before) or 1.0
-        classes = experiment.settings.classes
-        shares = [
-            {name: fmean(name in tiers(o, classes) for o in outcomes) for name in classes.tiers}
-            for outcomes in (before, after)
-        ]
-        yield Robot(
-            nodes=(champion["record"]["nodes"], _nodes(champion)),
-            difference=(fmean(o.fitness for o in after) - fmean(o.fitness for o in before)) / size,
-            lost_tiers=max(shares[0][name] - shares[1][name] for name in classes.tiers),
-        )
+    champion = json.loads((experiment.folder / "summary.json").read_text())["champion"]
+    trees = [experiment.parse(champion["record"]["tree"]), experiment.parse(champion["tree"])]
+    before, after = (experiment.evaluate(tree, UNSEEN) for tree in trees)
+    settings = experiment.settings
+    shares = [
+        {
+            name: fmean(name in tiers(o, settings.classes) for o in outcomes)
+            for name in settings.classes.tiers
+        }
+        for outcomes in (before, after)
+    ]
+    points = [fmean(o.fitness for o in outcomes) for outcomes in (before, after)]
+    violations = [mean_violation(outcomes, settings.constraints) for outcomes in (before, after)]
+    return {
+        "nodes": [size(tree) for tree in trees],
+        "difference": (points[1] - points[0]) / (fmean(abs(o.fitness) for o in before) or 1.0),
+        "lost": max(shares[0][name] - shares[1][name] for name in settings.classes.tiers),
+        "violation": violations[1] - violations[0],
+        "warnings": len(warnings(champion["tree"], experiment.plan.vocabulary)),
+    }
 
 
-def _nodes(champion: dict[str, object]) -> int:
-    front = champion["front"]
-    assert isinstance(front, list)
-    chosen = [tree["nodes"] for tree in front if tree["chosen"]]
-    record = champion["record"]
-    assert isinstance(record, dict)
-    return int(chosen[0] if chosen else record["nodes"])
-
-
-def row(name: str, found: Sequence[Robot]) -> str:
+def row(name: str, robots: Sequence[Mapping[str, Any]]) -> str:
     """A row of the table."""
-    before, after = ([robot.nodes[k] for robot in found] for k in range(2))
-    shares = [100 * robot.difference for robot in found]
+    before, after = ([robot["nodes"][k] for robot in robots] for k in range(2))
+    shares = [100 * robot["difference"] for robot in robots]
     half = 2.09 * stdev(shares) / sqrt(len(shares)) if len(shares) > 1 else float("nan")
     mean = fmean(shares)
-    lost = max(robot.lost_tiers for robot in found)
+    lost = max(robot["lost"] for robot in robots)
+    warned = sum(robot["warnings"] for robot in robots)
     return (
-        f"| {name} | {len(found)} | {fmean(before):.1f} | {fmean(after):.1f} | {max(after)}"
-        f" | {mean:+.2f} % [{mean - half:+.2f}, {mean + half:+.2f}] | {lost:.1%} |"
+        f"| {name} | {len(robots)} | {fmean(before):.1f} | {fmean(after):.1f} | {max(after)}"
+        f" | {mean:+.2f} % [{mean - half:+.2f}, {mean + half:+.2f}] | {lost:.1%} | {warned} |"
     )
 
 
@@ -99,19 +98,30 @@ def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(prog="python -m studies.pruning", description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=9100)
+    parser.add_argument("--first", type=int, default=9200)
+    parser.add_argument("--world", choices=ARMS, help="only this one")
     options = parser.parse_args()
-    seeds = range(options.first, options.first + options.seeds)
-    head = (
-        "| world | runs | nodes before | after | most | difference in 200 unseen worlds (95 %)"
-        " | largest loss of a tier |\n|---|---:|---:|---:|---:|---:|---:|"
-    )
-    lines = [head]
+    RESULTS.mkdir(exist_ok=True)
+    file = RESULTS / "robots.jsonl"
+    known = [json.loads(line) for line in file.read_text().splitlines()] if file.exists() else []
+    found = {(each["world"], each["seed"]): each for each in known}
     for name, (overrides, config_dir) in ARMS.items():
-        lines.append(row(name, list(robots(overrides, config_dir, seeds))))
-        print(lines[-1], flush=True)
-        (HERE / "results").mkdir(exist_ok=True)
-        (HERE / "results" / "table.md").write_text("\n".join(lines) + "\n")
+        for seed in range(options.first, options.first + options.seeds):
+            if (name, seed) in found or options.world not in (None, name):
+                continue
+            found[name, seed] = {"world": name, "seed": seed, **robot(overrides, config_dir, seed)}
+            with file.open("a") as lines:
+                lines.write(json.dumps(found[name, seed]) + "\n")
+    table = [
+        "| world | runs | nodes before | after | most | difference in 200 unseen worlds (95 %)"
+        " | largest loss of a tier | warnings of `check` |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for name in ARMS:
+        robots = [each for (world, _), each in found.items() if world == name]
+        table += [row(name, robots)] if robots else []
+    (RESULTS / "table.md").write_text("\n".join(table) + "\n")
+    print("\n".join(table))
 
 
 if __name__ == "__main__":
