@@ -10,12 +10,12 @@ from omegaconf import OmegaConf
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.config.settings import Settings, read_settings
+from islandgp.domain.rewards import worth
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Problem
 from islandgp.resources import resource
-from islandgp.scoring.rewards import worth
 
 STAGE = 0  # of Table 2
 SEED = 0  # of a run

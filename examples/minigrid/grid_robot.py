@@ -8,8 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from grid_memory import Memory
-from islandgp.domain import Scene, png
-from islandgp.ticking import EventLog, once_a_thread
+from islandgp.domain import EventLog, Scene, once_a_thread, png
 
 if TYPE_CHECKING:
     from grid_world import Levels

@@ -12,10 +12,8 @@ import yaml
 from pydantic import BaseModel, Field, TypeAdapter
 
 from grid_robot import GridRobot, levels, mission
-from islandgp.domain import Schema
+from islandgp.domain import EventLog, RewardTable, Schema, Simulation, SimulatorDomain
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import EventLog, Simulation, Stepped
 
 _DECLARED: Final = Path(__file__).with_name("schema.yaml").read_text(encoding="utf-8")
 SCHEMA: Final = TypeAdapter(Schema).validate_python(yaml.safe_load(_DECLARED))
@@ -29,7 +27,7 @@ class Levels(BaseModel, frozen=True, extra="forbid"):
     ticks: int = Field(ge=1, le=10_000)  # steps of an episode, at most; a level may have fewer
 
 
-class MiniGrid(Stepped):
+class MiniGrid(SimulatorDomain):
     """The MiniGrid domain."""
 
     World: ClassVar[type[BaseModel]] = Levels

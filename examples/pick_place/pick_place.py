@@ -7,9 +7,18 @@ then, so that a tree has to look at what was reached, not at what was tried.
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, integer
-from islandgp.domain import Event, Form, Scene, Schema, Thing
-from islandgp.ticking import Stepped
+from islandgp.domain import (
+    Action,
+    Event,
+    Form,
+    Scene,
+    Schema,
+    SimulatorDomain,
+    Thing,
+    Vocabulary,
+    flag,
+    integer,
+)
 
 TABLES = {"start": (0.0, 0.0), "pick": (-3.0, 2.0), "place": (3.0, 2.0)}  # m
 
@@ -143,7 +152,7 @@ class Robot:
         return done
 
 
-class PickPlace(Stepped):
+class PickPlace(SimulatorDomain):
     """The domain."""
 
     World, Episode, schema = World, Robot, SCHEMA

@@ -19,7 +19,7 @@ from pydantic import (
 )
 
 from islandgp.config.errors import error_lines, setting_at
-from islandgp.domain import Domain, Schema
+from islandgp.domain import Domain, RewardTable, Schema
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.perturbation import Perturbation
@@ -33,7 +33,6 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
 from islandgp.scoring.constraints import faults as constraint_faults
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import RewardTable
 from islandgp.search.base import SEARCHES, USES
 from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES

@@ -14,12 +14,11 @@ from typing import Any, Final, TypeAlias
 
 from pydantic import BaseModel, Field, ValidationError, field_validator
 
-from islandgp.domain import MAX_DELAY, Domain, Schema
+from islandgp.domain import MAX_DELAY, Domain, Schema, SensorFaults
 from islandgp.errors import IslandError, brief
 from islandgp.evaluation.worlds import staged
 from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
-from islandgp.sensors import SensorFaults
 
 MAX_RANGES: Final = 100
 CACHE_SIZE: Final = 64  # size of a process's cache of perturbed domains

@@ -19,10 +19,10 @@ from typing import Annotated, Final
 from pydantic import BaseModel, Field, FiniteFloat, field_validator
 
 from islandgp.domain import Outcome, Schema, total
+from islandgp.domain.rewards import unknown
 from islandgp.gp.population import Evaluated
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, mean_violation
-from islandgp.scoring.rewards import unknown
 
 EDGES: Final = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # of a counter where none are configured
 MAX_AXES: Final = 4  # a map with more axes is hard to read

@@ -22,7 +22,7 @@ from pydantic import (
 )
 
 from islandgp.domain import Outcome, Schema
-from islandgp.scoring.rewards import unknown
+from islandgp.domain.rewards import unknown
 from islandgp.text import title
 
 CLASS_NAME: Final = r"^[a-z][a-z0-9_]*$"

@@ -15,8 +15,8 @@ from typing import Any, Final, Self, TypeAlias
 from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
 
 from islandgp.domain import Outcome, Schema, total
+from islandgp.domain.rewards import unknown
 from islandgp.errors import RunError, brief
-from islandgp.scoring.rewards import unknown
 
 
 class Bound(BaseModel, frozen=True, extra="forbid"):

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
 from islandgp.domain import Schema
-from islandgp.scoring.rewards import unknown
+from islandgp.domain.rewards import unknown
 
 Multiplier = Annotated[FiniteFloat, Field(ge=0)]
 

@@ -11,8 +11,8 @@ from typing import Annotated, Final
 from pydantic import AfterValidator
 
 from islandgp.domain import Outcome, Schema
+from islandgp.domain.rewards import unknown
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.rewards import unknown
 
 MAX_BINS: Final = 1e30  # greater values are clipped
 

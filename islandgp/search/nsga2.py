@@ -18,9 +18,9 @@ from pydantic import Field
 
 from islandgp.bt.core.node import size
 from islandgp.domain import Schema
+from islandgp.domain.rewards import unknown
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
-from islandgp.scoring.rewards import unknown
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,

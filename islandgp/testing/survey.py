@@ -10,10 +10,9 @@ from typing import Any, Final
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import AGAIN, FAILURE, SUCCESS, Node, size, walk
-from islandgp.domain import Domain, Observer, Outcome, Scene, Schema
+from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain
 from islandgp.errors import IslandError
 from islandgp.plugin import raised_in
-from islandgp.ticking import Stepped
 
 SHOWN: Final = 200  # characters of a tree in a message
 FIRST_TICKS: Final = 500  # that are compared for effects of two actions on each other
@@ -78,7 +77,7 @@ def unreached(survey: Survey) -> Iterator[str]:
     logged |= {event for recorder in recorders for event in recorder.credited}
     outcomes = [outcome for run in runs for outcome in run.plain]
     counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
-    observable = schema.events if isinstance(domain, Stepped) else _rewarded(domain)
+    observable = schema.events if isinstance(domain, SimulatorDomain) else _rewarded(domain)
     events = [n for n in schema.events if n in observable and n not in logged | counted]
     if events:
         yield f"events never logged: {', '.join(events)}"

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from islandgp.domain import RewardTable
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, Merit, merit, recorded_constraints, violation
-from islandgp.scoring.rewards import RewardTable
 from islandgp.text import title
 
 POINTS: Final = 300  # most points of a curve in a picture

@@ -21,6 +21,7 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
+from islandgp.domain import RewardTable
 from islandgp.errors import RunError
 from islandgp.gp.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
@@ -31,7 +32,6 @@ from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
-from islandgp.scoring.rewards import RewardTable
 from islandgp.text import in_interval, in_points
 from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned

@@ -39,10 +39,7 @@ def test_domains_do_not_know_each_other() -> None:
 def test_domains_know_the_contract_and_no_more() -> None:
     """The language, the contract and scoring are all that a domain is made with."""
     allowed = (
-        *("bt", "domain", "domains", "errors", "leaves", "resources", "scoring"),
-        "seeding",
-        "sensors",
-        "ticking",
+        *("bt", "domain", "domains", "errors", "leaves", "resources", "seeding"),
         "time_limit",
     )
     imported = {

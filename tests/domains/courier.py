@@ -8,8 +8,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.bt.core.parameters import one_of
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration
-from islandgp.domain import Event, Schema
-from islandgp.ticking import EventLog, Stepped
+from islandgp.domain import Event, EventLog, Schema, SimulatorDomain
 
 PLACES = ("road", "depot", "house")
 HANDS = ("empty", "parcel")
@@ -84,7 +83,7 @@ class Day:
         return True
 
 
-class Courier(Stepped):
+class Courier(SimulatorDomain):
     """The domain."""
 
     World, Episode, schema = World, Day, SCHEMA

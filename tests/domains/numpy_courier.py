@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from islandgp.domain import Counter, Form, Scene, Thing
-from islandgp.ticking import EventLog, Stepped
+from islandgp.domain import Counter, EventLog, Form, Scene, SimulatorDomain, Thing
 from tests.domains.courier import PLACES, SCHEMA, Day, World
 
 
@@ -48,7 +47,7 @@ class NumpyDay(Day):
         return np.bool_(unloaded)  # type: ignore[return-value]
 
 
-class NumpyCourier(Stepped):
+class NumpyCourier(SimulatorDomain):
     """The domain."""
 
     World, Episode = World, NumpyDay

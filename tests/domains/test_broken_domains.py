@@ -44,7 +44,7 @@ MEASURES = "    def measures(self):\n        return {}\n\n    def step(self):"
 
 PREPARE = """from time import sleep
 
-class PickPlace(Stepped):
+class PickPlace(SimulatorDomain):
     def prepare(self):
         sleep(0.3)
 """
@@ -305,7 +305,7 @@ def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
 
 def test_preparing_is_not_limited(broken: Broken) -> None:
     """A domain may compile before an episode, outside of the episode's time limit."""
-    setting = problem(broken("class PickPlace(Stepped):", PREPARE))
+    setting = problem(broken("class PickPlace(SimulatorDomain):", PREPARE))
     assert simulate(setting, Job("Localise", 0, 3), 0.2).seconds > 0
 
 

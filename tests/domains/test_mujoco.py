@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.domain import Domain
+from islandgp.domain import Domain, RewardTable
 from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.world import GymnasiumWorld
 from islandgp.errors import ConfigError
 from islandgp.experiment import compose
-from islandgp.scoring.rewards import RewardTable
 from islandgp.testing.domain_suite import DomainSuite
 from tests.composed import composed, plain
 from tests.trees.shell import Cli, shell

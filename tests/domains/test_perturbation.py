@@ -17,13 +17,12 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.cli import islandgp
 from islandgp.config.settings import Settings, read_settings
-from islandgp.domain import Schema
+from islandgp.domain import Schema, SensorFaults, Sensors
 from islandgp.errors import ConfigError, DomainError, EvaluationError
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.serial import Serial
 from islandgp.resources import resource
-from islandgp.sensors import SensorFaults, Sensors
 from tests.composed import composed, plain
 from tests.running.commands import ROOT
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from islandgp.domain import EventLog, RewardTable
 from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.domains.gymnasium.world import GymnasiumWorld, Observation
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import EventLog
 from tests.composed import composed
 
 spaces = pytest.importorskip("gymnasium.spaces", reason="extra `gymnasium` is not installed")

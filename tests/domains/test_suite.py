@@ -65,7 +65,7 @@ def test_the_suite_locates_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     class Failing(TestPickPlace):
         def make_domain(self) -> Domain:
             domain = super().make_domain()
-            monkeypatch.setattr(type(domain).Episode, "sense", lambda _: 1 / 0)  # type: ignore[attr-defined] -- a Stepped domain's
+            monkeypatch.setattr(type(domain).Episode, "sense", lambda _: 1 / 0)  # type: ignore[attr-defined] -- a SimulatorDomain domain's
             return domain
 
     faults = [fault for _, fault in run_suite(Failing()) if fault.startswith("Expected no error")]
@@ -82,7 +82,7 @@ def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
     class Broken(TestPickPlace):
         def make_domain(self) -> Domain:
             domain = super().make_domain()
-            episode = type(domain).Episode  # type: ignore[attr-defined] -- a Stepped domain's
+            episode = type(domain).Episode  # type: ignore[attr-defined] -- a SimulatorDomain domain's
 
             class Forgetful(episode):  # type: ignore[misc, valid-type] -- found at run time
                 episodes = 0

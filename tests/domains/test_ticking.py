@@ -10,10 +10,18 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
-from islandgp.domain import Counter, Event, Outcome, Scene, Schema
+from islandgp.domain import (
+    RUNNING,
+    Counter,
+    Event,
+    EventLog,
+    Outcome,
+    RewardTable,
+    Scene,
+    Schema,
+    SimulatorDomain,
+)
 from islandgp.errors import DomainError
-from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import RUNNING, EventLog, Stepped
 
 SCHEMA = Schema(
     vocabulary=Vocabulary(
@@ -100,7 +108,7 @@ def run(
         vars(episodes[0]).update(methods)
         return episodes[0]
 
-    class Domain(Stepped):
+    class Domain(SimulatorDomain):
         World, Episode, schema, step_s = World, episode, SCHEMA, 0.5
 
     domain = Domain.make(World(ticks=ticks), REWARDS)
@@ -182,7 +190,7 @@ def test_events_of_a_finally_belong_to_the_episode(ticks: int) -> None:
             finally:
                 self.Yes()
 
-    class Domain(Stepped):
+    class Domain(SimulatorDomain):
         World, Episode, schema = World, Holder, SCHEMA
 
     domain = Domain.make(World(ticks=ticks), REWARDS)

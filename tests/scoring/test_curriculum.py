@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from pydantic import ValidationError
 
+from islandgp.domain.rewards import worth
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 EPOCHS = [

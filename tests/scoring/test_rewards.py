@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from islandgp.domain import Reward, RewardTable
+from islandgp.domain.rewards import worth
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.scoring.rewards import Reward, RewardTable, worth
 from tests.composed import composed
 
 MAXIMA = {

@@ -15,13 +15,12 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import RUNNING, SUCCESS, Limits, Node, size
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Event, Form, Observer, Outcome, Scene, Schema, Thing
+from islandgp.domain import Event, Form, Observer, Outcome, RewardTable, Scene, Schema, Thing
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evaluation.base import Problem
 from islandgp.gp.random_trees import TreeSpace, random_tree
 from islandgp.resources import resource
 from islandgp.scoring.curriculum import Curriculum, Stage
-from islandgp.scoring.rewards import RewardTable
 from islandgp.seeding import Stream, stream
 from islandgp.viewer.recording import Recording, record
 from tests.composed import composed

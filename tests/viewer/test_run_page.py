@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
+from islandgp.domain import RewardTable
 from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.rewards import RewardTable
 from islandgp.viewer import lineage
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
 from islandgp.viewer.run_page import embedded_replay, run_page

@@ -7,9 +7,18 @@ a tick while the action runs, and `step` advances the time.
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Event, Form, Scene, Schema, Thing
-from islandgp.ticking import Stepped
+from islandgp.domain import (
+    Action,
+    Event,
+    Form,
+    Scene,
+    Schema,
+    SimulatorDomain,
+    Thing,
+    Vocabulary,
+    flag,
+    number,
+)
 
 SHELF, DOCK = 8.0, 0.0  # m
 SPEED = 1.0  # m a tick
@@ -123,7 +132,7 @@ class Robot:
             yield
 
 
-class MyRobot(Stepped):
+class MyRobot(SimulatorDomain):
     """The domain: what configuration names as `factory`."""
 
     World, Episode, schema = World, Robot, SCHEMA

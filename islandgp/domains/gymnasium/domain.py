@@ -13,14 +13,21 @@ from typing import Any, ClassVar, Final, Self, TypeAlias
 
 from pydantic import BaseModel
 
-from islandgp.bt.core.vocabulary import Key
-from islandgp.domain import Scene, png
+from islandgp.domain import (
+    EventLog,
+    Key,
+    Leaf,
+    RewardTable,
+    Scene,
+    SimulatorDomain,
+    once_a_thread,
+    png,
+)
+from islandgp.domain.simulator import must_be_values
 from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Read, Spaces
 from islandgp.errors import ConfigError
-from islandgp.scoring.rewards import RewardTable
-from islandgp.ticking import EventLog, Leaf, Stepped, must_be_values, once_a_thread
 
 Observations: TypeAlias = Mapping[str, settings.Observation]
 
@@ -55,7 +62,7 @@ def environment(name: str, options: str, render: bool) -> Any:
     return env
 
 
-class Gymnasium(Stepped):
+class Gymnasium(SimulatorDomain):
     """The domain of a Gymnasium environment."""
 
     World: ClassVar[type[BaseModel]] = settings.GymnasiumWorld
@@ -104,13 +111,13 @@ class Gymnasium(Stepped):
             ) from error
 
     def begin(self, seed: int, log: EventLog, *, watched: bool) -> tuple[Any, Mapping[str, Leaf]]:
-        """See `Stepped`."""
+        """See `SimulatorDomain`."""
         env = self.environment(render=watched)
         episode = _Episode(self.world, env, _spaces(env), seed, log)
         return episode, {n: episode.leaf(choice, n) for n, choice in self.world.actions.items()}
 
     def reader(self, episode: _Episode) -> Callable[[], list[float]]:
-        """See `Stepped`."""
+        """See `SimulatorDomain`."""
         return episode.reader(self.schema.vocabulary.keys)
 
 
@@ -163,7 +170,7 @@ class _Episode:
         return fill if places else choose
 
     def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
-        """See `Stepped`. Reads observations directly, without a dict."""
+        """See `SimulatorDomain`. Reads observations directly, without a dict."""
         places, flags, words, none = self._keys, self._flags, self._words, self._none
 
         def read() -> list[float]:

@@ -9,10 +9,22 @@ from typing import Annotated, Any, Final, Self
 
 from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
 
-from islandgp.bt.core.node import SUCCESS
-from islandgp.bt.core.parameters import Parameter, real
-from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, enumeration, flag, number
-from islandgp.domain import MAX_DELAY, Counter, Event, Schema
+from islandgp.bt.core.vocabulary import NAME
+from islandgp.domain import (
+    MAX_DELAY,
+    SUCCESS,
+    Action,
+    Counter,
+    Event,
+    Key,
+    Parameter,
+    Schema,
+    Vocabulary,
+    enumeration,
+    flag,
+    number,
+    real,
+)
 
 Word = Annotated[str, StringConstraints(pattern=f"^{NAME.pattern}$")]
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import inf, sqrt
 from typing import Final
 
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
+from islandgp.domain import FAILURE, RUNNING, SUCCESS
 from islandgp.domains.island.events import (
     CHARGE,
     DELIVERY,

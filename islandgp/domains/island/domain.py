@@ -10,9 +10,20 @@ from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.core.node import Node
-from islandgp.bt.core.vocabulary import Condition, Vocabulary
-from islandgp.domain import Observer, Outcome, Scene, Schema, Thing, wants_scenes
+from islandgp.domain import (
+    Condition,
+    Node,
+    Observer,
+    Outcome,
+    RewardTable,
+    Scene,
+    Schema,
+    SensorFaults,
+    Thing,
+    Vocabulary,
+    wants_scenes,
+)
+from islandgp.domain.rewards import worth
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.events import IslandEvent
@@ -20,8 +31,6 @@ from islandgp.domains.island.outcome import Episode
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import DomainError
-from islandgp.scoring.rewards import RewardTable, worth
-from islandgp.sensors import SensorFaults
 from islandgp.time_limit import Overdue
 
 if TYPE_CHECKING:

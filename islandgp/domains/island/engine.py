@@ -18,7 +18,8 @@ import numpy as np
 import pymunk
 from numba import njit
 
-from islandgp.bt.core.node import AGAIN, RUNNING
+from islandgp.bt.core.node import AGAIN
+from islandgp.domain import RUNNING
 from islandgp.domains.island import behaviour
 from islandgp.domains.island.chipmunk import steer
 from islandgp.domains.island.events import COLLISION, IDLE

@@ -8,7 +8,8 @@ from functools import partial
 
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import needs_each_tick
-from islandgp.bt.core.node import FAILURE, Node, compares_keys, thresholds, walk
+from islandgp.bt.core.node import compares_keys, thresholds, walk
+from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
 from islandgp.domains.island.actions import ACTIONS, IslandAction
 from islandgp.domains.island.events import Award, IslandEvent
@@ -17,7 +18,6 @@ from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import MICRO, IslandWorld
 from islandgp.leaves import status_of
-from islandgp.sensors import Sensors
 
 
 def compile_engine(world: IslandWorld, drives: bool) -> None:

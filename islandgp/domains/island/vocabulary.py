@@ -7,9 +7,21 @@ from __future__ import annotations
 
 from typing import Final
 
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
-from islandgp.bt.core.vocabulary import Action, Condition, Vocabulary, flag, integer, number
-from islandgp.domain import Counter, Event, Form, Schema
+from islandgp.domain import (
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    Action,
+    Condition,
+    Counter,
+    Event,
+    Form,
+    Schema,
+    Vocabulary,
+    flag,
+    integer,
+    number,
+)
 
 _ROOM: Final = Condition("robotCurrentExtraCapacity", ">=", 1)
 _LOAD: Final = Condition("robotCurrentExtraCapacity", "<=", 29)

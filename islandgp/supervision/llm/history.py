@@ -16,7 +16,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.domain import Schema
+from islandgp.domain import Reward, RewardTable, Schema
 from islandgp.gp.archive import Elite
 from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
 from islandgp.gp.population import Origin
@@ -24,7 +24,6 @@ from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.scoring.rewards import Reward, RewardTable
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.answers import MAX_EXPLANATION

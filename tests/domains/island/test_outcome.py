@@ -7,11 +7,11 @@ from dataclasses import replace
 import pytest
 
 from islandgp.bt.core.language import parse
+from islandgp.domain.rewards import worth
 from islandgp.domains.island.domain import Island
 from islandgp.domains.island.events import IslandEvent, IslandEventLog
 from islandgp.domains.island.outcome import Ending, Episode
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.scoring.rewards import worth
 from tests.composed import composed
 
 EPISODE = Episode(

@@ -1,13 +1,4 @@
-"""The domain interface: what a robot's world declares, and how one tree is run in it.
-
-A domain declares in a `Schema` its actions, blackboard keys, counters and rewarded events, and
-runs the episodes of trees. The configuration names its class:
-
-    domain: {name: maze, factory: "maze:Maze"}
-
-`islandgp.ticking` runs a simulator that is stepped, `islandgp.testing.domain_suite` checks a
-domain against this contract, and docs/own_domain.md builds one step by step.
-"""
+"""The domain interface: what a robot's world declares, and how one tree is run in it."""
 
 from __future__ import annotations
 

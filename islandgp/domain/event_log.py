@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from math import inf
 
-from islandgp.domain import Observer, Schema
+from islandgp.domain.checks import near_hint
+from islandgp.domain.contract import Observer, Schema
+from islandgp.domain.rewards import RewardTable, worth
 from islandgp.errors import DomainError
 from islandgp.leaves import is_number
 from islandgp.plugin import short_repr
-from islandgp.scoring.rewards import RewardTable, worth
-from islandgp.simulator_checks import near_hint
 
 
 class EventLog:

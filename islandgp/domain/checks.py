@@ -8,7 +8,7 @@ from inspect import isgenerator, signature
 from typing import Any
 
 from islandgp.bt.core.vocabulary import Key
-from islandgp.domain import Schema
+from islandgp.domain.contract import Schema
 from islandgp.errors import DomainError
 from islandgp.leaves import is_flag, is_number
 from islandgp.plugin import defined_in, short_repr

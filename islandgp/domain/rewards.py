@@ -8,7 +8,7 @@ from typing import Final
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
-from islandgp.domain import Schema
+from islandgp.domain.contract import Schema
 
 
 class Band(BaseModel, frozen=True, extra="forbid"):

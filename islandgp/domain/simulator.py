@@ -1,11 +1,11 @@
-"""`Stepped`: a domain over a simulator with a step function.
+"""`SimulatorDomain`: a domain over a simulator with a step function.
 
     class Robot:                          # one episode: a method for each action of the schema
         def __init__(self, world, seed, log): ...
         def sense(self): return {"have_block": self.block}
         def Pick(self): self.log("picked"); return True
 
-    class PickPlace(Stepped):
+    class PickPlace(SimulatorDomain):
         World, Episode, schema = World, Robot, SCHEMA
 
 A leaf is a function that is called once per tick while its node runs, and returns True
@@ -31,14 +31,14 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node, walk
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.vocabulary import Key, Vocabulary
-from islandgp.domain import Observer, Outcome, Schema, wants_scenes
+from islandgp.domain.checks import must_be_values, must_last, must_take, no_ending, wrong_measure
+from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
+from islandgp.domain.event_log import EventLog
+from islandgp.domain.rewards import RewardTable
+from islandgp.domain.sensors import SensorFaults
 from islandgp.errors import DomainError
-from islandgp.event_log import EventLog
 from islandgp.leaves import GeneratorSteps, Leaf, status_of, steps
 from islandgp.plugin import defined_in, short_repr
-from islandgp.scoring.rewards import RewardTable
-from islandgp.sensors import SensorFaults
-from islandgp.simulator_checks import must_be_values, must_last, must_take, no_ending, wrong_measure
 from islandgp.time_limit import Overdue
 
 __all__ = [
@@ -46,7 +46,7 @@ __all__ = [
     "EventLog",
     "Leaf",
     "Simulation",
-    "Stepped",
+    "SimulatorDomain",
     "must_be_values",
     "once_a_thread",
 ]
@@ -93,7 +93,7 @@ class Simulation(Protocol):
         ...
 
 
-class Stepped:
+class SimulatorDomain:
     """Base class of a domain whose episodes are `Episode(world, seed, log)`.
 
     `World` has the setting `ticks`: the maximum number of ticks of an episode, >= 1.
