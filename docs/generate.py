@@ -26,15 +26,15 @@ from islandgp.bt.core.kinds import ABORTS, COUNTED, COUNTS, KINDS, POLICIES, SEC
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
 from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
 from islandgp.commands.setting import configured
-from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.running.app import main
+from islandgp.running.parts import run_context
 from islandgp.supervision.llm.budget import cost
 from islandgp.supervision.llm.estimate import ANSWER
 from islandgp.supervision.llm.message import Usage
-from islandgp.supervision.llm.prompts import PROMPT_SETS
+from islandgp.supervision.llm.prompts import PROMPT_SETS, fixed_values
 from islandgp.supervision.llm.settings import Facts, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
-from islandgp.supervision.state_json import field_meanings
 from tests.llm.mock_model import MockModel
 from tests.llm.server import MessagesServer
 
@@ -136,9 +136,8 @@ def _example(name: str, kind: NodeKind) -> str:
 
 def field_table() -> dict[str, str]:
     """The generated part of docs/llm/state.md: what a language model is shown of the island."""
-    meanings = field_meanings(SCHEMA, configured([]).classes)
-    rows = [(f"`{name}`", meaning) for name, meaning in meanings.items()]
-    return {"fields": _table(("field", "what it is"), rows)}
+    context = run_context(configured(["supervisor=llm", "search=paper"]))
+    return {"fields": fixed_values(context)["fields"] + "\n"}
 
 
 def measured_characters() -> dict[str, int]:

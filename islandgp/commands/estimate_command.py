@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial, reduce
+from functools import reduce
 from math import isnan
 from operator import add
 from pathlib import Path
@@ -14,12 +14,10 @@ from islandgp.supervision.llm.budget import Bill
 from islandgp.supervision.llm.estimate import (
     ANSWER,
     SupervisedRuns,
-    as_recorded,
     at_most,
     expected,
     most_thoughts,
 )
-from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
 HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 
@@ -27,13 +25,8 @@ HEAD = ("", "requests", "input tokens", "output tokens", "US dollars")
 @click.command(
     context_settings={"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
 )
-@click.option(
-    "--record",
-    type=click.Path(exists=True, path_type=Path),
-    help="Folder of a run with supervisor=llm: add an estimate from its measured costs.",
-)
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
-def command(overrides: tuple[str, ...], record: Path | None) -> None:
+def command(overrides: tuple[str, ...]) -> None:
     """Estimate the costs of a command's runs, e.g. supervisor=llm 'seed=range(5)' -m.
 
     Nothing is sent and no key is needed.
@@ -49,11 +42,10 @@ def command(overrides: tuple[str, ...], record: Path | None) -> None:
     thoughts = max(map(most_thoughts, every))
     thought = f" and {thoughts} of thought before it" if thoughts else ""
     text = f"expected, {characters} characters a token, {ANSWER} tokens an answer{thought}"
-    estimates: dict[str, Callable[[SupervisedRuns], Bill]] = {text: expected}
-    if record is not None:
-        transcript = Transcript(find_transcript(record))
-        estimates["as measured in the record"] = partial(as_recorded, record=transcript)
-    estimates["at most: failures, repairs and the longest answers"] = at_most
+    estimates: dict[str, Callable[[SupervisedRuns], Bill]] = {
+        text: expected,
+        "at most: failures, repairs and the longest answers": at_most,
+    }
     number = sum(job.number for job in jobs)
     click.echo(f"Supervision by {models}, prices of {every[0].prices.date}.\n")
     for name, estimate in estimates.items():

@@ -13,64 +13,36 @@ from typing import Any, Final
 
 import yaml
 
-from islandgp.domain import Schema
 from islandgp.resources import resource
-from islandgp.scoring.classes import Classes
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.text import rounded
 
 SMALL: Final = 1e-6  # points: relative changes of smaller values are 0
+OF_RATES: Final = (
+    *("crisis", "stagnation.epochs", "parameters.mutation_rate", "parameters.crossover_rate"),
+    "mutation_rate",
+)
+"""Fields of a search that mutates by a rate; `mutation_rate` is one of the history."""
+OF_STAGES: Final = ("epoch", "stage")
+"""Fields of a curriculum of several stages."""
 
 
 @cache
-def words(section: str) -> dict[str, str]:
-    """A section of `prompts/words.yaml`: meanings by name, for prompts."""
-    sections: dict[str, dict[str, str]] = yaml.safe_load(
+def words() -> dict[str, Any]:
+    """The texts of `prompts/words.yaml`."""
+    texts: dict[str, Any] = yaml.safe_load(
         resource("prompts/words.yaml").read_text(encoding="utf-8")
     )
-    return sections[section]
+    return texts
 
 
-def field_meanings(
-    schema: Schema, classes: Classes, multiplied: Collection[str] | None = None
-) -> dict[str, str]:
-    """The meaning of each field of `state_json`, in the same order.
-
-    `multiplied` are the components with a factor in the curriculum; None: all of them.
-    """
-    s = classes.specialists
-    sorts: dict[str, dict[str, str]] = {
-        # the names for a placeholder in a field's name, each with its description
-        "milestone": {name: classes.tier_title(name) for name in classes.milestones},
-        "tier": {name: classes.tier_title(name) for name in classes.tiers},
-        "idle": {s.idle: ", ".join(s.of)},
-        "specialist": {name: name for name in s.of},
-        "mixed": {s.mixed: ""},
-        "behaviour": {n: schema.counters[c].meaning for n, c in classes.behaviours.items()},
-        "counter": {
-            name: counter.meaning + (f", {counter.unit}" if counter.unit else "")
-            for name, counter in schema.counters.items()
-        },
-        "component": {
-            name: meaning
-            for name, meaning in schema.components.items()
-            if multiplied is None or name in multiplied
-        },
-    }
-    meanings = {}
-    for field, meaning in words("fields").items():
-        before, _, rest = field.partition("<")
-        sort, _, after = rest.partition(">")
-        for name, description in sorts[sort].items() if sort else [("", "")]:
-            meanings[f"{before}{name}{after}"] = meaning.replace("<meaning>", description)
-    return meanings
-
-
-def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
-    """The state as plain JSON values; see `field_meanings` for their meanings."""
+def state_json(
+    state: PopulationState, crisis: Crisis, without: Collection[str] = ()
+) -> dict[str, Any]:
+    """The state as plain JSON values, without some fields; `prompts/words.yaml` describes them."""
     now = state.now
-    return {
+    values: dict[str, Any] = {
         "generation": now.generation,
         "generations": state.generations,
         "epoch": now.epoch,
@@ -85,7 +57,7 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
             "best_trend": rounded(state.best_trend),
             "mean_trend": rounded(state.mean_trend),
         },
-        "history": [_line(s, state.milestones_reached) for s in state.history],
+        "history": [_line(s, state.milestones_reached, without) for s in state.history],
         "specialists": dict(now.specialists),
         "doing": dict(now.behaviour_counts),
         "behaviours": {"dominant": state.dominant, "lacking": list(state.rarest_behaviours)},
@@ -116,12 +88,19 @@ def state_json(state: PopulationState, crisis: Crisis) -> dict[str, Any]:
         },
         **({"next_multipliers": dict(state.multipliers)} if state.multipliers else {}),
     }
+    for field in without:
+        group, _, key = field.partition(".")
+        if key:
+            values[group].pop(key, None)
+        else:
+            values.pop(group, None)
+    return values
 
 
-def state_text(state: PopulationState, crisis: Crisis) -> str:
+def state_text(state: PopulationState, crisis: Crisis, without: Collection[str] = ()) -> str:
     """The JSON text of a prompt: one line per group and per generation of the history."""
     lines = []
-    for key, value in state_json(state, crisis).items():
+    for key, value in state_json(state, crisis, without).items():
         if key == "history":
             rows = ",\n  ".join(json.dumps(row) for row in value)
             lines.append(f'"history": [\n  {rows}\n ]')
@@ -130,7 +109,10 @@ def state_text(state: PopulationState, crisis: Crisis) -> str:
     return "{" + ",\n ".join(lines) + "}"
 
 
-def _line(s: GenerationStats, milestones: Iterable[str]) -> dict[str, Any]:
+def _line(
+    s: GenerationStats, milestones: Iterable[str], without: Collection[str]
+) -> dict[str, Any]:
+    rate = {} if "mutation_rate" in without else {"mutation_rate": _three(s.rate)}
     return {
         "generation": s.generation,
         "best": rounded(s.best),
@@ -138,7 +120,7 @@ def _line(s: GenerationStats, milestones: Iterable[str]) -> dict[str, Any]:
         "diversity": _three(s.diversity),
         "working": _three(s.working),
         **{name: s.tiers[name] for name in milestones},
-        "mutation_rate": _three(s.rate),
+        **rate,
     }
 
 

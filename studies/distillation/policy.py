@@ -19,7 +19,7 @@ from islandgp.errors import SupervisionError
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.expert import Expert, ExpertSettings
-from islandgp.supervision.state_json import field_meanings, state_json
+from islandgp.supervision.state_json import state_json
 
 NAME: Final = "policy.json"
 MAX_BYTES: Final = 5_000_000  # most bytes of a policy's file
@@ -100,7 +100,7 @@ def read_policy(folder: Path) -> Policy:
 
 
 def features(state: PopulationState, crisis: Crisis) -> dict[str, float]:
-    """The features of a state: the numbers among its fields (`field_meanings`), and `ahead.NAME`.
+    """The features of a state: the numbers among its fields (`state_json`), and `ahead.NAME`.
 
     `ahead.NAME` is the number of individuals with a behaviour minus that of the rarest behaviour.
     """
@@ -195,12 +195,29 @@ def _check(policy: Policy, context: RunContext) -> None:
 def _fields(context: RunContext) -> set[str]:
     """The names of `features`; without the history and fields that are not numbers."""
     classes = context.classes
-    numbers = (
-        name
-        for name in field_meanings(context.schema, classes)
-        if not name.startswith(("history[]", "behaviours."))
-    )
-    return {*numbers, *(f"ahead.{name}" for name in classes.behaviours)}
+    names = {
+        "specialists": classes.specialist_names,
+        "doing": classes.behaviours,
+        "ahead": classes.behaviours,
+        "tiers": classes.tiers,
+        "milestones": [f"{name}_seen" for name in classes.milestones],
+        "activity": context.schema.counters,
+        "next_multipliers": context.schema.components,
+    }
+    return {*OF_ANY_RUN, *(f"{group}.{name}" for group, each in names.items() for name in each)}
+
+
+OF_ANY_RUN: Final = (
+    *("generation", "generations", "epoch", "stage", "working_ratio"),
+    *("fitness.best", "fitness.mean", "fitness.sd", "fitness.best_change", "fitness.mean_change"),
+    *("fitness.best_change_share", "fitness.best_trend", "fitness.mean_trend"),
+    *("diversity.now", "diversity.change", "diversity.trend"),
+    *("stagnation.generations", "stagnation.epochs"),
+    *("crisis.low_diversity", "crisis.diversity_below", "crisis.stagnant_epochs_above"),
+    *("crisis.now", "parameters.mutation_rate", "parameters.crossover_rate"),
+    *("parameters.population", "parameters.mean_tree_nodes"),
+)
+"""Features that do not depend on the domain and the classes."""
 
 
 def _walk(rule: Rule) -> Iterator[Answer | Question]:

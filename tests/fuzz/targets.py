@@ -45,10 +45,10 @@ from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
+from islandgp.supervision.llm.interfaces import read_body, retry_after
 from islandgp.supervision.llm.message import Reply
-from islandgp.supervision.llm.settings import Caps, RateSettings
+from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.transcript import Transcript
-from islandgp.supervision.llm.wire import read_message, retry_after
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
@@ -169,10 +169,8 @@ def declaration(data: bytes) -> bool:
     return True
 
 
-RATES: Final = RateSettings(least=0.05, most=0.9, outside="repair")
 CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
-    partial(check_decision, rates=RATES),
-    partial(check_decision, rates=RATES.model_copy(update={"outside": "clamp"})),
+    partial(check_decision, rates=(0.05, 0.9)),
     partial(check_proposal, limits=Limits(8, 50), vocabulary=VOCABULARY, targets=("rare", "first")),
 )
 
@@ -181,7 +179,7 @@ def answer(data: bytes) -> bool:
     """A server's body, and each check of its answer; all that is kept can be written down."""
     text = text_of(data)
     assert (retry_after(text[:200]) or 0) >= 0
-    message = read_message(data, lambda body: " ".join(body.split()), lambda body: body)
+    message = read_body("anthropic", data, str)
     accepted = False
     for reply in (message, Reply(text, "end_turn", None), Reply(text, "max_tokens", None)):
         if isinstance(reply, Reply):

@@ -7,7 +7,6 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from datetime import datetime
 from pathlib import Path
 from threading import Barrier, BrokenBarrierError
 from typing import Any, get_args
@@ -60,8 +59,7 @@ def test_the_price_table_is_dated_and_knows_the_default_model() -> None:
 
 
 def test_the_table_knows_every_model_of_the_sdk() -> None:
-    """Each has a price or is listed as one without; its retirement is the SDK's."""
-    from anthropic.resources.messages.messages import DEPRECATED_MODELS
+    """Each has a price or is listed as one without."""
     from anthropic.types.model import Model
 
     table = settings().prices
@@ -71,15 +69,6 @@ def test_the_table_knows_every_model_of_the_sdk() -> None:
     assert not set(table.models) & set(table.unknown)
     assert set(table.facts) == named
     assert set(table.aliases.values()) <= set(table.models)
-    retires = {name: facts.retires for name, facts in table.facts.items() if facts.retires}
-    days = {name: day for name, day in DEPRECATED_MODELS.items() if name in named}
-    assert retires == {name: iso(day) for name, day in days.items()}
-
-
-def iso(day: str) -> str:
-    """A day such as "June 1st, 2026" as 2026-06-01."""
-    plain = re.sub(r"(\d)(st|nd|rd|th)", r"\1", day)
-    return datetime.strptime(f"{plain} +0000", "%B %d, %Y %z").date().isoformat()
 
 
 @pytest.mark.parametrize("model", ["claude-fable-5-2", "current-large"])

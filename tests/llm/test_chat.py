@@ -23,7 +23,7 @@ from islandgp.supervision.llm.answers import (
     proposal_model,
     schema,
 )
-from islandgp.supervision.llm.chat import chat_body, read_chat
+from islandgp.supervision.llm.interfaces import chat_body, read_body
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from tests.llm.chat_server import ChatServer
 from tests.llm.samples import context, settings, state
@@ -150,7 +150,7 @@ def test_the_body_of_a_request() -> None:
 
 
 def read(answer: Any) -> Reply | Failure:
-    return read_chat(json.dumps(answer).encode(), str, str)
+    return read_body("chat", json.dumps(answer).encode(), str)
 
 
 def test_answers() -> None:
@@ -175,10 +175,10 @@ def test_answers() -> None:
 def test_every_answer_of_the_grammar_is_accepted() -> None:
     """Random walks by a decoder's masks: valid JSON, fields, ranges and trees within limits."""
     run = context()
-    vocabulary, rates = run.schema.vocabulary, settings().rate
+    vocabulary, rates = run.schema.vocabulary, settings().rates
     targets = state().targets
     tree = tree_grammar(vocabulary, 4, children=4, in_json=True)
-    limits = (rates.least, rates.most)
+    limits = rates
     checks: dict[type[BaseModel], Callable[[Reply], Accepted | Rejection]] = {
         DecisionAnswer: lambda reply: check_decision(reply, rates),
         proposal_model(targets): lambda reply: check_proposal(

@@ -205,9 +205,7 @@ def test_thinking_and_effort_are_sent() -> None:
     request = replace(
         ASK,
         schema={"type": "object"},
-        thinking={"type": "adaptive"},
-        effort="low",
-        extra={"top_k": 3},
+        extra={"thinking": {"type": "adaptive"}, "output_config": {"effort": "low"}, "top_k": 3},
         temperature=0.7,
     )
     with MessagesServer() as server, client_of(server.url) as client:

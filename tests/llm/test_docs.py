@@ -15,7 +15,7 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.answers import RejectionStage
-from islandgp.supervision.llm.history import RUN_VALUES
+from islandgp.supervision.llm.history import EDIT_VALUES, RUN_VALUES
 from islandgp.supervision.llm.prompts import PROMPT_SETS, render
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
@@ -64,7 +64,6 @@ def test_no_command_is_left_out() -> None:
         "islandgp estimate",
         "islandgp transcript",
         "python -m tests.llm.demo",
-        "python -m benchmarks.mock_model",
         "export",
     )
     assert len(COMMANDS) > 8
@@ -114,8 +113,8 @@ def test_the_variables_of_the_prompts_are_documented() -> None:
         for prompt in adviser.prompts.values():
             render(prompt, values)
     later = {"generation", "state", "urgency", "progress", "answer", "stage", "error"}
-    sizes = {"depth", "nodes", "most_depth", "most_nodes"}
-    assert documented == {*adviser.values, *later, *RUN_VALUES, *sizes}
+    phase = {"depth", "nodes", "explore", "exploit", "examples"}
+    assert documented == {*adviser.values, *later, *RUN_VALUES, *EDIT_VALUES, *phase}
 
 
 def test_prompts_are_of_no_domain() -> None:

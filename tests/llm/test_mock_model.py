@@ -57,7 +57,7 @@ def test_its_answers_can_be_used(paper: Questions) -> None:
         limits = questions.context.limits
         proposal = check_proposal(reply_of(tree(questions, at)), limits, VOCABULARY, at.targets)
         assert isinstance(proposal, Accepted)
-        decision = check_decision(reply_of(rate(questions, at)), questions.settings.rate)
+        decision = check_decision(reply_of(rate(questions, at)), questions.settings.rates)
         assert isinstance(decision, Accepted)
 
 

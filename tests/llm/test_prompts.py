@@ -23,7 +23,7 @@ from islandgp.supervision.llm.answers import (
     proposal_model,
 )
 from islandgp.supervision.llm.message import Request, ServerCapabilities
-from islandgp.supervision.llm.prompts import Prompt, language, load_prompt, render, urgency
+from islandgp.supervision.llm.prompts import SYNTAX, Prompt, language, load_prompt, render
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
@@ -74,30 +74,6 @@ def test_the_repair_prompt(adviser: Questions) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("tier", "at", "phase"),
-    [
-        ("excellent", state(), "compact specialist"),
-        ("excellent", state(complete=5), "compact specialist"),
-        ("excellent", state(excellent=1), "several behaviours"),
-        ("excellent", state(ever=True), "several behaviours"),
-        ("complete", state(), "compact specialist"),
-        ("complete", state(complete=1), "several behaviours"),
-    ],
-)
-def test_which_phase_it_is(tier: str, at: object, phase: str) -> None:
-    """Section 2.4.6: phase 2 begins with the first robot of the tier, and lasts."""
-    adviser = Questions(settings(f"exploit_from={tier}"), context())
-    assert phase in adviser.request("tree", at, CAPABILITIES).system  # type: ignore[arg-type]
-
-
-def test_sizes_are_those_of_the_settings() -> None:
-    """The size that is asked for and the largest one are both in the prompt."""
-    llm_settings = settings("explore.depth=3", "explore.nodes=five", "explore.most_nodes=9")
-    system = Questions(llm_settings, context()).request("tree", state(), CAPABILITIES).system
-    assert "At most 3 levels deep, about five nodes. More than 5 levels or 9 nodes" in system
-
-
 def test_the_system_part_is_the_same_in_every_generation(adviser: Questions) -> None:
     """So that a server can keep it, and a transcript holds it once."""
     first, later = state(3), state(9)
@@ -118,42 +94,76 @@ def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Questions) -> No
     assert all(f'"{field}"' in system for field in DecisionAnswer.model_fields)
 
 
+@pytest.mark.parametrize(
+    ("at", "phase"),
+    [
+        (state(), "compact specialist"),
+        (state(complete=5), "compact specialist"),
+        (state(excellent=1), "several behaviours"),
+        (state(ever=True), "several behaviours"),
+    ],
+)
+def test_which_phase_it_is(adviser: Questions, at: object, phase: str) -> None:
+    """Section 2.4.6: phase 2 begins with the first robot of the last milestone, and lasts."""
+    assert phase in adviser.request("tree", at, CAPABILITIES).system  # type: ignore[arg-type]
+
+
 def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
     """Table 7 whole, and every field of the answer."""
     meanings = {
         name: f"shows {SCHEMA.counters[counter].meaning}"
         for name, counter in CLASSES.behaviours.items()
     }
-    assert {*meanings, *words("aims")} == set(CLASSES.targets)
+    assert {*meanings, *words()["aims"]} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
         system = adviser.request("tree", at, CAPABILITIES).system
-        for target, meaning in {**meanings, **words("aims")}.items():
+        for target, meaning in {**meanings, **words()["aims"]}.items():
             assert f"- {target}: {meaning}" in system
         assert all(f'"{field}"' in system for field in proposal_model(CLASSES.targets).model_fields)
 
 
 def test_the_language_is_the_declared_one() -> None:
-    """Grammar, nodes, actions, keys, operators and rules are those of the declarations."""
+    """Kinds of nodes, actions, keys, operators and abort rules are those of the declarations."""
     description = language(VOCABULARY)
-    grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
-    # rules that only files and actions with arguments need, and kinds beside the paper's
-    hidden = ("domain:", "include:", "library:", "FILE:", "start:", "value:", "values:", "action:")
-    others = [name for name, kind in KINDS.items() if not kind.paper]
-    hidden += (*others, *map(str.upper, others))
-    rules = [line for line in grammar.splitlines() if line[:1].isalpha()]
-    assert all((rule in description) != rule.startswith(hidden) for rule in rules)
-    assert "\nstart: _definition* _node\n" in description
-    assert "\naction: NAME\n" in description
-    assert "docs/" not in description
-    assert "include" not in description
-    paper = {name: kind for name, kind in KINDS.items() if kind.paper}
-    for table in (paper, VOCABULARY.actions, VOCABULARY.keys):
+    for name, kind in KINDS.items():
+        assert (f"`: {kind.meaning}\n" in description + "\n") is kind.paper, name
+    for table in (VOCABULARY.actions, VOCABULARY.keys):
         for name, entry in table.items():  # type: ignore[attr-defined]
             assert f"- {name}: {entry.meaning}" in description
-    rules = words("abort_rules")
-    assert list(rules) == list(ABORTS)
-    assert all(f"- abort {name}: {meaning}" in description for name, meaning in rules.items())
+    assert f"abort {'|'.join(ABORTS)}" in description
     assert " ".join(OPERATORS) in description
+
+
+@pytest.mark.parametrize("kind", SYNTAX)
+def test_the_syntax_of_each_kind_is_read(kind: str) -> None:
+    """With one of the words that it offers."""
+    text = SYNTAX[kind].replace("NODE NODE ...", "PatrolWaypoint PatrolWaypoint")
+    text = text.replace("NODE", "PatrolWaypoint").replace("NAME", "PatrolWaypoint")
+    text = text.replace("CONDITION", "lap < 3").replace(" N ", " 3 ")
+    tree = parse(re.sub(r"(\w+)(\|\w+)+", r"\1", text), VOCABULARY)
+    assert tree.kind == kind
+
+
+def test_examples_are_files_of_the_project(adviser: Questions) -> None:
+    """Every example tree in a prompt is a file of grammar/examples, with its explanation."""
+    files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
+    for at in (state(), state(excellent=1)):
+        system = adviser.request("tree", at, CAPABILITIES).system
+        blocks = re.findall(r"```\n(.*?)\n```", system, re.DOTALL)
+        assert len(blocks) >= 4
+        for block in blocks:
+            assert any(file.strip().endswith(block) for file in files)
+            parse(block, VOCABULARY)
+
+
+def test_urgency_is_in_words(adviser: Questions) -> None:
+    """Section 2.4.6: what nobody does is missing, what few do is rare."""
+    assert (
+        "- charging: 0 of 30 individuals do it: MISSING (charging attempts)\n"
+        "- clearing: 2 of 30 individuals do it: rare (deliveries of something)\n"
+        "- humanoid: 8 of 30 individuals do it: present (times that garbage was taken over)\n"
+        "- pickup: 14 of 30 individuals do it: present (items picked up from the ground)\n"
+    ) in adviser.request("tree", state(), CAPABILITIES).turns[0]
 
 
 def test_a_new_action_reaches_the_prompts() -> None:
@@ -163,31 +173,6 @@ def test_a_new_action_reaches_the_prompts() -> None:
     run_context = replace(context(), schema=replace(SCHEMA, vocabulary=vocabulary))
     system = Questions(settings(), run_context).request("tree", state(), CAPABILITIES).system
     assert "- FlyHome: flies home" in system
-
-
-def test_examples_are_files_of_the_project(adviser: Questions) -> None:
-    """Every example tree in a prompt is a file of grammar/examples, annotations included."""
-    files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
-    for at in (state(), state(excellent=1)):
-        blocks = re.findall(
-            r"```\n(#.*?)```", adviser.request("tree", at, CAPABILITIES).system, re.DOTALL
-        )
-        assert len(blocks) >= 4
-        for block in blocks:
-            assert block in files
-            assert block.startswith("#")
-            parse(block, VOCABULARY)
-
-
-def test_urgency_is_in_words(adviser: Questions) -> None:
-    """Section 2.4.6: what nobody does is missing, what few do is rare."""
-    assert urgency(state(), 0.1).splitlines() == [
-        "- charging: 0 of 30 individuals do it: MISSING",
-        "- clearing: 2 of 30 individuals do it: rare",
-        "- humanoid: 8 of 30 individuals do it: present",
-        "- pickup: 14 of 30 individuals do it: present",
-    ]
-    assert urgency(state(), 0.1) in adviser.request("tree", state(), CAPABILITIES).turns[0]
 
 
 def test_a_missing_variable_is_named() -> None:
@@ -222,13 +207,14 @@ def test_a_user_s_prompts(tmp_path: Path) -> None:
         Questions(llm_settings, context())
     prompt_file.write_text("Just text.", encoding="utf-8")
     with pytest.raises(SupervisionError, match="# user"):
-        load_prompt("mutation_rate", tmp_path)
+        load_prompt("mutation_rate", str(tmp_path))
     prompt_file.write_bytes("# user\nStra\xdfe".encode("latin-1"))
     with pytest.raises(SupervisionError, match=r"Expected UTF-8 text in .*save it as UTF-8"):
-        load_prompt("mutation_rate", tmp_path)
+        load_prompt("mutation_rate", str(tmp_path))
     prompt_file.unlink()
+    assert "Phases" in Questions(llm_settings, context()).prompts["mutation_rate"].system
     with pytest.raises(SupervisionError, match="found none"):
-        Questions(llm_settings, context())
+        Questions(settings("prompts=nowhere"), context())
 
 
 def test_a_domain_may_name_its_robots() -> None:
@@ -239,5 +225,5 @@ def test_a_domain_may_name_its_robots() -> None:
         for part in ("rate", "tree")
     ]
     assert "Complete Lander: in one episode" in texts[0]
-    assert "whether any Complete Lander has ever existed" in texts[0]
+    assert "complete: Complete Landers" in texts[0]
     assert not any(re.search(r"\bRobots?\b", text) for text in texts)

@@ -3,22 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any
 
 from hypothesis import given
 
-from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.resources import resource
 from islandgp.scoring.state import Crisis
-from islandgp.supervision.state_json import field_meanings, state_json, state_text
-from islandgp.text import title
+from islandgp.supervision.state_json import OF_RATES, OF_STAGES, state_json, state_text
 from tests.llm.samples import state
-from tests.samples import CLASSES
 from tests.strategies import population_states
 
-FIELDS = field_meanings(SCHEMA, CLASSES)
 CRISIS = Crisis(diversity_below=0.15, stagnant_epochs_above=3, emergency_rate=0.5)
 
 WHOLE = {
@@ -109,17 +102,6 @@ WHOLE = {
 }
 
 
-def fields(value: Any, path: str = "") -> Iterator[str]:
-    """The dotted paths of a JSON value's leaves, as `field_meanings` spells them."""
-    if isinstance(value, Mapping):
-        for key, below in value.items():
-            yield from fields(below, f"{path}.{key}" if path else str(key))
-    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
-        yield from fields(value[0], f"{path}[]")
-    else:
-        yield path
-
-
 def test_a_whole_state() -> None:
     """Everything that a supervisor is shown, in the order and the rounding it is shown in."""
     document = state_json(state(complete=2), CRISIS)
@@ -127,25 +109,13 @@ def test_a_whole_state() -> None:
     assert list(document) == list(WHOLE)
 
 
-def test_every_field_has_a_meaning() -> None:
-    """The meanings that prompts and docs give are those of exactly the fields there are."""
-    weighted = {f"next_multipliers.{name}" for name in SCHEMA.components}
-    names = set(fields(WHOLE))
-    assert names - weighted == set(FIELDS) - weighted
-    assert names <= set(FIELDS), "a curriculum names some components, the document all"
-
-
-def test_titles() -> None:
-    """Names as people write them."""
-    assert title("full_service") == "Full Service"
-    assert title("complete") == "Complete"
-
-
-def test_the_document_has_every_field() -> None:
-    """docs/llm/state.md has the same table as the prompts."""
-    text = (resource("conf").parent / "docs" / "llm" / "state.md").read_text(encoding="utf-8")
-    for name, meaning in FIELDS.items():
-        assert f"| `{name}` | {meaning} |" in text
+def test_fields_can_be_left_out() -> None:
+    """Those of rates and stages, in each line of the history too."""
+    document = state_json(state(complete=2), CRISIS, (*OF_RATES, *OF_STAGES))
+    text = json.dumps(document)
+    assert "rate" not in text
+    assert {"crisis", "epoch", "stage"}.isdisjoint(document)
+    assert document["stagnation"] == {"generations": 0}
 
 
 @given(population_states())

@@ -250,8 +250,6 @@ def test_digests_tell_requests_apart() -> None:
         replace(ASK, temperature=None),
         replace(ASK, schema=None),
         replace(ASK, cache=True),
-        replace(ASK, thinking={"type": "adaptive"}),
-        replace(ASK, effort="low"),
         replace(ASK, extra={"top_k": 3}),
     ]
     assert len({r.digest for r in [ASK, *others]}) == len(others) + 1

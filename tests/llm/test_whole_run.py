@@ -290,7 +290,7 @@ def test_a_replay_is_of_the_recorded_settings(tmp_path: Path) -> None:
     overrides = (
         "gp.generations=3",
         "supervisor.policy.model=m",
-        "supervisor.policy.rate.most=0.46",
+        "supervisor.policy.rates=[0.1, 0.46]",
     )
     with MessagesServer(every(2, [Fault.OUT_OF_RANGE])) as server:
         steps = live(server, tmp_path / "live", *overrides)

@@ -1,21 +1,25 @@
 """Reads and checks the answers of a language model (section 2.4.6).
 
 A decision passes JSON, fields and range; a tree JSON, fields, grammar, names and limits; an edit
-must make a new tree. The text of a rejection helps the model to repair its answer.
+must make a new tree. Small slips are repaired: single quotes, a comma at the end, a number as text,
+the case of a label. The text of a rejection helps the model to repair its answer.
 """
 
 from __future__ import annotations
 
+import ast
 import json
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     FiniteFloat,
@@ -34,7 +38,6 @@ from islandgp.errors import DomainError, LimitError, TreeError, UnknownNameError
 from islandgp.gp.edits import EDITS, Edit, edited
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import MAX_ANSWER, Reply, clean
-from islandgp.supervision.llm.settings import RateSettings
 
 A = TypeVar("A", bound="ModelAnswer")
 
@@ -43,6 +46,7 @@ MAX_EDITS: Final = 20  # most edits of an answer; further ones are ignored
 _CANDIDATES: Final = 2000  # most places of a text at which a JSON object is searched
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
+_LITERAL: Final = re.compile(r"(?<=[:,\[])\s*(true|false|null)(?=\s*[,}\]])")
 _FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
 Short = Annotated[str, AfterValidator(lambda text: text[:MAX_EXPLANATION])]
@@ -50,10 +54,21 @@ TreeText = Annotated[str, AfterValidator(lambda text: _FENCED.sub(r"\1", text))]
 """The text of a tree, without a Markdown fence around it."""
 
 
+def _label(labels: Mapping[str, str], value: Any) -> Any:
+    """The label with the letters of a value, in any case and with blanks for underscores."""
+    key = re.sub(r"[\s-]+", "_", value.strip().lower()) if isinstance(value, str) else None
+    return labels.get(key or "", value)
+
+
+def _labels(names: Iterable[str]) -> BeforeValidator:
+    return BeforeValidator(partial(_label, {name.lower(): name for name in names}))
+
+
+Number = Annotated[FiniteFloat, Strict(False)]
 if TYPE_CHECKING:
     EditKind = str
 else:
-    EditKind = Literal[tuple(EDITS)]
+    EditKind = Annotated[Literal[tuple(EDITS)], _labels(EDITS)]
 
 
 class ModelAnswer(BaseModel, frozen=True, strict=True):
@@ -69,10 +84,10 @@ class ModelAnswer(BaseModel, frozen=True, strict=True):
 class DecisionAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `mutation_rate`."""
 
-    mutation_rate: FiniteFloat
-    phase: Annotated[Phase, Strict(False)]
-    pattern: Annotated[Pattern, Strict(False)]
-    intervention: bool
+    mutation_rate: Number
+    phase: Annotated[Phase, Strict(False), _labels(Phase)]
+    pattern: Annotated[Pattern, Strict(False), _labels(Pattern)]
+    intervention: Annotated[bool, Strict(False)]
     risk: Short
     reasoning: Short
 
@@ -86,8 +101,8 @@ class EditAnswer(ModelAnswer, frozen=True):
     of: Short = ""
     at: Short = ""
     branch: TreeText = ""
-    number: FiniteFloat = 0.0
-    term: int = 0
+    number: Number = 0.0
+    term: Annotated[int, Strict(False)] = 0
     donor: Short = ""
     donor_at: Short = ""
     reason: Short = ""
@@ -126,7 +141,7 @@ def proposal_model(targets: Collection[str]) -> type[ModelAnswer]:
     """The model of an answer to a prompt for a tree, for one of the targets."""
     fields: dict[str, Any] = {
         "tree": (TreeText, ...),
-        "target": (Literal[tuple(targets)], ...),
+        "target": (Annotated[Literal[tuple(targets)], _labels(targets)], ...),
         "rationale": (Short, ...),
     }
     return create_model("ProposalAnswer", __base__=ModelAnswer, **fields)
@@ -171,8 +186,6 @@ class RejectionStage(StrEnum):
     GRAMMAR = "grammar"
     NAMES = "names"
     LIMITS = "limits"
-    COPY = "copy"  # the tree exists already
-    LINT = "lint"  # `islandgp check` warns of the tree
     EDITS = "edits"  # no edit makes a usable tree
 
 
@@ -192,8 +205,11 @@ class Accepted:
     change: str = ""  # change made to the answer, or ""
 
 
-def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
-    """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it."""
+def read_answer(reply: Reply, model: type[A]) -> tuple[A, str] | Rejection:
+    """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it.
+
+    The second value is the repair of slips in words, or "".
+    """
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
     cut_off = reply.stop_reason == "max_tokens"
@@ -201,36 +217,85 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
     # If a further object was begun when the tokens ran out, those before it are drafts.
     if fields is None or (cut_off and "{" in _objects(reply.text)[1]):
         if reply.text.strip():
-            fault = ("none that can be read", "an answer that was cut off; make it much shorter")
+            fault = (_json_fault(reply.text), "an answer that was cut off; make it much shorter")
         else:
             no_word = "an answer that was cut off before its first word; think much less"
             fault = ("an empty answer", no_word)
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault[cut_off]}.")
     try:
-        return model.model_validate(fields)
+        answer = model.model_validate(fields)
     except ValidationError as error:
         return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
+    given = [(name, value) for name, value in answer if not isinstance(value, list)]
+    slips = [name for name, value in given if _is_slip(fields.get(name), value)]
+    slips += [] if fields in _objects(reply.text)[0] else ["quotes or commas"]
+    return answer, f"repaired {', '.join(slips)}" if slips else ""
+
+
+def _is_slip(found: Any, value: Any) -> bool:
+    """True if a field was read as a value of another type, spelling or case."""
+    if isinstance(value, str):
+        return not str(found).startswith(value)
+    return isinstance(found, str) or (isinstance(value, bool) and not isinstance(found, bool))
+
+
+def _json_fault(text: str) -> str:
+    """Why a text has no JSON object, with the place of the first error."""
+    text = _answer_part(text)
+    if (start := text.find("{")) < 0:
+        return "none"
+    try:
+        json.JSONDecoder(strict=False).raw_decode(text, start)
+    except json.JSONDecodeError as error:
+        near = text[max(0, error.pos - 20) : error.pos + 20]
+        return f"one that cannot be read: {error.msg.lower()} near {near!r}"
+    except RecursionError:
+        return "one that is nested too deep"
+    return "none that can be read"
 
 
 def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
     """The JSON object of an answer's text; None if there is none or the text is too long.
 
     Of several it is the last with all of the fields, or else with any of them, or else the last:
-    drafts come before the answer. Text around it or inside `<think>` is ignored.
+    drafts come before the answer. Text around it or inside `<think>` is ignored. Without any, an
+    object with single quotes or a comma at its end is read.
     """
 
     def rank(place: int) -> tuple[bool, bool, int]:
         present = [field in objects[place] for field in fields]
         return all(present), any(present), place
 
-    objects = _objects(text)[0] if len(text) <= MAX_ANSWER else []
+    if len(text) > MAX_ANSWER:
+        return None
+    objects = _objects(text)[0]
+    if not any(field in each for each in objects for field in fields):
+        objects += _loose_object(_answer_part(text))
     return objects[max(range(len(objects)), key=rank)] if objects else None
+
+
+def _answer_part(text: str) -> str:
+    """The text without the model's thinking."""
+    return _THOUGHT.split(_THINKING.sub(" ", text))[-1]  # some servers omit the opening tag
+
+
+def _loose_object(text: str) -> list[dict[str, Any]]:
+    """The object from the first to the last brace, with the quotes and commas of Python."""
+    body = " ".join(text[text.find("{") : text.rfind("}") + 1].splitlines())
+    try:
+        value = ast.literal_eval(_LITERAL.sub(lambda m: _NAMES[m[1]], body))
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+        return []
+    is_object = isinstance(value, dict) and all(isinstance(key, str) for key in value)
+    return [value] if is_object else []
+
+
+_NAMES: Final = {"true": "True", "false": "False", "null": "None"}
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
     """The outermost JSON objects of an answer, and the text after the last one."""
-    text = _THINKING.sub(" ", text)
-    text = _THOUGHT.split(text)[-1]  # some servers omit the opening tag
+    text = _answer_part(text)
     decoder = json.JSONDecoder(strict=False)  # accepts line breaks inside strings
     objects: list[dict[str, Any]] = []
     end, at = 0, text.find("{")
@@ -247,64 +312,37 @@ def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
     return objects, text[end:]
 
 
-def check_decision(reply: Reply, rates: RateSettings) -> Accepted | Rejection:
-    """Checks a decision on the mutation rate."""
-    answer = read_answer(reply, DecisionAnswer)
-    if isinstance(answer, Rejection):
-        return answer
-    advised = answer.mutation_rate
-    rate = min(rates.most, max(rates.least, advised))
-    if rate != advised and rates.outside == "repair":
-        expected = f"a number from {rates.least} to {rates.most}"
-        error = f"mutation_rate: expected {expected}, found {advised}"
+def check_decision(reply: Reply, rates: tuple[float, float]) -> Accepted | Rejection:
+    """Checks a decision on the mutation rate; `rates` are the lowest and the highest."""
+    read = read_answer(reply, DecisionAnswer)
+    if isinstance(read, Rejection):
+        return read
+    answer, change = read
+    if not rates[0] <= answer.mutation_rate <= rates[1]:
+        expected = f"a number from {rates[0]} to {rates[1]}"
+        error = f"mutation_rate: expected {expected}, found {answer.mutation_rate}"
         return Rejection(RejectionStage.RANGE, error)
-    decision = Guidance(tree=None, source="llm", **{**dict(answer), "mutation_rate": rate})
-    return Accepted(decision, "" if rate == advised else f"clamped from {advised}")
+    return Accepted(Guidance(tree=None, source="llm", **dict(answer)), change)
 
 
 def check_proposal(
-    reply: Reply,
-    limits: Limits,
-    vocabulary: Vocabulary,
-    targets: tuple[str, ...],
-    existing: frozenset[str] | None = None,
+    reply: Reply, limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...]
 ) -> Accepted | Rejection:
-    """Checks a tree.
-
-    With `existing`, the canonical texts of existing trees, these are rejected, and trees that
-    `islandgp check` warns of.
-    """
-    answer = read_answer(reply, proposal_model(targets))
-    if isinstance(answer, Rejection):
-        return answer
-    values = dict(answer)
-    tree = _check_tree(values["tree"], limits, vocabulary, existing)
-    if isinstance(tree, Rejection):
-        return tree
-    return Accepted(Guidance(mutation_rate=None, source="llm", **{**values, "tree": tree}))
-
-
-def _check_tree(
-    text: str, limits: Limits, vocabulary: Vocabulary, existing: frozenset[str] | None
-) -> Node | Rejection:
-    """Checks grammar, names and limits of a tree; with `existing`, also novelty and warnings."""
+    """Checks a tree: its grammar, names and limits."""
+    read = read_answer(reply, proposal_model(targets))
+    if isinstance(read, Rejection):
+        return read
+    values, change = dict(read[0]), read[1]
     try:
-        tree = parse(text, vocabulary, name="tree")
-        check_limits(tree, limits)
+        values["tree"] = parse(values["tree"], vocabulary, name="tree")
+        check_limits(values["tree"], limits)
     except (UnknownNameError, DomainError) as error:
         return Rejection(RejectionStage.NAMES, str(error))
     except LimitError as error:
         return Rejection(RejectionStage.LIMITS, str(error))
     except TreeError as error:
         return Rejection(RejectionStage.GRAMMAR, str(error))
-    if existing is None:
-        return tree
-    if to_text(tree) in existing:
-        copied = "Expected a new tree, found a copy of a living one or of an example."
-        return Rejection(RejectionStage.COPY, copied)
-    if lint := warnings(text, vocabulary, name="tree"):
-        return Rejection(RejectionStage.LINT, "\n".join(w.message for w in lint))
-    return tree
+    return Accepted(Guidance(mutation_rate=None, source="llm", **values), change)
 
 
 def check_edits(
@@ -319,10 +357,10 @@ def check_edits(
     `living` are the texts, by id, of the trees that an edit may name; `existing` are the canonical
     texts of existing trees.
     """
-    answer = read_answer(reply, EditsAnswer)
-    if isinstance(answer, Rejection):
-        return answer
-    listed, edits, wrong = answer.edits[:MAX_EDITS], [], []
+    read = read_answer(reply, EditsAnswer)
+    if isinstance(read, Rejection):
+        return read
+    listed, edits, wrong = read[0].edits[:MAX_EDITS], [], []
     for number, values in enumerate(listed, 1):
         try:
             edit = _edit(values)
@@ -336,7 +374,7 @@ def check_edits(
             wrong.append(f"edit {number}: {error}")
     if not edits:
         return Rejection(RejectionStage.EDITS, "\n".join(wrong))
-    change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else ""
+    change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else read[1]
     return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:MAX_EXPLANATION])
 
 

@@ -10,22 +10,21 @@ from __future__ import annotations
 import asyncio
 import re
 import ssl
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from contextvars import ContextVar
 from importlib import import_module
 from importlib.util import find_spec
 from threading import Lock, Thread
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 from islandgp.errors import SupervisionError
 from islandgp.plugin import imported
 from islandgp.redaction import secrets_in
-from islandgp.supervision.llm.chat import chat_body, read_chat
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, clean
-from islandgp.supervision.llm.wire import arguments, read_message, refused
+from islandgp.supervision.llm.interfaces import INTERFACES, line, read_body, refused
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 
 if TYPE_CHECKING:
     import httpx2
@@ -36,36 +35,6 @@ HIDDEN: Final = "[key]"
 _ENCODING: Final = "islandgp.encoding"  # extension of a response: the encoding of its body
 _EVENTS: Final[ContextVar[list[str]]] = ContextVar("events")
 """Events of sending the attempt's request so far; empty: nothing is sent yet."""
-
-
-class Interface(NamedTuple):
-    """An interface of servers, and the SDK that speaks it."""
-
-    sdk: str  # class of its client; the default of `client_factory`
-    create: Callable[[Any, Request], Awaitable[Any]]  # sends a request by a client
-    read: Callable[[bytes, Callable[[str], str], Callable[[str], str]], Reply | Failure]
-
-
-def _chat(sdk: Any, request: Request) -> Awaitable[Any]:
-    body = chat_body(request)
-    known = ("model", "messages", "max_tokens")
-    plain = {key: body.pop(key) for key in known}
-    raw: Awaitable[Any] = sdk.chat.completions.with_raw_response.create(
-        **plain, extra_body=body, extra_headers={"accept-encoding": "identity"}
-    )
-    return raw
-
-
-def _messages(sdk: Any, request: Request) -> Awaitable[Any]:
-    raw: Awaitable[Any] = sdk.messages.with_raw_response.create(**arguments(request))
-    return raw
-
-
-INTERFACES: Final = {
-    "anthropic": Interface("anthropic:AsyncAnthropic", _messages, read_message),
-    "chat": Interface("openai:AsyncOpenAI", _chat, read_chat),
-}
-"""By `supervisor.policy.interface`."""
 
 
 class ServerClient:
@@ -163,8 +132,12 @@ class ServerClient:
     async def _attempt(self, sdk: Any, request: Request) -> Reply | Failure:
         interface = INTERFACES[self._interface]
         errors = import_module(interface.sdk.partition(":")[0])
+        body, headers = interface.body(request), {"accept-encoding": "identity"}
+        typed = {key: body.pop(key) for key in interface.typed & body.keys()}
         try:
-            answer = await interface.create(sdk, request)
+            answer = await interface.create(sdk)(
+                **typed, extra_body=body, extra_headers={**headers, **interface.headers}
+            )
             response = answer.http_response
             if encoding := response.extensions.get(_ENCODING):
                 return Failure(
@@ -172,12 +145,12 @@ class ServerClient:
                     "expected an uncompressed body, as requested, found the encoding"
                     f" {self._line(encoding)}; turn compression off in the server",
                 )
-            return interface.read(response.content, self._line, self._hide)
+            return read_body(self._interface, response.content, self._hide)
         except errors.APIStatusError as error:
             details = error.body if isinstance(error.body, dict) else {}
             text = getattr(error, "api_message", None) or details.get("message")
             text = text if isinstance(text, str) else ""
-            return refused(error.status_code, text, error.response.headers, self._line)
+            return refused(error.status_code, text, error.response.headers, self._hide)
         except errors.APITimeoutError:
             return Failure(FailureKind.TIMEOUT, "the connection timed out")
         except errors.APIConnectionError as error:
@@ -192,8 +165,8 @@ class ServerClient:
             return Failure(kind, self._line(f"{type(error).__name__}: {error}"))
 
     def _line(self, text: str) -> str:
-        """A text of the server as one line of at most 300 characters, without secrets."""
-        return " ".join(clean(self._hide(text)).split())[:300]
+        """A text of the server as one line, without secrets."""
+        return line(self._hide(text))
 
     def _hide(self, text: str) -> str:
         """A text without secrets, also those with JSON escapes."""

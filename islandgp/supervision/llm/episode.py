@@ -12,8 +12,8 @@ from typing import Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import AGAIN, RUNNING, Node, walk
-from islandgp.domain import Domain, Outcome, Scene, Schema
+from islandgp.bt.core.node import AGAIN, RUNNING, SUCCESS, Node, walk
+from islandgp.domain import Domain, Outcome, Scene
 from islandgp.gp.record import IndividualRecord
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about
@@ -21,11 +21,10 @@ from islandgp.text import in_points
 
 SPANS: Final = 8  # most spans of an episode, one line each
 BINS: Final = 60  # intervals of an episode from which spans are formed
-MAX_NAMED: Final = 3  # most actions and events named in a span
+MAX_NAMED: Final = 4  # most actions and events named in a span
 KEYS: Final = 12  # most keys that are described
 TREE: Final = 1500  # most characters of a tree
 PARTS: Final = 3  # most components of a class's earnings
-LINE: Final = 240  # most characters of a line
 
 
 class EpisodeLog:
@@ -33,29 +32,31 @@ class EpisodeLog:
 
     def __init__(self, tree: Node) -> None:
         self.actions = [n.action for n in walk(tree)]
-        self.doing: list[str] = []  # by tick: the action that ran, else the last that ended, or ""
+        self.active: list[frozenset[str]] = []  # by tick: the actions that ran or succeeded
         self.boards: list[tuple[float, ...]] = []  # by tick
         self.credits: list[tuple[int, str, float]] = []  # tick, event, points
-        self._ran = self._ended = ""
+        self.succeeded: Counter[str] = Counter()  # by action
+        self.failed: Counter[str] = Counter()
+        self._now: set[str] = set()
 
     def node(self, place: int, status: int) -> None:
         """See `Observer`."""
         if not (action := self.actions[place]) or status == ABORTED:
             return
-        if status in (RUNNING, AGAIN):
-            self._ran = action
-        else:
-            self._ended = action
+        if status in (RUNNING, AGAIN, SUCCESS):
+            self._now.add(action)
+        if status not in (RUNNING, AGAIN):
+            (self.succeeded if status == SUCCESS else self.failed)[action] += 1
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
-        self.doing.append(self._ran or self._ended)
+        self.active.append(frozenset(self._now))
         self.boards.append(tuple(map(float, board)))
-        self._ran = self._ended = ""
+        self._now.clear()
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
-        self.credits.append((len(self.doing), event, points))
+        self.credits.append((len(self.active), event, points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,21 +81,23 @@ class Stretch:
 def describe_episode(
     domain: Domain, tree: Node, seed: int, weights: Mapping[str, float]
 ) -> tuple[Outcome, list[str]]:
-    """An episode's outcome and its description: at most SPANS + KEYS + 2 lines of LINE characters.
+    """An episode's outcome and its description in at most SPANS + KEYS + 3 lines.
 
     It runs one episode, which is a function of the arguments.
     """
     log = EpisodeLog(tree)
     outcome = domain.run_episode(tree, seed, weights, log)
-    lines = [*_course(log, domain.step_s), *_never(log), *_keys(log, domain)]
-    return outcome, [line if len(line) <= LINE else line[: LINE - 3] + "..." for line in lines]
+    return outcome, [*_course(log, domain.step_s), *_ends(log), *_keys(log, domain)]
 
 
-def spans(actions: Sequence[str]) -> list[Stretch]:
+def spans(active: Sequence[frozenset[str]]) -> list[Stretch]:
     """An episode's ticks in at most SPANS parts, cut where the actions change most."""
-    bins = min(BINS, len(actions))
-    edges = [i * len(actions) // bins for i in range(bins + 1)] if bins else []
-    stretches = [Stretch(a, b, Counter(actions[a:b])) for a, b in pairwise(edges)]
+    bins = min(BINS, len(active))
+    edges = [i * len(active) // bins for i in range(bins + 1)] if bins else []
+    stretches = [
+        Stretch(a, b, Counter(name for names in active[a:b] for name in names))
+        for a, b in pairwise(edges)
+    ]
     while len(stretches) > 1:
         lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(stretches)))
         if len(stretches) <= SPANS and lost > 0:
@@ -104,12 +107,12 @@ def spans(actions: Sequence[str]) -> list[Stretch]:
 
 
 def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
-    last = len(log.doing) - 1
-    for span in spans(log.doing):
+    last = len(log.active) - 1
+    for span in spans(log.active):
         length = span.end - span.begin
-        counts = ", ".join(
-            f"{name or 'nothing'} {count / length:.0%}"
-            for name, count in span.actions.most_common(MAX_NAMED)
+        shares = ", ".join(
+            f"{name} {f'{n / length:.0%}' if n * 100 >= length else f'{n} ticks'}"
+            for name, n in span.actions.most_common(MAX_NAMED)
         )
         inside = [
             (event, points)
@@ -117,24 +120,32 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
             if span.begin <= min(tick, last) < span.end
         ]
         times = Counter(event for event, _ in inside)
-        earned = "".join(f", {event} {n}x" for event, n in times.most_common(MAX_NAMED))
+        earned = ", ".join(f"{event} {n}x" for event, n in times.most_common(MAX_NAMED))
         gain = sum(points for _, points in inside)
-        tail = f"; {earned[2:]}: {in_points(gain, '+')} points" if inside else ""
-        yield f"- {span.begin * step_s:.0f} to {span.end * step_s:.0f} s: {counts}{tail}"
+        tail = f"; {earned}: {in_points(gain, '+')} points" if inside else ""
+        begin, end = span.begin * step_s, span.end * step_s
+        yield f"- {begin:.0f} to {end:.0f} s: {shares or 'nothing'}{tail}"
 
 
-def _never(log: EpisodeLog) -> Iterator[str]:
-    done = set(log.doing)
-    unused = dict.fromkeys(name for name in log.actions if name and name not in done)
-    if unused:
-        yield f"- hardly or never done, though in the tree: {', '.join(unused)}"
+def _ends(log: EpisodeLog) -> Iterator[str]:
+    """How the actions of the tree ended; each of them is in one of the lines, or ran to the end."""
+    names = dict.fromkeys(filter(None, log.actions))
+    ran = set().union(*log.active)
+    succeeded = [f"{name} {log.succeeded[name]}x" for name in names if log.succeeded[name]]
+    failed = [f"{n} {log.failed[n]}x" for n in names if log.failed[n] and not log.succeeded[n]]
+    unused = [name for name in names if name not in ran and not log.failed[name]]
+    for what, parts in (
+        ("succeeded", succeeded), ("failed and never succeeded", failed), ("never started", unused)
+    ):  # fmt: skip
+        if parts:
+            yield f"- {what}: {', '.join(parts)}"
 
 
 def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
-    schema: Schema = domain.schema
     if not log.boards:
         return
-    for place, (name, key) in enumerate(list(schema.vocabulary.keys.items())[:KEYS]):
+    step_s = domain.step_s
+    for place, (name, key) in enumerate(list(domain.schema.vocabulary.keys.items())[:KEYS]):
         values = [board[place] for board in log.boards]
         if key.flag:
             yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
@@ -149,7 +160,6 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
             continue
         low, trough = min(points)
         high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
-        step_s = domain.step_s
         if low == high:
             yield f"- {name}: {_number(low)} throughout"
             continue
@@ -166,25 +176,20 @@ def _number(value: float) -> str:
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
     """A description of an individual's episode in the first world of its evaluation."""
-    # Worlds of an individual; 0 if all individuals share fewer worlds than there are individuals.
-    worlds_each = len(now.worlds) // len(now.individuals)
-    seed = now.worlds[now.individuals.index(i) * worlds_each]
+    n = context.gp.episodes
+    index = 0 if context.gp.shared_seed else now.individuals.index(i) * n
+    seed = now.worlds[index]
     tree = parse(i.tree, context.schema.vocabulary)
     domain = context.domain_in(now.snapshot.generation)
     outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
-    n, world = context.gp.episodes, about(domain, seed)
     mean = f" on the mean of {n} episodes" if n > 1 else ""
-    which = (
-        f"the first of them, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
-    )
+    which = f"the first, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
     head = (
-        f"{name}, of class {i.specialist}, {in_points(i.fitness)} points{mean}"
-        f" ({components([i])}). In {which} of {in_points(outcome.seconds)} s that ended with"
-        f" {', '.join(outcome.endings)} it did:"
+        f"{name}, {in_points(i.fitness)} points{mean} ({components([i])}). In {which} of"
+        f" {in_points(outcome.seconds)} s that ended with {', '.join(outcome.endings)} it did"
+        " (shares of time, several actions can be in one tick):"
     )
-    if world:
-        head = f"{head}\n{world}"
-    return "\n".join((head, *lines, "```", shortened(i.tree), "```"))
+    return "\n".join(filter(None, (head, about(domain, seed), *lines)))
 
 
 def components(members: Sequence[IndividualRecord]) -> str:

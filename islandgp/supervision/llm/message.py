@@ -93,8 +93,6 @@ class Request:
     temperature: float | None = None  # None: not sent
     schema: dict[str, Any] | None = None  # JSON schema of the answer; None: not sent
     cache: bool = False  # let the server cache the system prompt
-    thinking: dict[str, Any] | None = None  # as in the API; None: not sent
-    effort: str | None = None  # None: not sent
     extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
     grammar: str | None = None  # of the answer, in GBNF; None: not sent
 

@@ -108,8 +108,6 @@ def probe_capabilities(
             settings.reply_tokens,
             temperature,
             _SCHEMA if bound == "schema" else None,
-            thinking=settings.thinking_value,
-            effort=settings.effort,
             extra=settings.extra_body,
             grammar=_GRAMMAR if bound == "grammar" else None,
         )

@@ -1,16 +1,16 @@
-"""Prompts: the files of `prompts/`, and how they are filled in (section 2.4.6).
+"""Prompts: the templates of `prompts/`, and the values that are the same in all generations.
 
-A file has a part `# system`, which is the same in every generation, and a part `# user`.
-`{{name}}` is replaced by a value; a name without a value is an error with its place. Text between
-`{{#name}}` and `{{/name}}` is left out if the value is empty.
-
-`fixed_values` and `run_facts` follow from the configuration and are the same in all generations.
+A file has a part `# system` and a part `# user` (section 2.4.6). `{{name}}` is replaced by a value;
+a name without a value is an error with its place. Text between `{{#name}}` and `{{/name}}` is left
+out if the value is empty. Each value follows from the configuration, so that no sentence of a
+prompt is untrue of the run.
 """
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -20,16 +20,15 @@ from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS
 from islandgp.bt.core.kinds import KINDS, REPEATS
 from islandgp.bt.core.parameters import described, signature
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import Domain
+from islandgp.domain import Domain, Reward, RewardTable
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import EDITS
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
-from islandgp.supervision.state_json import field_meanings, words
-from islandgp.text import in_points, title
+from islandgp.supervision.state_json import words
+from islandgp.text import title
 
 _VARIABLE: Final = re.compile(r"\{\{\s*#?\s*([A-Za-z_][\w.]*)\s*\}\}")
 _SECTION: Final = re.compile(r"\{\{#([A-Za-z_][\w.]*)\}\}(.*?)\{\{/\1\}\}", re.DOTALL)
@@ -37,9 +36,10 @@ _MARK: Final = re.compile(r"\{\{[#/][\w.]*\}\}")
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
 PROMPT_SETS: Final = ("paper", "informed")
-"""The shipped prompt sets; `paper` is the folder `prompts` itself."""
+"""The prompts of the folder `prompts`, without or with what a model can learn of the run."""
 SMALL_SET: Final = "small"
 """The prompts for small models, whose answers are decoded by a grammar."""
+MAX_REWARDS: Final = 2000  # most characters of rewards that are not a table of events
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,16 +56,20 @@ class Prompt:
         return set(_VARIABLE.findall(self.system + self.user))
 
 
-def prompt_folder(setting: str) -> Path:
-    """The folder of a prompt set: `paper`, `informed`, `small`, or the path of another folder."""
-    if setting == "paper":
-        return resource("prompts")
-    return resource("prompts") / setting if setting in (*PROMPT_SETS, SMALL_SET) else Path(setting)
+def load_prompt(name: str, setting: str) -> Prompt:
+    """Reads a file of a prompt set: of `paper`, `informed`, `small`, or of another folder.
 
+    A file that the folder lacks is that of `paper`.
 
-def load_prompt(name: str, folder: Path) -> Prompt:
-    """Reads `<folder>/<name>.md`. Raises SupervisionError if it is missing or has no parts."""
+    Raises:
+        SupervisionError: there is no such folder, or the file has no parts.
+    """
+    shipped = resource("prompts")
+    folder = shipped if setting in PROMPT_SETS else Path(setting)
+    folder = shipped / SMALL_SET if setting == SMALL_SET else folder
     path = folder / f"{name}.md"
+    if folder.is_dir() and not path.exists():
+        path = shipped / f"{name}.md"
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
@@ -90,10 +94,12 @@ def render(prompt: Prompt, values: Mapping[str, str]) -> tuple[str, str]:
     Raises:
         SupervisionError: a variable has no value; the message names it.
     """
-    return _fill(prompt.system, prompt.name, values), _fill(prompt.user, prompt.name, values)
+    return fill(prompt.system, prompt.name, values), fill(prompt.user, prompt.name, values)
 
 
-def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
+def fill(template: str, name: str, values: Mapping[str, str]) -> str:
+    """A template with every variable filled in; `name` is that of its file, for errors."""
+
     def value_of(match: re.Match[str]) -> str:
         if match[1] in values:
             return values[match[1]]
@@ -116,203 +122,223 @@ def _fill(template: str, name: str, values: Mapping[str, str]) -> str:
     return _VARIABLE.sub(value_of, filled)
 
 
-_FILES: Final = ("domain:", "include:", "library:")
-"""Rules of the grammar that are used in files only."""
-
-_OF_ARGUMENTS: Final = re.compile(
-    r"^(?:values?: |FILE: | *\| FILE \| NAME values).*\n|(?<=^action: NAME) values\?", re.MULTILINE
-)
-"""The rules of the grammar for arguments of actions."""
+def _lines(meanings: Mapping[str, str]) -> str:
+    return "\n".join(f"- {name}: {meaning}" for name, meaning in meanings.items())
 
 
-def shown_grammar(*, arguments: bool) -> str:
-    """The grammar without the rules for files, and with the paper's node kinds only.
-
-    Args:
-        arguments: True if actions can have arguments.
-    """
-    text = (resource("grammar") / "bt.lark").read_text(encoding="utf-8").strip()
-    parts = [
-        part
-        for part in text.split("\n\n")
-        if "docs/" not in part and not any(line.startswith(_FILES) for line in part.splitlines())
-    ]
-    grammar = "\n\n".join(parts).replace("domain? include* ", "")
-    names = "|".join(name for name, kind in KINDS.items() if not kind.paper)
-    grammar = re.sub(
-        rf"^[ !]*\|? *({names})\b.*\n| *\| _number\b.*\n",
-        "",
-        grammar,
-        flags=re.MULTILINE | re.IGNORECASE,
-    )
-    return grammar if arguments else _OF_ARGUMENTS.sub("", grammar)
+SYNTAX: Final = {
+    "parallel": "parallel success one|all failure one|all { NODE NODE ... }",
+    "inverter": "inverter { NODE }",
+    "repeater": "repeater N { NODE }",
+    "when": "when CONDITION abort none|self|lower|both { NODE }",
+    "action": "NAME",
+}
+"""How nodes of a kind are written; other composites are `KIND { NODE NODE ... }`."""
 
 
 def language(vocabulary: Vocabulary) -> str:
-    """The reference of the language, from the grammar and the domain's vocabulary."""
-    arguments = any(action.arguments for action in vocabulary.actions.values())
-    numbers = [n for n, key in vocabulary.keys.items() if not key.flag and not key.words]
-    choices = {name: key for name, key in vocabulary.keys.items() if key.words}
-    flags = [name for name, key in vocabulary.keys.items() if key.flag]
+    """The reference of the language: the paper's kinds of nodes, and the domain's vocabulary."""
+    nodes = {
+        f"`{SYNTAX.get(name, f'{name} {{ NODE NODE ... }}')}`": kind.meaning
+        for name, kind in KINDS.items()
+        if kind.paper
+    }
+    numbers = {n: k.meaning for n, k in vocabulary.keys.items() if not k.flag and not k.words}
+    choices = {
+        n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in vocabulary.keys.items() if k.words
+    }
+    flags = {name: key.meaning for name, key in vocabulary.keys.items() if key.flag}
     has_resources = any(action.uses for action in vocabulary.actions.values())
     shared = "; two that use the same resource never run in the same tick" * has_resources
-    return "\n".join(
-        (
-            "The grammar, in Lark's notation:",
-            "",
-            f"```lark\n{shown_grammar(arguments=arguments)}\n```",
-            "",
-            "Nodes:",
-            *(f"- {name}: {kind.meaning}" for name, kind in KINDS.items() if kind.paper),
-            "",
-            "How a tree continues from tick to tick:",
-            *(f"- {name}: {rule}" for name, rule in words("ticks").items()),
-            "",
-            f"A repeater counts from {REPEATS[0]} to {REPEATS[1]}. What a `when` stops:",
-            *(f"- abort {name}: {rule}" for name, rule in words("abort_rules").items()),
-            "",
-            f"Actions{shared}:",
-            *(
-                f"- {signature(name, action.arguments)}:"
-                f" {described(action.meaning, action.arguments, action.uses)}"
-                for name, action in vocabulary.actions.items()
-            ),
-            "",
-            f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:",
-            *(f"- {name}: {vocabulary.keys[name].meaning}" for name in numbers),
-            "",
-            f"Keys that are yes or no, as `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:",
-            *(f"- {name}: {vocabulary.keys[name].meaning}" for name in flags),
-            *(["", "Keys that are words, compared by == or !=:"] if choices else []),
-            *(f"- {n}: {key.meaning}: {' | '.join(key.words)}" for n, key in choices.items()),
-        )
-    )
+    actions = {
+        signature(name, a.arguments): described(a.meaning, a.arguments, a.uses)
+        for name, a in vocabulary.actions.items()
+    }
+    parts = [
+        "A tree is one node. Blanks and line ends mean nothing; there are no commas.\n\n"
+        f"{_lines(nodes)}",
+        f"N is a whole number from {REPEATS[0]} to {REPEATS[1]}; `success`, `failure` (of how many"
+        " children; all and one) and `abort` can be left out. A condition compares keys, joined by"
+        f" `and`, `or`, `not` and brackets.\n\n{words()['ticks'].strip()}",
+        f"Actions{shared}:\n{_lines(actions)}",
+        f"Keys that are numbers, compared with one of {' '.join(OPERATORS)}:\n{_lines(numbers)}"
+        * bool(numbers),
+        f"Keys that are yes or no, `when KEY` or `when {FLAG_OPERATORS[1]} KEY`:\n{_lines(flags)}"
+        * bool(flags),
+        f"Keys that are words, compared by == or !=:\n{_lines(choices)}" * bool(choices),
+    ]
+    return "\n\n".join(filter(None, parts))
 
 
 def fixed_values(context: RunContext) -> dict[str, str]:
-    """The constant values: the task, the language, the fields of the state, the examples."""
-    schema, classes, library = context.schema, context.classes, context.library()
-    meanings = field_meanings(schema, classes, multiplied(context))
-    counters = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
+    """The values that are the same in all generations, by variable."""
+    schema, classes, gp = context.schema, context.classes, context.gp
+    meanings = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
     targets = {
-        **{
-            name: f"shows {text}; for a population that lacks it" for name, text in counters.items()
-        },
-        **words("aims"),
+        **{name: f"shows {m}; for a population that lacks it" for name, m in meanings.items()},
+        **words()["aims"],
     }
-    return {
+    kinds = {f"{n} (needs {k.needs})": k.meaning for n, k in EDITS.items()}
+    staged = stages_differ_by(context)
+    values = {
         "task": schema.task,
+        "next": _next(context),
         "habits": "\n".join(f"- {habit}" for habit in schema.habits),
-        "tiers": "\n".join(_tier(name, classes, context.gp.episodes) for name in classes.tiers),
+        "tiers": "\n".join(_tiers(context)),
         "agent": classes.agent,
         "milestone": title(classes.milestones[0]),
         "top_milestone": title(classes.milestones[-1]),
         "language": language(schema.vocabulary),
-        "actions": "\n".join(f"- {n}: {a.meaning}" for n, a in schema.vocabulary.actions.items()),
-        "keys": "\n".join(f"- {n}: {key.meaning}" for n, key in schema.vocabulary.keys.items()),
-        "fields": "\n".join(f"- {name}: {meaning}" for name, meaning in meanings.items()),
-        "targets": "\n".join(f"- {name}: {meaning}" for name, meaning in targets.items()),
-        **{f"examples.{part}": _examples(part, library) for part in ("explore", "exploit", "poor")},
+        "actions": _lines({n: a.meaning for n, a in schema.vocabulary.actions.items()}),
+        "keys": _lines({n: key.meaning for n, key in schema.vocabulary.keys.items()}),
+        "targets": _lines(targets),
+        "rewards": _rewards(context),
+        "episode": "\n".join(f"- {line}" for line in _episode(context)),
+        "judged": _judged(context),
+        "worlds": _worlds(context),
+        "curriculum": " ".join(_curriculum(context)),
+        "crisis": _crisis(context),
+        "variation": "mutation" if context.by_rate else "crossover and mutation",
+        "edit_kinds": _lines(kinds),
+        "edit_form": _EDIT_FORM,
+        "most_edits": str(context.edits),
+        "most_depth": str(context.limits.max_depth),
+        "most_nodes": str(context.limits.max_nodes),
+        "mutated": _mutated(context),
+        "joins": _joins(context),
+        "edits_join": _edits_join(context),
     }
+    names = {
+        "staged": staged,
+        "rate": "rate" * context.by_rate,
+        "classes": _classes(classes),
+        "behaviours": _named(meanings),
+        "class_behaviours": ", ".join(classes.specialists.of),
+        "milestone_names": ", ".join(classes.milestones),
+        "tier_names": _named({n: f"{classes.tier_title(n)}s" for n in classes.tiers}),
+        "counters": _counters(context),
+        "multiplied": _named(
+            {n: m for n, m in schema.components.items() if n in multiplied(context)}
+        ),
+    }
+    assert gp is context.gp
+    return values | {"fields": fill(words()["fields"], "words", names).strip()}
 
 
-def _tier(name: str, classes: Classes, episodes: int) -> str:
-    tier = classes.tiers[name]
-    bounds = [f"{measure} of at least {value:g}" for measure, value in tier.at_least.items()]
-    bounds += [f"{measure} above {value:g}" for measure, value in tier.above.items()]
-    bounds += [f"{measure} of at most {value:g}" for measure, value in tier.at_most.items()]
-    bounds += [f"and all that is asked of {classes.tier_title(tier.also)}s"] if tier.also else []
-    where = "in one episode" if episodes == 1 else f"on the mean of {episodes} episodes"
-    return f"- {classes.tier_title(name)}: {where} {', '.join(bounds) or 'anything'}."
+def _named(meanings: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {meaning}" for name, meaning in meanings.items())
 
 
-def _examples(part: str, library: Library) -> str:
-    """The example trees of a prompt; by default those of the single behaviours."""
+def _counters(context: RunContext) -> str:
+    counters = context.schema.counters
+    return _named({n: c.meaning + f", {c.unit}" * bool(c.unit) for n, c in counters.items()})
+
+
+def _classes(classes: Classes) -> str:
+    s = classes.specialists
+    mostly = {name: f"mostly does {name}" for name in s.of}
+    idle = {s.idle: f"does none of {', '.join(s.of)}"}
+    return _named({**idle, **mostly, s.mixed: "none of them dominates"})
+
+
+def _next(context: RunContext) -> str:
+    if not context.lag:
+        return "the next generation"
+    return f"the generation {context.lag + 1} generations after the one in the report"
+
+
+def _mutated(context: RunContext) -> str:
+    """What the mutation rate hits; "" for a search without one."""
+    if not context.by_rate:
+        return ""
+    tree, verb = (" and a tree that you write", "are") if context.inject else ("", "are")
+    if context.gp.mutate_elites:
+        return f"Each individual is mutated with this chance, also the best ones{tree}."
+    return (
+        f"Each child is mutated with this chance; the best individuals{tree} {verb} kept unchanged."
+    )
+
+
+def _joins(context: RunContext) -> str:
+    """What happens to a tree that the model writes."""
+    when = _next(context)
+    if not context.by_rate:
+        return (
+            f"It is evaluated in {when}, unchanged; the search then treats it like all other"
+            " evaluated trees."
+        )
+    if context.gp.mutate_elites:
+        return f"It joins {when}, is mutated with the same chance as all others, and evaluated."
+    return f"It joins {when} unchanged and is evaluated; mutation leaves it alone."
+
+
+def _edits_join(context: RunContext) -> str:
+    mutated = ", after mutation with the rate in force," * context.mutate_advice
+    return (
+        f"Each edited tree joins {_next(context)} in a slot of its own{mutated} and is compared"
+        " with the tree before the edit in the same worlds."
+    )
+
+
+def _crisis(context: RunContext) -> str:
+    crisis = context.crisis
+    return (
+        f"A crisis is a diversity below {crisis.diversity_below:g}, or more than"
+        f" {crisis.stagnant_epochs_above:g} epochs of stagnation (an epoch has"
+        f" {context.curriculum.generations_per_epoch} generations): then the mutation rate is"
+        f" {crisis.emergency_rate:g}, whatever you answer."
+    )
+
+
+def _tiers(context: RunContext) -> Iterator[str]:
+    classes, counters, n = context.classes, context.schema.counters, context.gp.episodes
+    where = "in one episode" if n == 1 else f"on the mean of {n} episodes"
+    defined: set[str] = set()
+    for name, tier in classes.tiers.items():
+        bounds = []
+        for word, row in (
+            ("at least", tier.at_least), ("above", tier.above), ("at most", tier.at_most)
+        ):  # fmt: skip
+            for measure, value in row.items():
+                what = (
+                    ""
+                    if measure in defined or measure not in counters
+                    else (f" ({counters[measure].meaning})")
+                )
+                defined.add(measure)
+                bounds.append(f"{measure}{what} {word} {value:g}")
+        bounds += [f"all that a {classes.tier_title(tier.also)} needs"] if tier.also else []
+        yield f"- {classes.tier_title(name)}: {where} {', '.join(bounds) or 'anything'}."
+
+
+_HEAD: Final = re.compile(r"\A(#[^\n]+\n)+#\n")
+"""The first paragraph of a file's comment, which is about the library."""
+
+
+def examples(part: str, library: Library) -> str:
+    """The example trees of the prompts for a part: explore or exploit; by default all trees."""
     names = library.examples.get(part)
     if names is None:
-        names = (
-            ()
-            if part == "poor"
-            else tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
-        )
-    lead = "And one to learn from, not to follow:\n\n" if part == "poor" and names else ""
-    return lead + "\n".join(_example(name, library) for name in names)
+        names = tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
+    poor = library.examples.get("poor", ())
+    lead = "And one to learn from, not to follow:\n\n" if poor else ""
+    shown = "\n".join(_example(name, library) for name in names)
+    return (
+        shown + "\n" * bool(poor and names) + lead + "\n".join(_example(n, library) for n in poor)
+    )
 
 
 def _example(name: str, library: Library) -> str:
     """The text of a library tree with its targets."""
     targets = [target for target, names in library.targets.items() if name in names]
     lead = f"For {', '.join(targets)}:\n\n" if targets else ""
-    return f"{lead}```\n{library.texts[name].strip()}\n```\n"
-
-
-def urgency(state: PopulationState, rare: float) -> str:
-    """The urgency of each behaviour in words, the most urgent first (section 2.4.6).
-
-    `rare` is the share of the population below which a behaviour counts as rare.
-    """
-    lines = []
-    for name in state.rarest_behaviours:
-        count = state.now.behaviour_counts[name]
-        level = "MISSING" if not count else "rare" if count < rare * state.population else "present"
-        lines.append(f"- {name}: {count} of {state.population} individuals do it: {level}")
-    return "\n".join(lines)
-
-
-def progress(state: PopulationState) -> str:
-    """The generation, and how fitness and diversity have changed in it, in one line."""
-    now = state.now
-    return (
-        f"Generation {now.generation} of {state.generations}: best fitness {in_points(now.best)}"
-        f" ({in_points(state.best_change, '+')}), mean {in_points(now.mean)}"
-        f" ({in_points(state.mean_change, '+')}), diversity {now.diversity:.2f}."
-    )
+    return f"{lead}```\n{_HEAD.sub('', library.texts[name].strip())}\n```\n"
 
 
 _EDIT_FORM: Final = (
     '{"kind": KIND, "of": ID, "at": PATH, "branch": TREE, "number": NUMBER, "term": NUMBER,'
     ' "donor": ID, "donor_at": PATH, "reason": TEXT}'
 )
-
-
-def fixed_edit_values(context: RunContext) -> dict[str, str]:
-    """The constant values of `prompts/edits.md`."""
-    kinds = (f"- {n} (needs {k.needs}): {k.meaning}" for n, k in EDITS.items())
-    return {
-        "edit_kinds": "\n".join(kinds),
-        "edit_form": _EDIT_FORM,
-        "most_edits": str(context.edits),
-        "tree_depth": str(context.limits.max_depth),
-        "tree_nodes": str(context.limits.max_nodes),
-    }
-
-
-def run_facts(context: RunContext) -> dict[str, str]:
-    """Values for prompts: `episode`, `judged`, `worlds`, `curriculum`, `mutated`, `joins`."""
-    return {
-        "episode": "\n".join(f"- {line}" for line in _episode(context)),
-        "judged": _judged(context),
-        "worlds": _worlds(context),
-        "curriculum": " ".join(_curriculum(context)),
-        "mutated": _MUTATED[context.gp.mutate_elites],
-        "joins": _JOINS[context.gp.mutate_elites],
-    }
-
-
-_MUTATED: Final = {
-    # by gp.mutate_elites: the individuals that are mutated
-    True: "Each individual is mutated with this chance, also the best\n"
-    "ones and a tree that you write.",
-    False: "Each child is mutated with this chance; the best individuals\n"
-    "and a tree that you write are kept unchanged.",
-}
-_JOINS: Final = {
-    # by gp.mutate_elites: whether an injected tree is mutated
-    True: "It joins the next generation as an equal: it is\n"
-    "mutated, evaluated and selected like all others.",
-    False: "It joins the next generation unchanged: it is\n"
-    "evaluated and selected like all others; mutation leaves it alone.",
-}
 
 
 def about(domain: Domain, seed: int | None = None) -> str:
@@ -329,6 +355,15 @@ def multiplied(context: RunContext) -> frozenset[str]:
     """The components with a factor in any stage of the run's curriculum."""
     stages = context.curriculum.stages
     return frozenset(name for k in _stages(context) for name in stages[k].multipliers)
+
+
+def stages_differ_by(context: RunContext) -> str:
+    """How the stages of the run differ, in words; "" with a single stage."""
+    stages = [context.curriculum.stages[k] for k in _stages(context)]
+    factors = len({tuple(sorted(stage.multipliers.items())) for stage in stages}) > 1
+    worlds = len(stages) > 1 and any(stage.world for stage in stages)
+    names = ["other factors, so another scale of fitness"] * factors + ["other worlds"] * worlds
+    return " and ".join(names)
 
 
 def _stages(context: RunContext) -> dict[int, int]:
@@ -349,11 +384,10 @@ def _episode(context: RunContext) -> Iterator[str]:
         for k, text in texts.items():
             yield f"Stage {k + 1}, from generation {stages[k]} on: {text}"
     if endings := context.schema.endings:
-        named = "; ".join(f"{word}: {meaning}" for word, meaning in endings.items())
-        yield f"Why an episode ended: {named}."
+        yield f"Why an episode ended: {_named(endings)}."
     yield _judged(context)
+    yield _worlds(context)
     yield from _curriculum(context)
-    yield "In each tick of an episode the tree is ticked once."
 
 
 def _judged(context: RunContext) -> str:
@@ -365,12 +399,10 @@ def _judged(context: RunContext) -> str:
 
 def _worlds(context: RunContext) -> str:
     gp = context.gp
-    repeated = gp.episodes > 1
-    seeds = (
-        f"the same {'worlds' if repeated else 'world'} for all individuals"
-        if gp.shared_seed
-        else f"{'worlds' if repeated else 'a world'} of its own for each individual"
-    )
+    many = gp.episodes > 1
+    seeds = f"{'worlds' if many else 'a world'} of its own for each individual"
+    if gp.shared_seed:
+        seeds = f"the same {'worlds' if many else 'world'} for all individuals"
     if gp.reseed_every == "never":
         return f"The worlds never change ({seeds}), so luck of the world explains no change."
     period = "Every generation" if gp.reseed_every == "generation" else "Every epoch"
@@ -378,16 +410,45 @@ def _worlds(context: RunContext) -> str:
 
 
 def _curriculum(context: RunContext) -> Iterator[str]:
-    stages = [context.curriculum.stages[k] for k in _stages(context)]
-    if any(stage.multipliers for stage in stages):
+    if multiplied(context):
         yield (
-            "The curriculum multiplies components of the points; the report has the factors of"
-            " the next generation."
+            "Points are multiplied by a factor for each component; the report has those of the"
+            " next generation."
         )
-    if len({tuple(sorted(stage.multipliers.items())) for stage in stages}) > 1:
-        yield "The factors change with the stage: fitness in a new stage may jump for that alone."
-    if any(stage.world for stage in stages) and len(stages) > 1:
-        yield (
-            "The curriculum changes the worlds with the stage: a fall of fitness in a new stage can"
-            " come from that."
+    if staged := stages_differ_by(context):
+        yield f"Another stage has {staged}: fitness can jump for that alone."
+
+
+def _rewards(context: RunContext) -> str:
+    """Table 3 of the run in words, with the meaning of each component."""
+    rewards, schema = context.rewards, context.schema
+    lines: Iterable[str]
+    if isinstance(rewards, RewardTable):
+        lines = [
+            f"- {name}: {schema.events[name].meaning}: {_points(each, schema.events[name].amount)}"
+            f" ({each.component})"
+            for name, each in rewards.events.items()
+        ]
+        if rewards.normalize:
+            maxima = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
+            lines.append(f"- each component is divided by its largest value: {maxima}")
+    else:
+        lines = [json.dumps(rewards.model_dump(mode="json"))[:MAX_REWARDS]]
+    factors = ", before the factors" * bool(multiplied(context))
+    return "\n".join(
+        (
+            f"Points of an event{factors}; the component of the fitness is in brackets:",
+            *lines,
+            f"Components: {_named(schema.components)}.",
         )
+    )
+
+
+def _points(reward: Reward, amount: str) -> str:
+    """The points of one event in words, e.g. "200 and 100 x items"."""
+    bands = [f"{band.points:g} if {amount} is below {band.below:g}" for band in reward.bands]
+    terms = [f"{reward.base:g}"] if reward.base or not reward.per_unit else []
+    terms += [f"{reward.per_unit:g} x {amount}"] if reward.per_unit else []
+    parts = [*bands, ("else " if bands else "") + " and ".join(terms)]
+    over = f"; nothing up to {reward.over:g} {amount}" if reward.over is not None else ""
+    return ", ".join(parts) + over

@@ -14,7 +14,6 @@ from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 
 DAY: Final = 86_400  # s
-MAX_KEPT: Final = 20  # most injected trees and decisions in the history
 CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm/cost.md
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # for thinking before an answer
@@ -22,16 +21,7 @@ THINKING_SPEED: Final = 50  # tokens per second, lower bound
 
 
 OWN_FIELDS: Final = frozenset(
-    {
-        "max_tokens",
-        "messages",
-        "model",
-        "output_config",
-        "stream",
-        "system",
-        "temperature",
-        "thinking",
-    }
+    ("max_tokens", "messages", "model", "stream", "system", "temperature")
 )
 """Fields of a request's body that have settings of their own; `stream` is not supported."""
 
@@ -84,7 +74,6 @@ class Facts(BaseModel, frozen=True, extra="forbid"):
     thinks: bool = False  # thinks before each answer by default
     caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest cached prompt
     characters: float = Field(default=CHARACTERS, gt=0)  # per token, approximately
-    retires: str | None = Field(default=None, pattern=DATE)  # announced date; None: none
 
 
 class Prices(BaseModel, frozen=True, extra="forbid"):
@@ -108,61 +97,11 @@ class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     seconds: float | None = Field(ge=0)  # of attempts and of waiting between them
 
 
-class RateSettings(BaseModel, frozen=True, extra="forbid"):
-    """Accepted mutation rates."""
-
-    least: float = Field(ge=0, le=1)  # lowest accepted rate
-    most: float = Field(ge=0, le=1)  # highest accepted rate
-    outside: Literal["repair", "clamp"]  # of other rates: ask again, then reject; or clamp
-
-    @model_validator(mode="after")
-    def _ordered(self) -> RateSettings:
-        if self.least > self.most:
-            raise ValueError(f"least: expected at most {self.most}, found {self.least}")
-        return self
-
-
-class InformedSettings(BaseModel, frozen=True, extra="forbid"):
-    """The parts of informed prompts; each can be left out."""
-
-    reasoning: bool = True  # the answer begins with its reasons
-    rewards: bool = True  # the reward table, and the thresholds of a crisis
-    classes: bool = True  # earnings of each class of the population
-    injected: int = Field(default=5, ge=0, le=MAX_KEPT)  # last injected trees, with descendants
-    traces: bool = True  # episodes of the best and the least capable tree, in words
-    decisions: int = Field(default=5, ge=0, le=MAX_KEPT)  # last decisions with their results
-    differ: bool = True  # the instruction to differ from the examples
-
-
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
-    """Requested and accepted size of a tree."""
+    """Requested size of a tree; the run's limits are accepted."""
 
-    depth: int = Field(ge=1)  # levels, requested
-    nodes: str  # approximate number, requested
-    most_depth: int = Field(ge=1)  # levels, accepted; the run's limits apply as well
-    most_nodes: int = Field(ge=1)  # accepted
-
-    @property
-    def values(self) -> dict[str, str]:
-        """Values for prompts."""
-        return {name: str(value) for name, value in self.model_dump().items()}
-
-
-class Thinking(BaseModel, frozen=True, extra="forbid"):
-    """Thinking before the answer, as in the Messages API."""
-
-    type: Literal["adaptive", "enabled", "disabled", "between_tools"]  # of thinking
-    budget_tokens: int | None = Field(default=None, ge=1024)  # of "enabled"
-    display: Literal["summarized", "omitted"] | None = None  # form in which it is returned
-
-    @model_validator(mode="after")
-    def _budgeted(self) -> Thinking:
-        if (self.type == "enabled") != (self.budget_tokens is not None):
-            raise ValueError(
-                f"budget_tokens: expected a number with type=enabled and with no other, found"
-                f" {self.budget_tokens} with type={self.type}"
-            )
-        return self
+    depth: int = Field(ge=1)  # levels
+    nodes: str  # approximate number
 
 
 Outage = Literal["fallback", "wait", "stop"]
@@ -202,22 +141,16 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     base_url: str | None  # None: ANTHROPIC_BASE_URL, or else that of the client
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
-    thinking_tokens: Annotated[int, Field(ge=0, le=200_000)] | Literal["auto"] = 0  # added to it
-    thinking_seconds: Annotated[float, Field(ge=0, le=DAY)] | Literal["auto"] = 0  # s for thinking
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
     output: Literal["auto", "grammar", "structured", "text"]  # auto: by the probe at the start
-    thinking: Thinking | None = None  # None: the model's default
-    effort: Literal["low", "medium", "high", "xhigh", "max"] | None = None  # None: the default
     extra_body: dict[str, Any] | None = None  # further fields of each request's body
     cache: bool  # let the server cache the system prompts
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after a rejected answer
-    rate: RateSettings
+    rates: tuple[float, float]  # lowest and highest accepted mutation rate, in [0, 1]
     phases: dict[Phase, tuple[float, float]]  # Table 8
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
-    exploit_from: str | None  # milestone whose first robot begins phase 2; None: the last one
-    refuse_copies: bool = False  # reject copies and trees with warnings of `islandgp check`
     parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Outage = "fallback"  # reaction to a server that does not answer
@@ -226,7 +159,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     caps: Caps
     prices: Prices
     prompts: str  # paper, informed, or a folder
-    informed: InformedSettings = InformedSettings()  # the parts of informed prompts
     fallback: Fallback
     reads: ClassVar = dict.fromkeys(("rate", "tree", "edits"), READS)
 
@@ -260,6 +192,9 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
         check_ranges("phases", self.phases)
+        least, most = self.rates
+        if not 0 <= least <= most <= 1:
+            raise ValueError(f"rates: expected 0 <= least <= most <= 1, found [{least}, {most}]")
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
                 f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
@@ -269,26 +204,18 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         return self
 
     @property
-    def thinking_value(self) -> dict[str, Any] | None:
-        """`thinking` as a field of a request."""
-        return None if self.thinking is None else self.thinking.model_dump(exclude_none=True)
-
-    @property
     def reply_tokens(self) -> int:
         """Most tokens of a reply: of the answer and of thinking before it."""
-        if self.thinking_tokens != "auto":
-            return self.max_tokens + self.thinking_tokens
-        if self.thinking is not None and self.thinking.budget_tokens is not None:
-            return self.max_tokens + self.thinking.budget_tokens
-        by_itself = self.thinking is None and self.facts.thinks
-        thinks = by_itself or (self.thinking is not None and self.thinking.type == "adaptive")
-        return self.max_tokens + (THINKING_TOKENS if thinks else 0)
+        asked = (self.extra_body or {}).get("thinking")
+        if not isinstance(asked, dict):
+            return self.max_tokens + THINKING_TOKENS * self.facts.thinks
+        budget = asked.get("budget_tokens")
+        default = THINKING_TOKENS * (asked.get("type") in ("adaptive", "enabled"))
+        return self.max_tokens + (budget if isinstance(budget, int) else default)
 
     @property
     def deadline(self) -> float:
         """Deadline of an attempt in s: for the answer and for thinking before it."""
-        if self.thinking_seconds != "auto":
-            return self.retry.deadline + self.thinking_seconds
         return self.retry.deadline + (self.reply_tokens - self.max_tokens) / THINKING_SPEED
 
     @property
@@ -319,8 +246,8 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     def rate_values(self) -> dict[str, str]:
         """Table 8 as values for prompts."""
         ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
-        rate = self.rate
-        return {**ranges, "rate.least": f"{rate.least:g}", "rate.most": f"{rate.most:g}"}
+        least, most = self.rates
+        return {**ranges, "rate.least": f"{least:g}", "rate.most": f"{most:g}"}
 
     @property
     def facts(self) -> Facts:

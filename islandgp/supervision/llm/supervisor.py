@@ -99,7 +99,7 @@ class Adviser:
             answers = {part: unasked(calls, generation, part, server) for part in questions.parts}
         else:
             answers = self._answers(state, calls, server)
-            if episodes := questions.run_values(state).episodes:
+            if episodes := questions.episodes(state):
                 calls.transcript.add(Played(generation, episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
@@ -246,12 +246,10 @@ class LLM:
         server = str(capabilities)
         if isinstance(capabilities, Failure):
             server = f"no answer yet: {capabilities.message}; the fallback is used meanwhile"
-        name, retires = self.settings.model_name, self.settings.facts.retires
+        name = self.settings.model_name
         lines = [
             f"Supervised by {name} at {self.settings.place}: {server}",
             SMALL.get(name, ""),
-            f"{name} retires on {retires}" if retires else "",
-            self.adviser.questions.too_short(),
         ]
         return "\n".join(line for line in lines if line)
 
